@@ -41,15 +41,15 @@ def parse_model(
         ]
         (first, what), *others = faults
         what = "; ".join([what, *(f"{_line(text, place)}{other}" for place, other in others)])
-        raise FileFormatError(what, path=path, line=line_of(text, first)) from error
+        raise FileFormatError(what, path=path, line=_line_of(text, first)) from error
 
 
 def _line(text: str, place: Sequence[str | int]) -> str:
-    line = line_of(text, place)
+    line = _line_of(text, place)
     return f"line {line}: " if line else ""
 
 
-def line_of(text: str, place: Sequence[str | int]) -> int | None:
+def _line_of(text: str, place: Sequence[str | int]) -> int | None:
     """Return the one-based line of an entry, or the line of its table if the entry itself is not found.
 
     Args:

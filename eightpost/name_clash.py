@@ -48,7 +48,7 @@ def _there(folder: str, names: list[str]) -> list[str]:
     return [file for file in likely if os.path.isfile(file)]  # noqa: PTH113
 
 
-def refuse_clashes() -> None:
+def _refuse_clashes() -> None:
     """Exit with an error if a user's file hides a module.
 
     The folder that `python -m` puts first is removed from the import path before the check. PYTHONSAFEPATH makes Python
@@ -77,4 +77,4 @@ def _is_script() -> bool:
 
 
 if _is_module() or _is_script():
-    refuse_clashes()
+    _refuse_clashes()

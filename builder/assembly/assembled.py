@@ -60,13 +60,13 @@ def assemble(
     assembly = Assembly.of(wiring, path.stem)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
-    (members,) = compiled([unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
+    (members,) = compiled([_unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)
     return Assembled(path, assembly, interface, platforms, toolchain.limits)
 
 
-def unbuilt(assembly: Assembly, interface: Interface) -> Source:
+def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
     """Return the FMU without its binaries."""
     description = Description(
         identifier=assembly.identifier,

@@ -34,7 +34,7 @@ def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
     return {name: assembly.starts.get(f"{part.name}.{name}", value) for name, value in own.items()}
 
 
-def shock_law(assembly: Assembly, part: Part) -> ShockLaw:
+def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
     """Return a shock's law with its start values."""
     values = {name: float(value) for name, value in start_values(assembly, part).items()}
     law = LAWS[part.kind.removeprefix("shock_")]
@@ -50,7 +50,7 @@ def shock_law(assembly: Assembly, part: Part) -> ShockLaw:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VehicleModel:
+class _VehicleModel:
     """A vehicle: its linear model in modal coordinates, its friction, and the offsets of its outputs."""
 
     stepper: LinearStepper
@@ -59,7 +59,7 @@ class VehicleModel:
     starts_at_equilibrium: bool
 
 
-def vehicle_model(assembly: Assembly) -> VehicleModel:
+def _vehicle_model(assembly: Assembly) -> _VehicleModel:
     """Return the vehicle with its start values."""
     part = assembly.vehicle
     values, data, named = start_values(assembly, part), _Data(part.data), part.interface
@@ -76,7 +76,7 @@ def vehicle_model(assembly: Assembly) -> VehicleModel:
     added = [name for name in added if not name.rpartition(".")[2].startswith("friction")]
     for output, place in enumerate(data.integers("OFFSET_OF")):
         offsets[output] = float(values[added[place]]) if place >= 0 else 0.0
-    return VehicleModel(stepper, friction, offsets, bool(values["start_at_equilibrium"]))
+    return _VehicleModel(stepper, friction, offsets, bool(values["start_at_equilibrium"]))
 
 
 class _Data:
@@ -125,7 +125,7 @@ _MEAN_DEFECT = 5.0 / 12.0
 _LEAST_SPREAD = 1e-4
 
 
-def assembly_reference(assembly: Assembly, interface: Interface) -> Reference | None:
+def _assembly_reference(assembly: Assembly, interface: Interface) -> Reference | None:
     """Return the response of an assembly to sums of sines at all inputs, with different frequencies at each input.
 
     Returns None if its vehicle has no equilibrium; the FMU then refuses to start with its default parameters.
@@ -154,8 +154,8 @@ class _Run:
     def __init__(self, assembly: Assembly, inputs: tuple[str, ...], names: tuple[str, ...]) -> None:
         self.inputs, self.names = inputs, names
         self._assembly = assembly
-        self._vehicle: VehicleModel = vehicle_model(assembly)
-        self._laws: dict[str, ShockLaw] = {part.name: shock_law(assembly, part) for part in assembly.shocks}
+        self._vehicle: _VehicleModel = _vehicle_model(assembly)
+        self._laws: dict[str, ShockLaw] = {part.name: _shock_law(assembly, part) for part in assembly.shocks}
         self._state = np.zeros(self._vehicle.stepper.A.shape[0])
         self._lagged = dict.fromkeys(self._laws, 0.0)
         self._now: dict[str, float] = {}
@@ -266,8 +266,8 @@ _CAPTION = "Force at the port of each shock without gas force, over the fitted v
 
 def assembly_documents(assembly: Assembly, interface: Interface) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
-    picture = curves_picture(assembly.identifier, {part.name: shock_law(assembly, part) for part in assembly.shocks})
-    reference = assembly_reference(assembly, interface)
+    picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
+    reference = _assembly_reference(assembly, interface)
     contents = Contents(
         assembly.identifier,
         assembly.text,

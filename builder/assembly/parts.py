@@ -20,7 +20,7 @@ from eightpost.validity import MEMBER
 # ---- Reading of an interface from the modelDescription.xml of an FMU ------------------------------------------------
 
 
-def described_interface(root: ET.Element) -> Interface | None:
+def _described_interface(root: ET.Element) -> Interface | None:
     """Return the interface of an FMU of eightpost; None for any other FMU."""
     annotation = root.find("VendorAnnotations/Tool[@name='eightpost']/Interface")
     if annotation is None:
@@ -147,7 +147,7 @@ def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
 
 def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
     root = ET.fromstring(members["modelDescription.xml"])
-    interface = described_interface(root)
+    interface = _described_interface(root)
     if interface is None:
         raise _CannotBeError(f"is not an FMU of eightpost, so its equations are not known; {_NOT_ASSEMBLED}")
     if interface.kind not in (VEHICLE, *shock_kinds()):

@@ -79,7 +79,7 @@ _QUANTITIES = (Column("quantity", "tight"), Column("value"), Column("SI"))
 _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
 
 
-def shock_origin(shock: Shock) -> list[Section]:
+def _shock_origin(shock: Shock) -> list[Section]:
     """Return all information about a shock's measurement and fit."""
     sections = [Section("Conditions of the measurement", _quantities(shock.conditions))]
     if shock.fit:
@@ -97,7 +97,7 @@ def open_shock_origin(shock: Shock) -> list[Section]:
     return [Section("Range of validity", _quantities(known))]
 
 
-def vehicle_origin(vehicle: Vehicle) -> list[Section]:
+def _vehicle_origin(vehicle: Vehicle) -> list[Section]:
     """Return a vehicle's parameters, if it has any, and its modes."""
     if isinstance(vehicle, StructuralVehicle):
         sections = [Section("Vehicle", table(_QUANTITIES, _parameters(vehicle.parameters)))]
@@ -241,9 +241,9 @@ def _full(subject: Subject) -> _Disclosed:
             "Force at the port without gas force. Shaded: fitted range. If the law has lag, the loop is its "
             f"response to a sine of {LOOP_FREQUENCY:g} Hz."
         )
-        return _Disclosed(subject, Picture(shock_picture(source), caption), shock_origin(source), Response._fields)
+        return _Disclosed(subject, Picture(shock_picture(source), caption), _shock_origin(source), Response._fields)
     caption = "Frequency responses with the linear dampers of the vehicle's source file. The FMU itself has no dampers."
-    return _Disclosed(subject, Picture(vehicle_picture(source), caption), vehicle_origin(source), ())
+    return _Disclosed(subject, Picture(vehicle_picture(source), caption), _vehicle_origin(source), ())
 
 
 def _confidential(subject: Subject) -> _Disclosed:

@@ -133,7 +133,7 @@ class Reference:
     y: Array
 
 
-def shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
+def _shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
     """Return the response of a shock to a sum of sines whose speeds exceed the fitted range.
 
     `outputs` are names of `eightpost.shock.Response`.
@@ -195,7 +195,7 @@ def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
     """Return the files of a subject's reference results; `outputs` selects the outputs of a shock."""
     source = subject.source
     if isinstance(source, Shock):
-        reference: Reference | None = shock_reference(source, outputs)
+        reference: Reference | None = _shock_reference(source, outputs)
     else:
         reference = vehicle_reference(source, subject.interface)
     return reference_files(reference, subject.identifier) if reference else {}

@@ -66,7 +66,7 @@ def combined_member(
     """
     verdicts, ranges = [], list[Range]()
     for name, content in parts.items():
-        known = read_validity(content) or _unknown(SHOCK_UNKNOWN, name)
+        known = _read_validity(content) or _unknown(SHOCK_UNKNOWN, name)
         verdicts.append(Verdict(replace(r, origin=f"{name}: {r.origin}") for r in known.verdict.reasons))
         places = [f"{name}.{covered.variable}" for covered in known.ranges]
         named = [replace(c, variable=fed.get(place, place)) for c, place in zip(known.ranges, places, strict=True)]
@@ -74,7 +74,7 @@ def combined_member(
     return _member(Validity(Verdict.combined(verdicts), tuple(dict.fromkeys(ranges))))
 
 
-def read_validity(content: bytes | None) -> Validity | None:
+def _read_validity(content: bytes | None) -> Validity | None:
     """Return the validity in a member; None if there is no member or it cannot be read."""
     try:
         return None if content is None else Validity.from_json(json.loads(content))

@@ -27,33 +27,33 @@ _NEEDED = {"vehicle_ss": ("offset", "friction_force", "friction_velocity")}
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class _Member:
     """The member of the C struct that holds a variable: `name`, or `name[position]` of an array."""
 
     name: str
     position: int | None
 
 
-def shock_member(variable: Variable, _earlier: Sequence[Member]) -> Member:
+def _shock_member(variable: Variable, _earlier: Sequence[_Member]) -> _Member:
     """Return the member for a shock's variable: curve.inner[2] is curve_inner[1]."""
     found = re.fullmatch(r"(.+?)(?:\[(\d+)\])?", variable.name)
     assert found is not None
-    return Member(found[1].replace(".", "_"), int(found[2]) - 1 if found[2] else None)
+    return _Member(found[1].replace(".", "_"), int(found[2]) - 1 if found[2] else None)
 
 
-def vehicle_member(variable: Variable, earlier: Sequence[Member]) -> Member:
+def _vehicle_member(variable: Variable, earlier: Sequence[_Member]) -> _Member:
     """Return the member for a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
     own = variable.name.rpartition(".")[2]
     name = variable.causality if variable.causality != "parameter" else own if own.startswith("friction") else "offset"
-    return Member(name, sum(member.name == name for member in earlier))
+    return _Member(name, sum(member.name == name for member in earlier))
 
 
-def assembly_member(variable: Variable, earlier: Sequence[Member]) -> Member:
+def _assembly_member(variable: Variable, earlier: Sequence[_Member]) -> _Member:
     """Return the member for an assembly's variable: all variables of a causality are one array."""
-    return Member(variable.causality, sum(member.name == variable.causality for member in earlier))
+    return _Member(variable.causality, sum(member.name == variable.causality for member in earlier))
 
 
-_PLACES = {"vehicle_ss": vehicle_member, "assembly": assembly_member}
+_PLACES = {"vehicle_ss": _vehicle_member, "assembly": _assembly_member}
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Layout:
     """The storage of each variable: Reals in a struct, signals before parameters; Booleans in an array."""
 
     interface: Interface
-    reals: tuple[tuple[Variable, Member], ...]
+    reals: tuple[tuple[Variable, _Member], ...]
     flags: tuple[Variable, ...]
     states: int
 
@@ -80,8 +80,8 @@ def layout(interface: Interface, states: int) -> Layout:
     """Return the storage layout of an interface; `states` is the size of the model's internal state."""
     order = (*_SIGNALS, "parameter")
     reals = sorted((v for v in interface.variables if v.type == "Real"), key=lambda v: order.index(v.causality))
-    place = _PLACES.get(interface.kind, shock_member)
-    members: list[Member] = []
+    place = _PLACES.get(interface.kind, _shock_member)
+    members: list[_Member] = []
     for variable in reals:
         members.append(place(variable, members))
     flags = tuple(v for v in interface.variables if v.type == "Boolean")
@@ -152,7 +152,7 @@ def _flag_name(variable: Variable) -> str:
     return variable.name.replace(".", "_")
 
 
-def _struct(name: str, members: Sequence[Member], needed: Sequence[str] = ()) -> list[str]:
+def _struct(name: str, members: Sequence[_Member], needed: Sequence[str] = ()) -> list[str]:
     lines = ["typedef struct {"]
     missing = [member for member in needed if member not in {m.name for m in members}]
     for base, group in groupby(members, key=lambda member: member.name):

@@ -135,7 +135,7 @@ def _array(address: int, count: int) -> NDArray[np.float64]:
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
 
 
-class Restorable(Component, Protocol):
+class _Restorable(Component, Protocol):
     """Component that can return to earlier states."""
 
     def save(self) -> object:
@@ -163,7 +163,7 @@ class StateCallbacks(Callbacks):
         component: Component to call; it must have begun before the loop calls.
     """
 
-    def __init__(self, component: Restorable) -> None:
+    def __init__(self, component: _Restorable) -> None:
         super().__init__(component)
         self._restorable = component
         self._numbers = count(1)

@@ -1,1 +1,1 @@
-"""The loop over coupling steps: one algorithm on flat arrays, compiled by numba if it is installed, else Python."""
+"""The loop over coupling steps: one algorithm on flat arrays, compiled by numba or interpreted, with equal results."""

@@ -54,7 +54,7 @@ def _add_term(plan: Plan, m: Memory, k: int, h: float) -> float:
 
 
 @shared
-def add_bonds(plan: Plan, m: Memory, h: float) -> None:
+def _add_bonds(plan: Plan, m: Memory, h: float) -> None:
     """Add the defects of both terms of every bond, and the energy given at one end minus that received at the other."""
     bonds = plan.bonds
     m.duration[0] += h
@@ -68,7 +68,7 @@ def add_bonds(plan: Plan, m: Memory, h: float) -> None:
 
 
 @shared
-def add_limits(plan: Plan, m: Memory, h: float) -> None:
+def _add_limits(plan: Plan, m: Memory, h: float) -> None:
     """Add the step to the time of every limit that is exceeded at its end."""
     watch = plan.watch
     m.watched[watch.signal.size] += h
@@ -209,9 +209,9 @@ def _end_step(plan: Plan, m: Memory, end: float, h: float, mode: Mode) -> int:
 
     Return the first signal whose value is not plausible, or -1.
     """
-    add_bonds(plan, m, h)
+    _add_bonds(plan, m, h)
     if end > mode.settling:
-        add_limits(plan, m, h)
+        _add_limits(plan, m, h)
     m.counts[STEPS] += 1
     return accept(m, h)
 
@@ -318,6 +318,15 @@ def _next_step(control: Control, h: float, error: float, before: float) -> float
 
 
 @shared
+def _smaller_step(control: Control, h: float, error: float) -> float:
+    """Return the step after a rejected one, whose error is known unless a part refused it or gave no number."""
+    known = 0.0 < error < 1e9
+    shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if known else 0.2
+    smaller: float = max(control.least, h * shrink)
+    return smaller
+
+
+@shared
 def _try_step(
     plan: Plan, m: Memory, kept: Memory, knots: Knots, mode: Mode, control: Control, p: Progress, time: float, h: float
 ) -> float:
@@ -369,9 +378,7 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             _copy(kept, m)
             if h <= control.least * 1.0000001:
                 return STUCK
-            known = 0.0 < error < 1e9  # else a part asked for a smaller step, or the result is not a number
-            shrink = max(0.2, 0.9 * error ** (-1.0 / (control.order + 1.0))) if known else 0.2
-            p.step[0] = max(control.least, h * shrink)
+            p.step[0] = _smaller_step(control, h, error)
             continue
         _grow(m, control, p.scale)
         chosen = _next_step(control, h, error, p.error[0])

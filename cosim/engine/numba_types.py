@@ -20,7 +20,7 @@ from cosim.engine.blocks import WORDS, Kind, described
 # ---- Blocks ---------------------------------------------------------------------------------------------------------
 
 
-class BlockType(types.Type):
+class _BlockType(types.Type):
     """Type of a block: names and types of its fields."""
 
     def __init__(self, name: str, fields: dict[str, Any]) -> None:
@@ -28,7 +28,7 @@ class BlockType(types.Type):
         super().__init__(name=name)
 
 
-@register_model(BlockType)
+@register_model(_BlockType)
 class _BlockModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, ir.IntType(64))
@@ -44,19 +44,19 @@ def block_type(kind: Kind) -> Any:
         return types.Array(from_dtype(np.dtype(what)), parts, "C")
     # A short name, because numba writes it into every symbol and compares types by it.
     name = f"{what.__name__}_{hashlib.sha256(described(kind).encode()).hexdigest()[:8]}"
-    return BlockType(name, dict(zip(what._fields, map(block_type, parts), strict=True)))
+    return _BlockType(name, dict(zip(what._fields, map(block_type, parts), strict=True)))
 
 
 @infer_getattr
 class _Attributes(AttributeTemplate):  # type: ignore[misc]
-    key = BlockType
+    key = _BlockType
 
-    def generic_resolve(self, kind: BlockType, name: str) -> Any:
+    def generic_resolve(self, kind: _BlockType, name: str) -> Any:
         return kind.fields.get(name)
 
 
-@lower_getattr_generic(BlockType)
-def _get(context: Any, builder: Any, kind: BlockType, address: Any, name: str) -> Any:
+@lower_getattr_generic(_BlockType)
+def _get(context: Any, builder: Any, kind: _BlockType, address: Any, name: str) -> Any:
     index, field = list(kind.fields).index(name), kind.fields[name]
     word = ir.IntType(64)
     table = builder.inttoptr(address, word.as_pointer())

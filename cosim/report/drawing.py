@@ -21,7 +21,7 @@ _LONGEST = 30
 _LEAST_SCALE = 0.8
 
 
-class Drawing:
+class _Drawing:
     """SVG element under construction; lengths in pixels, y downwards."""
 
     def __init__(self) -> None:
@@ -163,7 +163,7 @@ class _Sheet:
         self._left = _left_boxes(self._feeding)
         self._center = self._center_box(center)
         self._right = dict(self._right_boxes())
-        self._drawing = Drawing()
+        self._drawing = _Drawing()
 
     def drawn(self, *, hidden: int) -> str:
         """Return the drawing; `hidden` is the number of components that it omits."""

@@ -224,7 +224,7 @@ class Worst:
 
 
 @dataclass(frozen=True, slots=True)
-class BondRow:
+class _BondRow:
     """Energy and local errors of one bond.
 
     Args:
@@ -244,10 +244,10 @@ class BondRow:
     coupled: Coupled | None
 
 
-def bond_rows(result: Result) -> tuple[BondRow, ...]:
+def _bond_rows(result: Result) -> tuple[_BondRow, ...]:
     """Return energy and local errors of every bond."""
     return tuple(
-        BondRow(name, e.transferred, e.residual, 100.0 * e.relative, e.acceptable, result.coupled.get(name))
+        _BondRow(name, e.transferred, e.residual, 100.0 * e.relative, e.acceptable, result.coupled.get(name))
         for name, e in result.energy.items()
     )
 
@@ -386,7 +386,7 @@ def page(
         drawings=_drawings(result, system, scenario),
         bonds=system.bonds,
         connections=system.connections,
-        accounts=bond_rows(result),
+        accounts=_bond_rows(result),
         origins=origins(result, files or {}),
         traces=kept,
         spectra=densities,

@@ -69,7 +69,7 @@ def middle(names: Iterable[str], joined: Iterable[Arrow]) -> str:
     return max(others, key=lambda name: len(others[name]), default="")
 
 
-def neighbours_of(names: Iterable[str], joined: Iterable[Arrow]) -> dict[str, list[str]]:
+def _neighbours_of(names: Iterable[str], joined: Iterable[Arrow]) -> dict[str, list[str]]:
     """Return, for each component, the components that it is connected with, once per connection."""
     neighbours: dict[str, list[str]] = {name: [] for name in names}
     for arrow in joined:
@@ -82,7 +82,7 @@ def neighbours_of(names: Iterable[str], joined: Iterable[Arrow]) -> dict[str, li
 
 def order(names: Iterable[str], joined: Iterable[Arrow], center: str) -> tuple[str, ...]:
     """Return the components except the middle one: in the given order, each followed by those connected through it."""
-    neighbours = neighbours_of(names, joined)
+    neighbours = _neighbours_of(names, joined)
     near = set(neighbours.get(center, ()))
     placed: dict[str, None] = {center: None}
     for name in (*neighbours.get(center, ()), *neighbours):
@@ -201,7 +201,7 @@ def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, 
 
 
 def _connected(names: Sequence[str], joined: Sequence[Arrow]) -> Iterator[Group]:
-    neighbours = neighbours_of(names, joined)
+    neighbours = _neighbours_of(names, joined)
     home: dict[str, int] = {}
     for number, name in enumerate(names):
         waiting = [name]

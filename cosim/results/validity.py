@@ -74,7 +74,7 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 
 
 @runtime_checkable
-class Described(Protocol):
+class _Described(Protocol):
     """Component that states the range of validity of its model."""
 
     @property
@@ -108,7 +108,7 @@ def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
     fed = {c.target: (c.source, c.gain) for c in system.all_connections if c.target not in system.sums}
     models = {}
     for name, component in system.components.items():
-        validity = component.validity if isinstance(component, Described) else None
+        validity = component.validity if isinstance(component, _Described) else None
         known = {covered.variable for covered in validity.ranges} if validity else set[str]()
         channels = {variable: _channel(f"{name}.{variable}", fed, names) for variable in known}
         kept = {variable: channel for variable, channel in channels.items() if channel is not None}

@@ -54,7 +54,7 @@ def default_scheme(name: str = "gauss-seidel") -> GaussSeidel | Implicit:
     return Implicit() if name == Implicit().name else GaussSeidel(values="parabolic")
 
 
-def can_repeat_steps(system: System) -> bool:
+def _can_repeat_steps(system: System) -> bool:
     """Return whether every component can save and restore its state."""
     return all(c.capabilities.state for c in system.components.values())
 
@@ -91,7 +91,7 @@ def run_default_at_step(
     try:
         result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
     except DivergedError:
-        if not can_repeat_steps(system):
+        if not _can_repeat_steps(system):
             raise
         scheme = default_scheme("implicit")
         result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
@@ -165,7 +165,7 @@ class _Refinement:
 
     def _takes_implicit(self) -> bool:
         """Replace Gauss-Seidel at the same step if all components can repeat steps; return whether it was replaced."""
-        if isinstance(self._scheme, Implicit) or not can_repeat_steps(self._system):
+        if isinstance(self._scheme, Implicit) or not _can_repeat_steps(self._system):
             return False
         self._scheme = default_scheme("implicit")
         self._tried.append("gauss-seidel is not stable enough, implicit")

@@ -27,7 +27,7 @@ class _Link:
     offset: float
 
     def __call__(self, value: float) -> float:
-        return as_type(self.target.type, self.factor * value + self.offset)
+        return _as_type(self.target.type, self.factor * value + self.offset)
 
 
 @dataclass
@@ -119,10 +119,10 @@ class DiscreteExchange:
         series = self.drive.series
         at = time + self.drive_start
         place = max(0, int(np.searchsorted(series.time, at + 1e-9 * max(abs(at), 1e-3), "right")) - 1)
-        return {target: as_type(kind, float(series.values[k, place])) for target, (k, kind) in self.driven.items()}
+        return {target: _as_type(kind, float(series.values[k, place])) for target, (k, kind) in self.driven.items()}
 
 
-def as_type(kind: str, value: float) -> float:
+def _as_type(kind: str, value: float) -> float:
     """Return a number converted to a variable's type: a Boolean is true unless 0, integers are rounded."""
     if kind == "Boolean":
         return float(value != 0.0)

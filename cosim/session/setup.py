@@ -20,7 +20,7 @@ from eightpost.errors import WiringError
 # ---- Limits checked at every step -----------------------------------------------------------------------------------
 
 
-class LimitWatch:
+class _LimitWatch:
     """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
     The names are those of docs/ports.md: `beyond_fit`, and outputs ending in `tire_force`.
@@ -80,7 +80,7 @@ def _static_load(system: System, component: str, output: str) -> float:
 # ---- Checks, before a run, that the components have the abilities that an algorithm needs ---------------------------
 
 
-def check_variable_step(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
+def _check_variable_step(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
     """Refuse steps of several sizes for a component that accepts only one size.
 
     Args:
@@ -104,7 +104,7 @@ def check_variable_step(system: System, algorithm: Algorithm, times: Times, step
             )
 
 
-def check_repeats(system: System, algorithm: Algorithm) -> None:
+def _check_repeats(system: System, algorithm: Algorithm) -> None:
     """Refuse an algorithm that repeats steps for a component that cannot save its state.
 
     Raises:
@@ -146,7 +146,7 @@ class Setup:
     algorithm: Algorithm
     step: float
     names: tuple[str, ...]
-    limits: LimitWatch
+    limits: _LimitWatch
     coupling: Coupling
     layout: Layout
     times: Times
@@ -162,15 +162,15 @@ class Setup:
             InputError: The coupling step does not fit.
         """
         names = recorded_names(system, scenario)
-        limits = LimitWatch(system)
+        limits = _LimitWatch(system)
         coupling = Coupling(system, scenario, every_step=limits.names, recorded=real_names(system, names))
         layout = lay_out(coupling, algorithm.order(coupling))
         own = scenario.record_step if isinstance(algorithm, Adaptive) else None
         grid = step if own is None else own
         times = coupling_times(scenario.stop, grid)
         recorded = recorded_steps(scenario, grid, times.size - 1)
-        check_variable_step(system, algorithm, times, step)
-        check_repeats(system, algorithm)
+        _check_variable_step(system, algorithm, times, step)
+        _check_repeats(system, algorithm)
         discrete = DiscreteExchange.of(system, scenario, names)
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)
 

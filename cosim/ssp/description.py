@@ -22,27 +22,27 @@ _SET, _MAPPING = "application/x-ssp-parameter-set", "application/x-ssp-parameter
 
 
 @dataclass(frozen=True)
-class Definitions:
+class _Definitions:
     """Units and enumerations that a file defines."""
 
     units: Mapping[str, UnitDefinition]
     enumerations: Mapping[str, Mapping[str, int]]
 
     @classmethod
-    def read(cls, root: ET.Element, prefix: str, where: str) -> Definitions:
+    def read(cls, root: ET.Element, prefix: str, where: str) -> _Definitions:
         """Read the definitions from a file's root element."""
         return cls(
             package.read_units(root, f"{prefix}:Units", where),
             package.read_enumerations(root, f"{prefix}:Enumerations", where),
         )
 
-    def with_those_of(self, other: Definitions) -> Definitions:
+    def with_those_of(self, other: _Definitions) -> _Definitions:
         """Return the definitions of both; the other's take precedence."""
-        return Definitions({**self.units, **other.units}, {**self.enumerations, **other.enumerations})
+        return _Definitions({**self.units, **other.units}, {**self.enumerations, **other.enumerations})
 
 
 @dataclass(frozen=True)
-class Bindings:
+class _Bindings:
     """Reader of the parameter bindings of an element.
 
     Args:
@@ -52,7 +52,7 @@ class Bindings:
     """
 
     place: Place
-    definitions: Definitions
+    definitions: _Definitions
     component: Path | None
 
     def read(self, element: ET.Element, what: str) -> tuple[Assignment, ...]:
@@ -111,8 +111,8 @@ def _mapped(values: Iterable[Assignment], mapping: ET.Element, where: str) -> It
             yield value
 
 
-def _parameter_set(root: ET.Element, where: str, outer: Definitions) -> Iterator[Assignment]:
-    definitions = outer.with_those_of(Definitions.read(root, "ssv", where))
+def _parameter_set(root: ET.Element, where: str, outer: _Definitions) -> Iterator[Assignment]:
+    definitions = outer.with_those_of(_Definitions.read(root, "ssv", where))
     for parameter in root.iterfind(f"{tag('ssv:Parameters')}/{tag('ssv:Parameter')}"):
         name = attribute(parameter, "name", where)
         kinds = [child for child in parameter if child.tag.startswith(tag("ssv:")) and child.get("value") is not None]
@@ -140,7 +140,7 @@ def _value(kind: ET.Element, where: str) -> Value:
             return attribute(kind, "value", where)
 
 
-def transformation_of(element: ET.Element, where: str) -> Conversion:
+def _transformation_of(element: ET.Element, where: str) -> Conversion:
     """Return the linear transformation of a connection or mapping entry; the identity if it has no transformation."""
     linear = element.find(tag("ssc:LinearTransformation"))
     if linear is None:
@@ -156,7 +156,7 @@ def _transformed(value: Assignment, entry: ET.Element, where: str) -> Assignment
         value,
         name=target,
         suppressed=flag(entry, "suppressUnitConversion", where),
-        transformation=transformation_of(entry, where),
+        transformation=_transformation_of(entry, where),
     )
     for kind in ("Boolean", "Integer", "Enumeration"):
         table = entry.find(tag(f"ssc:{kind}MappingTransformation"))
@@ -220,8 +220,8 @@ class _Reader:
         return cls(place, package.read_document(content, place.label, "ssd:SystemStructureDescription"), stack)
 
     @cached_property
-    def definitions(self) -> Definitions:
-        return Definitions.read(self.root, "ssd", self.place.label)
+    def definitions(self) -> _Definitions:
+        return _Definitions.read(self.root, "ssd", self.place.label)
 
     @property
     def top(self) -> ET.Element:
@@ -313,7 +313,7 @@ class _Reader:
         return replace(system, name=name, values=system.values + self._values(element, f"component {name!r}", path))
 
     def _values(self, element: ET.Element, what: str, path: Path | None = None) -> tuple[Assignment, ...]:
-        return Bindings(self.place, self.definitions, path).read(element, what)
+        return _Bindings(self.place, self.definitions, path).read(element, what)
 
     def _connectors(self, element: ET.Element, where: str) -> dict[str, Connector]:
         found = {}
@@ -361,7 +361,7 @@ def _link(link: ET.Element, where: str) -> Link:
         (link.get("endElement") or None, attribute(link, "endConnector", where)),
     )
     transforms = link.find(tag("ssc:LinearTransformation")) is not None
-    found = Link(ends, flag(link, "suppressUnitConversion", where), transformation_of(link, where), where, transforms)
+    found = Link(ends, flag(link, "suppressUnitConversion", where), _transformation_of(link, where), where, transforms)
     for kind in ("Boolean", "Integer", "Enumeration"):
         if link.find(tag(f"ssc:{kind}MappingTransformation")) is not None:
             raise WiringError(

@@ -38,7 +38,7 @@ class Response:
         return values
 
 
-class Statistic(NamedTuple):
+class _Statistic(NamedTuple):
     """Function and properties of a statistic.
 
     Args:
@@ -93,25 +93,25 @@ def _share(response: Response) -> float:
 
 
 #: Statistics by their name in study files.
-STATISTICS: Mapping[str, Statistic] = {
-    "rms": Statistic(lambda r: rms(r.total)),
-    "rms_with_mean": Statistic(lambda r: float(np.sqrt(np.mean(r.total**2))), absolute=True),
-    "joint_rms": Statistic(_joint_rms),
-    "mean": Statistic(lambda r: float(np.mean(r.total)), absolute=True),
-    "peak": Statistic(_peak),
-    "range": Statistic(lambda r: float(np.ptp(r.total))),
-    "maximum": Statistic(lambda r: float(np.max(r.total)), absolute=True),
-    "minimum": Statistic(lambda r: float(np.min(r.total)), absolute=True),
-    "percentile": Statistic(
+STATISTICS: Mapping[str, _Statistic] = {
+    "rms": _Statistic(lambda r: rms(r.total)),
+    "rms_with_mean": _Statistic(lambda r: float(np.sqrt(np.mean(r.total**2))), absolute=True),
+    "joint_rms": _Statistic(_joint_rms),
+    "mean": _Statistic(lambda r: float(np.mean(r.total)), absolute=True),
+    "peak": _Statistic(_peak),
+    "range": _Statistic(lambda r: float(np.ptp(r.total))),
+    "maximum": _Statistic(lambda r: float(np.max(r.total)), absolute=True),
+    "minimum": _Statistic(lambda r: float(np.min(r.total)), absolute=True),
+    "percentile": _Statistic(
         lambda r: float(np.percentile(r.total, r.options["percent"])), absolute=True, options={"percent": None}
     ),
-    "variation": Statistic(_variation, unit="1", absolute=True),
-    "work": Statistic(_work, unit="J"),
-    "share": Statistic(_share, unit="1", options={"from": -np.inf, "to": np.inf}),
+    "variation": _Statistic(_variation, unit="1", absolute=True),
+    "work": _Statistic(_work, unit="J"),
+    "share": _Statistic(_share, unit="1", options={"from": -np.inf, "to": np.inf}),
 }
 
 
-def statistic(name: str) -> Statistic:
+def statistic(name: str) -> _Statistic:
     """Return a statistic by its name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Identification of shocks from dynamometer tests."""
+"""Identification of shocks from dynamometer tests and of vehicles from rig tests, and validation of both."""
 
 from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.fit import fit_shock

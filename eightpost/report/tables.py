@@ -108,12 +108,12 @@ def cell_html(cell: Cell) -> Markup:
     if not isinstance(cell, Amount):
         return escape(cell)
     shown = (plain(value, cell.digits) for value in (Display.of(cell.unit).factor * cell.value, cell.value))
-    return in_both_units(*(text.replace("-", "−") for text in shown))
+    return _in_both_units(*(text.replace("-", "−") for text in shown))
 
 
 def unit_html(si: str) -> Markup:
     """Return a unit in both systems."""
-    return in_both_units(Display.of(si).unit, si)
+    return _in_both_units(Display.of(si).unit, si)
 
 
 def caption_html(text: str) -> Markup:
@@ -121,7 +121,7 @@ def caption_html(text: str) -> Markup:
     return Markup(re.sub(r"\{([^{}]+)\}", lambda found: unit_html(found[1]), str(escape(text))))
 
 
-def in_both_units(us: str, si: str) -> Markup:
+def _in_both_units(us: str, si: str) -> Markup:
     """Return HTML of which a page shows one of two texts, according to the reader's choice of units."""
     return escape(si) if us == si else Markup('<span class="us">{}</span><span class="si">{}</span>').format(us, si)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 LONGEST = 0.25
 
 
-def lag_between(values: Array, reference: Array, rate: float, *, longest: float = LONGEST) -> float:
+def _lag_between(values: Array, reference: Array, rate: float, *, longest: float = LONGEST) -> float:
     """Return the lag [s] of `values` (N,) behind `reference` (N,); negative if `values` lead.
 
     The lag is the maximum of the cross-correlation, refined by a parabola through its neighbours. For a steady sine it
@@ -128,7 +128,7 @@ def _implausible(name: str, values: Array) -> str | None:
 
 def _coarse(name: str, values: Array) -> str | None:
     """Return a note if a channel has few levels."""
-    step = quantum(values)
+    step = _quantum(values)
     levels = float(np.ptp(values)) / step if step else np.inf
     if levels >= FEWEST_LEVELS:
         return None
@@ -138,7 +138,7 @@ def _coarse(name: str, values: Array) -> str | None:
     )
 
 
-def quantum(values: Array) -> float | None:
+def _quantum(values: Array) -> float | None:
     """Return the step to which `values` (N,) are rounded, or None if they are not rounded."""
     span = float(np.ptp(values))
     steps = np.diff(np.unique(values))
@@ -268,7 +268,7 @@ def _motion(series: TimeSeries, measured: tuple[str, ...], origin: Origin) -> It
 
 def _slope_note(velocity: Array, slope: Array, rate: float) -> str | None:
     """Return a note if velocity differs from the slope of displacement in time, size or mean."""
-    lag = lag_between(velocity, slope, rate)
+    lag = _lag_between(velocity, slope, rate)
     if abs(lag) > 1.5 / rate and _correlation(velocity, slope, round(lag * rate)) > CLEAR:
         return (
             f"velocity: it {_follows(lag)} the slope of displacement by {1e3 * abs(lag):.3g} ms; the channels are not "
@@ -333,7 +333,7 @@ def _force(series: TimeSeries) -> Iterator[str]:
     yield from _rest_force(velocity, force)
 
 
-class LagNote(NamedTuple):
+class _LagNote(NamedTuple):
     """Note on a lag or lead of force that a shock cannot have.
 
     Attributes:
@@ -349,10 +349,10 @@ class LagNote(NamedTuple):
     note: str
 
 
-def lag_note(series: TimeSeries) -> LagNote | None:
+def lag_note(series: TimeSeries) -> _LagNote | None:
     """Return a note if the lag between force and velocity is larger than that of a shock."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    delay = lag_between(even["force"], even["velocity"], even.sample_rate)
+    delay = _lag_between(even["force"], even["velocity"], even.sample_rate)
     frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
     lead, allowed = max(LEAD, 1.5 / even.sample_rate), max(LAG, PHASE / frequency)
     if -lead <= delay <= allowed:
@@ -362,7 +362,7 @@ def lag_note(series: TimeSeries) -> LagNote | None:
         f"{1e3 * LAG:.0f} ms), because of channels sampled at different times, a filter on one of them, or a spring "
         "parallel to the damper; a fitted lag will include it"
     )
-    return LagNote(delay, lead, allowed, note)
+    return _LagNote(delay, lead, allowed, note)
 
 
 def _rest_force(velocity: Array, force: Array) -> Iterator[str]:

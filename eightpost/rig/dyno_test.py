@@ -42,7 +42,7 @@ _ALIASES = {
 }  # fmt: skip
 
 
-def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
+def _dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
     """Return the channel map of a dynamometer record: the given map, completed by columns with usual names.
 
     A column named `T` is the temperature, unless it is the only column that can be the time.
@@ -194,7 +194,7 @@ class _Reading:
 
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
-        mapping = dyno_map(record, self.channel_map).flipped(self.flip)
+        mapping = _dyno_map(record, self.channel_map).flipped(self.flip)
         _check_channels(record, mapping)
         series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
         _check_record(series, record.origin)

@@ -65,7 +65,7 @@ def number_of(functions: set[Any]) -> int:
     return 1 + int.from_bytes(digest.digest()[:6], "big")
 
 
-def choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Callable[..., Any]:
+def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Callable[..., Any]:
     """Return a function of an index and further arguments that calls the function of that index, in compiled code too.
 
     Args:
@@ -73,7 +73,7 @@ def choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Calla
         number: Index of the first one.
     """
     first = register_jitable(functions[0])
-    rest = choice_of(functions[1:], number + 1) if functions[1:] else None
+    rest = _choice_of(functions[1:], number + 1) if functions[1:] else None
 
     def call(index: int, *arguments: Any) -> Any:
         if rest is None or index == number:
@@ -201,7 +201,7 @@ def _weight_of(law: type[ShockLaw]) -> Callable[..., float]:
     return weight
 
 
-_advance, _weight = (choice_of([of(law) for law in LAWS.values()]) for of in (_advance_of, _weight_of))
+_advance, _weight = (_choice_of([of(law) for law in LAWS.values()]) for of in (_advance_of, _weight_of))
 
 register_jitable(law_step)
 

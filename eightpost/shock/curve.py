@@ -38,12 +38,12 @@ def polynomial(coefficients: tuple[float, ...], s: float) -> float:
     """Return c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4, which a processor can overlap."""
     square = s * s
     fourth = square * square
-    low = every_fourth(coefficients, 0, fourth) + s * every_fourth(coefficients, 1, fourth)
-    high = every_fourth(coefficients, 2, fourth) + s * every_fourth(coefficients, 3, fourth)
+    low = _every_fourth(coefficients, 0, fourth) + s * _every_fourth(coefficients, 1, fourth)
+    high = _every_fourth(coefficients, 2, fourth) + s * _every_fourth(coefficients, 3, fourth)
     return low + square * high
 
 
-def every_fourth(coefficients: tuple[float, ...], first: int, s: float) -> float:
+def _every_fourth(coefficients: tuple[float, ...], first: int, s: float) -> float:
     """Return c_j + c_(j+4) s + c_(j+8) s^2 + ..., j being `first`, by Horner's rule."""
     value = 0.0
     last = len(coefficients) - 1

@@ -57,7 +57,7 @@ class Layout:
     padding: int
 
 
-def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
+def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     """Return the layout, found from the first lines of a file or of a block of it.
 
     The table is the last part of these lines in which every line has a number. The header is the last line before the
@@ -79,10 +79,10 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     if not above:
         what = "there is no header line above the numbers; add one such as `time [s],velocity [m/s],force [N]`"
         raise FileFormatError(what, path=path, line=offset + first + 1)
-    width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
+    width = Counter(len(_split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
     header, unit_row, units = above[0], above[0], None
-    if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
-        units = units_row(split_cells(lines[header], delimiter))
+    if len(above) > 1 and len(_split_cells(lines[above[1]], delimiter)) == width:
+        units = units_row(_split_cells(lines[header], delimiter))
         header = above[1] if units else header
     names = _header_cells(lines[header], delimiter, width, offset + header + 1, path)
     split = [(cell, None) if units else split_header(cell) for cell in names]
@@ -100,7 +100,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
 
 def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) -> list[str]:
     """Return the column names of a header line, at most `width`, without empty cells at the end."""
-    cells = [plain_cell(cell) for cell in split_cells(text, delimiter)]
+    cells = [plain_cell(cell) for cell in _split_cells(text, delimiter)]
     while cells and not cells[-1]:
         cells.pop()
     if not 1 < len(cells) <= width:
@@ -124,7 +124,7 @@ def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
     return best
 
 
-def split_cells(line: str, delimiter: str) -> list[str]:
+def _split_cells(line: str, delimiter: str) -> list[str]:
     """Split a line into stripped cells, taking quotes into account; a line that is not valid CSV is one cell."""
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
@@ -134,7 +134,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 def _numbers_in(line: str, delimiter: str) -> int:
     """Return the number of cells in a line that are numbers."""
-    return sum(is_number(cell) for cell in split_cells(line, delimiter))
+    return sum(is_number(cell) for cell in _split_cells(line, delimiter))
 
 
 # ---- Blocks of a text file that contains several tables, one below the other, each with its own preamble ------------
@@ -160,7 +160,7 @@ class Block:
     preamble: tuple[tuple[str, ...], ...]
 
 
-def find_blocks(lines: list[str]) -> tuple[Block, ...]:
+def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
     """Return the blocks of a text file; a second header below a table begins a new block.
 
     A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
@@ -215,7 +215,7 @@ def _preamble_start(lines: list[str], header: int) -> int:
 
 
 def _first_cell(line: str) -> str:
-    cells = [split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
+    cells = [_split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
     numbers = [row[0] for row in cells if row and is_number(row[0])]
     return numbers[0] if numbers else line
 
@@ -230,7 +230,7 @@ def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     """Split a line into cells, without empty cells at the end."""
-    cells = split_cells(line, delimiter)
+    cells = _split_cells(line, delimiter)
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -277,12 +277,12 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     if longest > _LONGEST_LINE:
         what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: this is not a table of channels"
         raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
-    return tuple(_record(lines, block, path) for block in find_blocks(lines))
+    return tuple(_record(lines, block, path) for block in _find_blocks(lines))
 
 
 def _record(lines: list[str], block: Block, path: Path) -> RawRecord:
     """Parse one block of the file's lines."""
-    layout = find_layout(lines[block.start : block.stop], path, offset=block.start)
+    layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : block.stop], first) if line.strip()])
     columns = _columns("\n".join(lines[i - 1] for i in numbers), layout, numbers, path)
@@ -333,7 +333,7 @@ def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -
     """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
     width = len(layout.names) + layout.padding
     for line, number in zip(body.split("\n"), numbers, strict=True):
-        count = len(split_cells(line, layout.delimiter))
+        count = len(_split_cells(line, layout.delimiter))
         if count != width:
             what = f"the line has {count} columns instead of {width}; check whether the file was truncated"
             return FileFormatError(what, path=path, line=int(number))

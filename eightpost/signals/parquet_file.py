@@ -65,7 +65,7 @@ def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str
     return table
 
 
-def read_metadata(path: str | Path) -> dict[bytes, bytes]:
+def _read_metadata(path: str | Path) -> dict[bytes, bytes]:
     """Return the metadata of a Parquet file's schema.
 
     Raises:
@@ -122,7 +122,7 @@ def parquet_header(path: str | Path) -> dict[str, Any]:
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    return _header(read_metadata(path), Path(path))
+    return _header(_read_metadata(path), Path(path))
 
 
 def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def _wait(parent: int) -> None:
 
 
 @dataclass(frozen=True)
-class Ended:
+class _Ended:
     """A process that has ended: its exit code, and what it printed.
 
     Attributes:
@@ -140,7 +140,7 @@ def run(
     together: bool = False,
     tree: bool = False,
     question: bytes = b"",
-) -> Ended:
+) -> _Ended:
     """Run a command until it ends or `seconds` have passed, then end it.
 
     Args:
@@ -173,7 +173,7 @@ def run(
                 kill(process, tree=tree)
         output.seek(0)
         errors.seek(0)
-        return Ended(code, output.read(), errors.read())
+        return _Ended(code, output.read(), errors.read())
 
 
 def own_group() -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Steps whose size the error chooses, on a mass with a spring and damper."""
 
+from math import inf, nan
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 
 from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
 from cosim.engine import march
-from cosim.session.session import given_step
+from cosim.session import given_step
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -149,3 +150,14 @@ def test_a_drive_is_straight_between_its_points_in_an_adaptive_run(make: Any, pa
     t = result.series.time
     exact = [np.trapezoid(np.interp(fine := np.linspace(0.0, end, 20001), time, [0, 30, -20, 10]), fine) for end in t]
     assert result.series["car.velocity"] == pytest.approx(np.array(exact) / MASS, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("error", "share"), [(16.0, 0.45), (1.0001, 0.9), (1e6, 0.2), (1e12, 0.2), (-1.0, 0.2), (inf, 0.2), (nan, 0.2)]
+)
+def test_a_rejected_step_is_shortened_by_its_order_and_by_five_if_its_error_is_unknown(
+    error: float, share: float
+) -> None:
+    control = SimpleNamespace(order=3.0, least=1e-6)
+    assert march._smaller_step(control, 1e-3, error) == pytest.approx(share * 1e-3, rel=1e-4)
+    assert march._smaller_step(control, 2e-6, 1e6) == 1e-6

@@ -141,6 +141,27 @@ def test_with_the_same_exponential_the_fmu_and_the_law_agree_to_the_last_bit(
     assert run_fmu(fmu, ramps)[:, 1:3].tolist() == [list(row) for row in expected]
 
 
+def test_maxwell_agrees_to_the_last_bit_over_knees_and_far_beyond_its_range(component, shocks, elementary):
+    """Scales that differ by ten, soft springs and velocities to 20 m/s: the search for a velocity must bisect, too."""
+    rng, fmu = np.random.default_rng(5), component("maxwell")
+    for _ in range(40):
+        scales = dict(zip(("compression_scale", "rebound_scale"), 10.0 ** rng.uniform(-1.0, 1.0, 2), strict=True))
+        values = scales | {"series_stiffness": 10.0 ** rng.uniform(4.0, 8.0)}
+        sizes = 10.0 ** rng.uniform(-3.0, 1.3, 20)
+        speeds = sizes * rng.choice([-1.0, 1.0], 20)
+        ramps = [(10.0 ** rng.uniform(-5.0, -1.5), start, end, 0.0) for start, end in pairwise(speeds.tolist())]
+        law = law_with(shocks["maxwell"].law, values)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(lag, "expm1", elementary.exponential_minus_1)
+            lagged, expected = law.static_force(0.0), []
+            for step, start, end, _x in reached(ramps):
+                lagged = law.follow(lagged, start, end, step)
+                expected.append(lagged)
+        fmu.finish()
+        fmu.begin(0.0, 1e6, values)
+        assert run_fmu(fmu, ramps)[:, 2].tolist() == expected
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_the_native_fmu_equals_the_python_one(name, component, python_component):
     rng = np.random.default_rng(4)

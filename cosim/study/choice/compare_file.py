@@ -69,7 +69,7 @@ def write_and_plot(
     first = selected or dict.fromkeys(term.measure for term in result.study.objective)
     drawn = [one for one in comparisons if one.measure in first] or list(comparisons)
     shown = {one.measure: (result.unit(one.measure), result.display(one.measure)) for one in comparisons}
-    plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
+    _plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
     return folder / "comparison.png"
 
 
@@ -117,7 +117,7 @@ def _entry(comparison: Comparison, unit: str) -> dict[str, Any]:
 _PREDICTED, _MEASURED = "#1f77b4", "#d95f02"
 
 
-def plot_comparisons(
+def _plot_comparisons(
     comparisons: Sequence[Comparison],
     path: str | Path,
     *,

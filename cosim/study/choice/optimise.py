@@ -153,7 +153,7 @@ def optimise(
         )
     factors = factors_of(space)
     counts = tuple(len(factor.builds) for factor in factors)
-    trials = Trials(space, evaluate)
+    trials = _Trials(space, evaluate)
     if prod(counts) <= evaluations:
         trials.run(np.stack(np.unravel_index(np.arange(prod(counts)), counts), axis=-1))
         return trials.optimum(seed, "every setup was evaluated")
@@ -163,7 +163,7 @@ def optimise(
 
 
 @dataclass(slots=True)
-class Trials:
+class _Trials:
     """Setups evaluated so far.
 
     Attributes:

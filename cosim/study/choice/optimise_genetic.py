@@ -51,7 +51,7 @@ def evolve(
     Raises:
         InputError: pymoo is not installed.
     """
-    scores, novelty = run(first), Novelty()
+    scores, novelty = run(first), _Novelty()
     algorithm = _algorithm(scores, counts, first, novelty, seed)
     _tell(algorithm, algorithm.ask(), scores)
     novelty.learn(first)
@@ -68,7 +68,7 @@ def evolve(
     return f"{evaluations} setups were evaluated"
 
 
-class Novelty:
+class _Novelty:
     """Duplicate filter for pymoo that rejects all setups evaluated so far, not only those of the last generation."""
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ def _keys(levels: Any) -> list[tuple[int, ...]]:
     return [tuple(int(level) for level in row) for row in levels]
 
 
-def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty: Novelty, seed: int) -> Any:
+def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty: _Novelty, seed: int) -> Any:
     """Return pymoo's algorithm, initialised with the first generation."""
     try:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - an extra

@@ -26,7 +26,7 @@ _MISSING = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredRun:
+class _MeasuredRun:
     """One run on the rig.
 
     Attributes:
@@ -55,7 +55,7 @@ class Measured:
     missing: Mapping[str, str]
 
 
-def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
+def read_run_list(path: str | Path, study: Study) -> tuple[_MeasuredRun, ...]:
     """Read the list of rig runs: a CSV with a header.
 
     Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (name of the build), and, if the
@@ -83,7 +83,7 @@ def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
     return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
 
 
-def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
+def measured_runs(runs: Sequence[_MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
     """Compute a study's measures from measured runs.
 
     A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
@@ -134,7 +134,7 @@ def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], value
     return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise)
 
 
-def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
+def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> _MeasuredRun:
     cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
         raise FileFormatError(
@@ -147,7 +147,7 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
         setup = _setup(cells, study.space)
     except ValueError as error:
         raise FileFormatError(str(error), path=path, line=line) from error
-    return MeasuredRun(path.parent / cells["file"], setup, drive)
+    return _MeasuredRun(path.parent / cells["file"], setup, drive)
 
 
 def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
@@ -189,7 +189,7 @@ def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class RigComparison:
+class _RigComparison:
     """A study beside its rig runs.
 
     Attributes:
@@ -198,14 +198,14 @@ class RigComparison:
         notes: Sentences about records and measures that are left out.
     """
 
-    runs: tuple[MeasuredRun, ...]
+    runs: tuple[_MeasuredRun, ...]
     comparisons: tuple[Comparison, ...]
     notes: tuple[str, ...]
 
 
 def compare_with_rig(
     result: StudyResult, path: str | Path, read: Callable[[Path], TimeSeries], measures: Sequence[str] = ()
-) -> RigComparison:
+) -> _RigComparison:
     """Compare a study's prediction with the rig runs of a list.
 
     Args:
@@ -230,10 +230,10 @@ def compare_with_rig(
     compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
     if not compared:
         raise InputError(f"{path}: none of the study's measures can be computed from these records")
-    return RigComparison(runs, compared, tuple(notes))
+    return _RigComparison(runs, compared, tuple(notes))
 
 
-def _with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
+def _with_records(runs: Sequence[_MeasuredRun], path: str | Path) -> tuple[tuple[_MeasuredRun, ...], list[str]]:
     """Return the runs whose records exist, and a note about the others."""
     there = tuple(run for run in runs if run.file.is_file())
     missing = [run.file.name for run in runs if not run.file.is_file()]

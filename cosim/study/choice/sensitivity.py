@@ -297,7 +297,7 @@ _COLUMNS = pa.schema(
 )
 
 
-def terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) -> pa.Table:
+def _terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) -> pa.Table:
     """Return a table of all terms of all measures.
 
     Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
@@ -312,9 +312,9 @@ def terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) 
 
 
 def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
-    """Write `terms_table` as a Parquet file."""
+    """Write `_terms_table` as a Parquet file."""
     with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(terms_table(sensitivities, units), temporary, compression="zstd")
+        pyarrow.parquet.write_table(_terms_table(sensitivities, units), temporary, compression="zstd")
 
 
 def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:

@@ -35,10 +35,10 @@ def write_ranking(sheet: Sheet, path: Path) -> Path:
     columns = shown_columns(sheet)
     names = ["rank", "setup", *sheet.corners, *(column.name for column in columns), "coupling error", "remark"]
     units = ["", "", *("" for _ in sheet.corners), *(column.scale.us.unit for column in columns), "%", ""]
-    return _write(path, _csv_tables_settings(sheet), names, units, ranking_rows(sheet))
+    return _write(path, _csv_tables_settings(sheet), names, units, _ranking_rows(sheet))
 
 
-def ranking_rows(sheet: Sheet) -> list[list[Cell]]:
+def _ranking_rows(sheet: Sheet) -> list[list[Cell]]:
     """Return one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
     columns = shown_columns(sheet)
     return [
@@ -138,7 +138,7 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
 
 def _ranking(workbook: Any, sheet: Sheet) -> None:
     """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
-    columns, rows = shown_columns(sheet), ranking_rows(sheet)
+    columns, rows = shown_columns(sheet), _ranking_rows(sheet)
     heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
     names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
     page = workbook.add_worksheet("Ranking")

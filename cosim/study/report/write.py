@@ -29,10 +29,10 @@ from eightpost.signals import TimeSeries
 # ---- Uncertainty of the measures of a study, setup by setup ---------------------------------------------------------
 
 
-def uncertainty_of(result: StudyResult, band: Spread) -> Uncertainty:
+def _uncertainty_of(result: StudyResult, band: Spread) -> Uncertainty:
     """Return the uncertainty of a result's setups according to a spread; NaN for setups that it does not contain."""
     places = np.searchsorted(result.setups, band.setups)
-    sign = 1.0 if better_end(result, band.measure) == "low" else -1.0
+    sign = 1.0 if _better_end(result, band.measure) == "low" else -1.0
     first = _place(band, result, int(result.ranking()[0]) if result.ranking().size else None)
     known = np.isfinite(band.values)
     best = int(np.nanargmin(sign * band.values)) if known.any() else None
@@ -47,7 +47,7 @@ def uncertainty_of(result: StudyResult, band: Spread) -> Uncertainty:
     )
 
 
-def better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
+def _better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
     """Return whether low or high values of a measure are better: high if its weight in the objective is negative."""
     rewarded = any(term.measure == measure and term.weight < 0.0 for term in result.study.objective)
     return "high" if rewarded else "low"
@@ -82,7 +82,7 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         bands: Spreads of measures in SI, for the measures whose spread is known.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    uncertainties = {band.measure: uncertainty_of(result, band) for band in bands}
+    uncertainties = {band.measure: _uncertainty_of(result, band) for band in bands}
     builds = tuple(result.study.bank)
     return Sheet(
         corners=tuple(result.study.corners),
@@ -134,7 +134,7 @@ def _by_interest(study: Study) -> list[Measure]:
 
 def _column(result: StudyResult, name: str, uncertainty: Uncertainty | None) -> Column:
     scale = Scale.of(result.unit(name), result.display(name))
-    return Column(name, scale, result.values(name), better_end(result, name), uncertainty)
+    return Column(name, scale, result.values(name), _better_end(result, name), uncertainty)
 
 
 def _objective(result: StudyResult) -> Column | None:
@@ -272,10 +272,10 @@ def write_study_report(
     """
     sheet = sheet_of(result, bands=bands or (), trace_command=trace_command)
     terms = available_sensitivities(result) if sensitivities is None else sensitivities
-    return write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
+    return _write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
 
 
-def write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:
+def _write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:
     """Write all files of a report from its data."""
     folder = Path(out_dir)
     return ReportPaths(

@@ -36,7 +36,7 @@ _CACHED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RememberedDrive(Drivefile):
+class _RememberedDrive(Drivefile):
     """Drive file with cached samples: every setup requests the same times."""
 
     _samples: dict[bytes, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
@@ -53,7 +53,7 @@ class RememberedDrive(Drivefile):
         return self._samples[key]
 
 
-def read_drive(drive: Drive) -> RememberedDrive:
+def _read_drive(drive: Drive) -> _RememberedDrive:
     """Read a drive file.
 
     Raises:
@@ -68,7 +68,7 @@ def read_drive(drive: Drive) -> RememberedDrive:
             f"drive {drive.name!r}: the run needs {drive.start:g} to {drive.start + drive.stop:g} s of {drive.file}, "
             f"which contains {first:g} to {last:g} s; change stop or start"
         )
-    return RememberedDrive(found.series)
+    return _RememberedDrive(found.series)
 
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class Evaluator:
         channels = [channel for measure in self.study.measures_of(drive) for channel in measure.channels]
         return Scenario(
             stop=drive.stop,
-            drive=read_drive(drive),
+            drive=_read_drive(drive),
             targets=drive.targets,
             record=tuple(dict.fromkeys(channels)),
             record_step=self.study.record_step,
@@ -264,7 +264,7 @@ class Evaluator:
         return self._shocks[key]
 
     def _bond(self, corner: str, shock: Component) -> Bond:
-        port = port_of(self._vehicle, self.study.vehicle.name, corner)
+        port = _port_of(self._vehicle, self.study.vehicle.name, corner)
         return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
 
 
@@ -280,7 +280,7 @@ def ports(vehicle: Component) -> tuple[str, ...]:
     return corners or (("corner",) if {"velocity", "force"} <= set(names) else ())
 
 
-def port_of(vehicle: Component, name: str, corner: str) -> str:
+def _port_of(vehicle: Component, name: str, corner: str) -> str:
     """Return the port of a corner, as `component.corner`; that of a quarter car has no corner in its name.
 
     Raises:

@@ -29,7 +29,7 @@ from eightpost.files import check_output_folder
 _MOVING = ("m/s", "m/s2", "W")
 
 
-def check_study(evaluator: Evaluator) -> None:
+def _check_study(evaluator: Evaluator) -> None:
     """Raise an error if a study cannot be run.
 
     Raises:
@@ -136,7 +136,7 @@ class Sweep:
         check_output_folder(folder)
         self.study, self.folder = study, Path(folder)
         evaluator = Evaluator(study)
-        check_study(evaluator)
+        _check_study(evaluator)
         self._digests = file_digests(study)
         self._units, self._guids = dict(evaluator.measure_units), evaluator.guids
         self._models = evaluator.models

@@ -24,7 +24,7 @@ from eightpost.workers.pool import POLL, Pool, heartbeat, working
 _own = threading.local()
 
 
-def evaluator_for(study: str) -> Evaluator:
+def _evaluator_for(study: str) -> Evaluator:
     """Return this thread's evaluator of a study, given as JSON."""
     if getattr(_own, "study", None) != study:
         _own.evaluator, _own.study = Evaluator(Study.from_json(study)), study
@@ -32,22 +32,22 @@ def evaluator_for(study: str) -> Evaluator:
     return evaluator
 
 
-def open_study(study: str) -> None:
+def _open_study(study: str) -> None:
     """Load a study, given as JSON, and the modules for filtering measures, so that its first setup starts sooner."""
-    evaluator_for(study)
+    _evaluator_for(study)
     import_module("scipy.signal")
 
 
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, given as JSON."""
     with working():
-        return choose_coupling(evaluator_for(study))
+        return choose_coupling(_evaluator_for(study))
 
 
 def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
     """Run setups by number."""
     with working():
-        evaluator, found = evaluator_for(study), list[Row]()
+        evaluator, found = _evaluator_for(study), list[Row]()
         for index in indices:
             heartbeat()
             found.append(evaluator.row(evaluator.study.space.setup(index), coupling))
@@ -122,7 +122,7 @@ class ProcessWorkers:
         text = study.to_json()
         chosen: Future[Coupling] = self._pool.submit(choose, text)
         for _ in range(min(self.count, len(study.space) // _WORTH) - 1):
-            self._pool.submit(open_study, text)
+            self._pool.submit(_open_study, text)
         hung = self._pool.wait_for(chosen)
         try:
             return chosen.result()

@@ -36,14 +36,14 @@ UNCHANGED = 0.5
 _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
 
 
-class ExcitationList(NamedTuple):
+class _ExcitationList(NamedTuple):
     """Excitations, with notes on the tests that are omitted."""
 
     excitations: tuple[Excitation, ...]
     notes: tuple[str, ...]
 
 
-def excitations(prepared: Prepared, outputs: Sequence[str]) -> ExcitationList:
+def excitations(prepared: Prepared, outputs: Sequence[str]) -> _ExcitationList:
     """Return an excitation for every input that moves alone.
 
     A test in which one actuator moves is used directly. If a test has the drive of an earlier one and another shock at
@@ -73,7 +73,7 @@ def excitations(prepared: Prepared, outputs: Sequence[str]) -> ExcitationList:
         elif moving[number] in moving[:number]:
             first = prepared.names[moving.index(moving[number])]
             notes.append(f"{name}: its drive differs from that of {first}, or is not in step with it; omitted")
-    return ExcitationList(tuple(found), tuple(notes))
+    return _ExcitationList(tuple(found), tuple(notes))
 
 
 def _moving(prepared: Prepared, inputs: Sequence[str]) -> list[tuple[str, ...]]:

@@ -38,13 +38,13 @@ def input_power(records: Records, frequency: Array) -> Array:
 # ---- Multiple and partial coherence from a regression ---------------------------------------------------------------
 
 
-def multiple_coherence(solved: Regression) -> Array:
+def multiple_coherence(solved: _Regression) -> Array:
     """Return the fraction of each output's power that all inputs explain (p, K), 1 - |E|^2 / |Y|^2; 0 without power."""
     unexplained = np.divide(solved.residual, solved.total, out=np.ones_like(solved.total), where=solved.total > 0.0)
     return np.asarray(np.clip(1.0 - unexplained, 0.0, 1.0))
 
 
-def partial_coherence(solved: Regression) -> Array:
+def partial_coherence(solved: _Regression) -> Array:
     """Return the coherence of each output and input after removal of the part that the other inputs explain (p, m, K).
 
     Without input j the residual increases by `|H_ij|^2 / ((U* U)^-1)_jj`. The coherence of the two conditioned signals
@@ -56,7 +56,7 @@ def partial_coherence(solved: Regression) -> Array:
     return np.asarray(np.divide(growth, without, out=np.zeros_like(growth), where=without > 0.0))
 
 
-def response_variance(solved: Regression, blocks: int, independent: float) -> Array:
+def response_variance(solved: _Regression, blocks: int, independent: float) -> Array:
     """Return the variance of H (p, m, K) for noise on the outputs.
 
     Args:
@@ -110,7 +110,7 @@ def estimate_response(
 WORST_CONDITION = 1e7
 
 
-class Regression(NamedTuple):
+class _Regression(NamedTuple):
     """Solution of `Y = U H^T + E` at every frequency.
 
     Attributes:
@@ -128,7 +128,7 @@ class Regression(NamedTuple):
     active: NDArray[np.bool_]
 
 
-def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> Regression:
+def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
     """Solve for H; inputs are dropped at frequencies where they have no power.
 
     Args:
@@ -153,7 +153,7 @@ def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str])
     residual = np.sum(np.abs(Y - U @ H) ** 2, axis=1)
     spread = np.where(active, np.sum(np.abs(V) ** 2, axis=2) / scale**2, np.inf)
     total = np.sum(np.abs(Y) ** 2, axis=1)
-    return Regression(np.ascontiguousarray(H.transpose(2, 1, 0)), spread.T, residual.T, total.T, active.T)
+    return _Regression(np.ascontiguousarray(H.transpose(2, 1, 0)), spread.T, residual.T, total.T, active.T)
 
 
 def powered(size: Array, power_floor: float, names: Sequence[str]) -> NDArray[np.bool_]:
@@ -262,7 +262,7 @@ class Hv:
         return response_from(records, spectra, solved, H)
 
 
-def response_from(records: Records, spectra: Spectra, solved: Regression, H: Complex) -> FrequencyResponse:
+def response_from(records: Records, spectra: Spectra, solved: _Regression, H: Complex) -> FrequencyResponse:
     """Return a response with the coherences and the variance of its regression."""
     return FrequencyResponse(
         spectra.frequency,
@@ -275,7 +275,7 @@ def response_from(records: Records, spectra: Spectra, solved: Regression, H: Com
     )
 
 
-def _regressed(blocks: Blocks, power_floor: float, records: Records) -> tuple[Spectra, Regression]:
+def _regressed(blocks: Blocks, power_floor: float, records: Records) -> tuple[Spectra, _Regression]:
     spectra = blocks.spectra(records)
     names = [channel.name for channel in records.inputs]
     return spectra, regress(spectra.U, spectra.Y, power_floor=power_floor, names=names)

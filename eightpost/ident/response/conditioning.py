@@ -337,7 +337,7 @@ _LOWEST_END = 2.0
 _NOTABLE_END = 15.0
 
 
-class PreconditionedResponse(NamedTuple):
+class _PreconditionedResponse(NamedTuple):
     """Response that is ready for fits, with notes on its preconditioning."""
 
     response: FrequencyResponse
@@ -364,7 +364,7 @@ class Preconditioning:
     coherence: float = 0.5
     zeroed: tuple[tuple[str, str], ...] = ()
 
-    def apply(self, response: FrequencyResponse) -> PreconditionedResponse:
+    def apply(self, response: FrequencyResponse) -> _PreconditionedResponse:
         """Return the preconditioned response.
 
         Raises:
@@ -380,7 +380,7 @@ class Preconditioning:
         changed = response.with_response(H)
         if self.zeroed:
             changed = condition(changed, Zeroed(), paths=self.zeroed)
-        return PreconditionedResponse(changed, self._notes(extrapolated, H.shape[0] * H.shape[1]))
+        return _PreconditionedResponse(changed, self._notes(extrapolated, H.shape[0] * H.shape[1]))
 
     def _end(self, response: FrequencyResponse, i: int, j: int) -> int:
         """Return the bin from which a path is not known."""

@@ -64,7 +64,7 @@ def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
     return np.append(projected(model, model.curve_rows(tau))[0], tau)
 
 
-def fading_starts(model: ForceModel, dynamics: FadingLag, full_lag: Array, count: int) -> list[Array]:
+def _fading_starts(model: ForceModel, dynamics: FadingLag, full_lag: Array, count: int) -> list[Array]:
     """Return the best starting points (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
     static = model.static(full_lag[: model.curve_count])
     taus = np.minimum(float(full_lag[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
@@ -129,7 +129,7 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
     if form not in ("lag", "fading lag"):
         return _stepped(law, pieces)
     static, own = _static_forces(law, velocity), own_values(law)
-    lagged, weight = _lagged(law, own[0], static[0], pieces), array_weight(type(law))(static, own)
+    lagged, weight = _lagged(law, own[0], static[0], pieces), _array_weight(type(law))(static, own)
     return weight * lagged + (1.0 - weight) * static
 
 
@@ -187,7 +187,7 @@ def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: _Pieces) 
 
 
 @cache
-def array_weight(law: type[ShockLaw]) -> Callable[[Array, tuple[float, ...]], Array | float]:
+def _array_weight(law: type[ShockLaw]) -> Callable[[Array, tuple[float, ...]], Array | float]:
     """Return a law's `weight_core` for static forces (N,): its own code with the functions of numpy."""
     core: FunctionType = law_module(law).weight_core
     return FunctionType(core.__code__, core.__globals__ | {"min": np.minimum, "max": np.maximum})
@@ -207,7 +207,7 @@ def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
 _TAU_STEP = 1e-4
 
 
-class Blend(NamedTuple):
+class _Blend(NamedTuple):
     """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and its derivatives."""
 
     force: Array
@@ -312,9 +312,9 @@ class FadingLag(Dynamics):
 
     def weight(self, static: Array, theta: Array) -> Array:
         """Return alpha (N,) [1] at static forces (N,) [N]."""
-        return np.asarray(array_weight(self.kind)(static, tuple(self.values(theta).tolist())))
+        return np.asarray(_array_weight(self.kind)(static, tuple(self.values(theta).tolist())))
 
-    def blend(self, static: Array, theta: Array, step: float) -> Blend:
+    def blend(self, static: Array, theta: Array, step: float) -> _Blend:
         """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
         tau, full, zero = self.values(theta)
         lagged = lag(static, tau, step)
@@ -322,7 +322,7 @@ class FadingLag(Dynamics):
         ramp = np.where((weight > 0.0) & (weight < 1.0), behind / (zero - full), 0.0)
         by_tau = weight * lag_sensitivity(static, lagged, tau, step)
         partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * weight, ramp * (1.0 - weight)])
-        return Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
+        return _Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = alpha F_lag + (1 - alpha) F_s."""
@@ -373,7 +373,7 @@ class FadingLag(Dynamics):
 
     def starts(self, model: ForceModel, full_lag: Array, count: int) -> list[Array]:
         """Return the best starting points of a grid of transition forces."""
-        return fading_starts(model, self, full_lag, count)
+        return _fading_starts(model, self, full_lag, count)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau, F_1 and u."""

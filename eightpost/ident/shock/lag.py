@@ -43,7 +43,7 @@ def lag(static: Array, time_constant: float, step: float) -> Array:
     return np.asarray(lagged.T, dtype=np.float64)
 
 
-def lag_response(frequency: Array, time_constant: float, step: float) -> NDArray[np.complex128]:
+def _lag_response(frequency: Array, time_constant: float, step: float) -> NDArray[np.complex128]:
     """Return the gain (K,) of `lag` at frequencies (K,) [Hz], that is, of the recursion and not the continuous lag."""
     rise, weight = _weights(time_constant, step)
     delay = np.exp(-2j * np.pi * frequency * step)
@@ -133,7 +133,7 @@ class RowFilter:
         gain: Array | Spectrum = _gain(self.rate, self.cutoff, short, self.every)
         if time_constant is not None:
             frequency = np.asarray(np.arange(short // 2 + 1) * (self.row_rate / short), dtype=np.float64)
-            gain = gain * lag_response(frequency, time_constant, 1.0 / self.rate)
+            gain = gain * _lag_response(frequency, time_constant, 1.0 / self.rate)
         start = (self.first + left) // self.every
         samples = irfft(spectrum * gain, short, axis=-1)
         return np.asarray(samples[..., start : start + self.rows.size])

@@ -87,7 +87,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None) -> S
 
 
 @dataclass(frozen=True, slots=True)
-class FittedTable:
+class _FittedTable:
     """A table of one setting of the adjusters, its shock, and the shock file."""
 
     table: PeakVelocityTable
@@ -117,7 +117,7 @@ def tables_in(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelo
 
 def fit_tables(
     tables: Sequence[PeakVelocityTable], output: Path, *, name: str | None = None, build: str | None = None
-) -> tuple[FittedTable, ...]:
+) -> tuple[_FittedTable, ...]:
     """Fit and write a shock for each table of a file.
 
     Args:
@@ -134,7 +134,7 @@ def fit_tables(
             path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}")
         shock = replace(shock, conditions=dict(shock.conditions) | ({"build": build} if build else {}))
         write_shock(shock, path)
-        fitted.append(FittedTable(table, shock, path))
+        fitted.append(_FittedTable(table, shock, path))
     return tuple(fitted)
 
 

@@ -79,7 +79,7 @@ class Inequalities:
         )
 
 
-class SearchResult(NamedTuple):
+class _SearchResult(NamedTuple):
     """The end of a search: x (n,), whether it is a minimum, and a description of how the search ended."""
 
     x: Array
@@ -95,7 +95,7 @@ def constrained_least_squares(
     *,
     tolerance: float,
     evaluations: int,
-) -> SearchResult:
+) -> _SearchResult:
     """Minimise the sum of squares under linear inequality constraints.
 
     Args:
@@ -116,14 +116,14 @@ def constrained_least_squares(
         if gain < 0.0:
             promised = cost - float(np.sum((error + slopes @ step) ** 2))
             if promised <= _NO_MORE * tolerance * cost:
-                return SearchResult(x, True, f"No step within the constraints is better. {count} evaluations.")
+                return _SearchResult(x, True, f"No step within the constraints is better. {count} evaluations.")
             damping, rise = damping * rise, rise * _CHANGE
             continue
         x, error, cost = x + step, tried, cost - gain if np.isfinite(cost) else float(tried @ tried)
         if gain <= tolerance * cost:
-            return SearchResult(x, True, f"The sum of squares no longer decreases. {count} evaluations.")
+            return _SearchResult(x, True, f"The sum of squares no longer decreases. {count} evaluations.")
         slopes, damping, rise = jacobian(x), max(damping / _CHANGE, _LEAST_DAMPING), _CHANGE
-    return SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
+    return _SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
 
 
 def _step(slopes: Array, error: Array, inequalities: Inequalities, damping: float) -> Array:

@@ -34,7 +34,7 @@ FILTER_EDGE = 6.0
 _LIVELY = 0.5
 
 
-def choose_segment(
+def _choose_segment(
     series: TimeSeries, requested: tuple[float, float] | None, cutoff: float
 ) -> tuple[tuple[float, float], list[str]]:
     """Return start and stop [s] of the segment, and a sentence if it is not the dissertation's.
@@ -172,7 +172,7 @@ def prepare(
     """
     series, changes = _even(test.series)
     cutoff_used = _cutoff(series.sample_rate, cutoff, changes)
-    (start, stop), why = choose_segment(series, segment, cutoff_used)
+    (start, stop), why = _choose_segment(series, segment, cutoff_used)
     changes += why
     series = _thinned(_lowpassed(series, cutoff_used), changes)
     edge = FILTER_EDGE / cutoff_used

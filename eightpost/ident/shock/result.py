@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _LEFT_OUT = 0.005
 
 
-def conditions_of(
+def _conditions_of(
     tests: Sequence[DynoTest], runs: Runs, columns: GasColumns, *, gas: str, gas_force: tuple[float, float]
 ) -> dict[str, Any]:
     """Return the conditions and ranges of the measurement; units in the keys, SI.
@@ -96,7 +96,7 @@ def digest_of(test: DynoTest) -> str:
     return test.sha256 or hashlib.sha256(test.series.time.tobytes() + test.series.values.tobytes()).hexdigest()
 
 
-def inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
+def _inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
     """Return name and digest of each file that tests come from; a file with several runs is listed once."""
     files = dict.fromkeys((test.source.name, digest_of(test)) for test in tests if test.source)
     return tuple({"name": name, "sha256": digest} for name, digest in files)
@@ -245,7 +245,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     parameters = parameters_of(solution)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
     warnings = (*notes_of(tests), *found, *ends)
-    conditions = conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
+    conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
     choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
@@ -253,7 +253,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
         fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
-        inputs=inputs_of(tests),
+        inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,
             percent=100.0 * rms / runs.deviation,

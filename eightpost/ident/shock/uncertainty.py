@@ -122,7 +122,7 @@ def curve_band(columns: Array, b: Array, covariance: Array, velocity: Array, rea
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedParameters:
+class _FittedParameters:
     """Parameters of a fitted shock's FMU that are not known exactly. n parameters.
 
     Attributes:
@@ -142,7 +142,7 @@ class FittedParameters:
     held: tuple[str, ...]
 
 
-def fitted_parameters(path: str | Path) -> FittedParameters:
+def fitted_parameters(path: str | Path) -> _FittedParameters:
     """Return the uncertainty that a shock file states.
 
     The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
@@ -164,7 +164,7 @@ def fitted_parameters(path: str | Path) -> FittedParameters:
     free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
     held = tuple(f"{name} is kept at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free)
     scales = dict(_scales(band))
-    return FittedParameters(
+    return _FittedParameters(
         (*free, *scales),
         np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
         np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),

@@ -77,7 +77,7 @@ def moving_part(series: TimeSeries) -> TimeSeries:
     return series if last - first < half else series.window(float(series.time[first]), float(series.time[last]))
 
 
-def refined_frequency(values: Array, time: Array, near: float) -> float:
+def _refined_frequency(values: Array, time: Array, near: float) -> float:
     """Return the frequency [Hz] of the sine that fits values (N,) best, within 15 % of a first estimate [Hz]."""
 
     def misfit(frequency: float) -> float:
@@ -139,7 +139,7 @@ def frequency_of(series: TimeSeries) -> float | None:
         return None
     if coarse * part.duration > 3.0:  # the first and last half period may include standstill
         part = part.window(float(part.time[0]) + 0.5 / coarse, float(part.time[-1]) - 0.5 / coarse)
-    return refined_frequency(displacement_of(part), part.time, coarse)
+    return _refined_frequency(displacement_of(part), part.time, coarse)
 
 
 def _coarse(series: TimeSeries) -> TimeSeries:

@@ -18,7 +18,7 @@ from eightpost.units import convert
 
 
 @dataclass(frozen=True, slots=True)
-class PrintedFit:
+class _PrintedFit:
     """A row of Table 3.4.
 
     Attributes:
@@ -37,7 +37,7 @@ class PrintedFit:
 
 
 @dataclass(frozen=True, slots=True)
-class PrintedConfiguration:
+class _PrintedConfiguration:
     """A column of Table 3.5.
 
     Attributes:
@@ -71,13 +71,13 @@ SOURCE: str = _DOCUMENT["source"]
 TABLE_3_4_CONFIGURATION = 1
 
 #: Table 3.4 by law.
-TABLE_3_4 = {law: PrintedFit(**row) for law, row in _DOCUMENT["fit"].items()}
+TABLE_3_4 = {law: _PrintedFit(**row) for law, row in _DOCUMENT["fit"].items()}
 
 #: Table 3.5, configurations 1 to 12.
-CONFIGURATIONS = tuple(PrintedConfiguration(**column) for column in _DOCUMENT["configuration"])
+CONFIGURATIONS = tuple(_PrintedConfiguration(**column) for column in _DOCUMENT["configuration"])
 
 
-def printed_configuration(number: int) -> PrintedConfiguration:
+def printed_configuration(number: int) -> _PrintedConfiguration:
     """Return a column of Table 3.5."""
     return CONFIGURATIONS[number - 1]
 

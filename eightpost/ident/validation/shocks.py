@@ -113,7 +113,7 @@ def validate_shocks(
     unpaired: list[str] = []
     for record in records:
         for label, shock in labelled.items():
-            if why := mismatch(shock, record):
+            if why := _mismatch(shock, record):
                 unpaired.append(f"{label} was not compared with {record.name}: {why}")
                 continue
             outcome = _outcome(shock, record, cutoff)
@@ -134,7 +134,7 @@ def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None) -> Outcome:
             return validate_static(shock, record)
 
 
-def mismatch(shock: Shock, record: DynoRecord) -> str | None:
+def _mismatch(shock: Shock, record: DynoRecord) -> str | None:
     """Return the condition that differs between a shock and a record, or None; both must state it to differ."""
     mine, other = dict(shock.conditions), record.conditions
     number = configuration_of(mine)

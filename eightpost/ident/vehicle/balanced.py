@@ -27,7 +27,7 @@ from eightpost.vehicle.statespace import StateSpace
 _ROUNDING = 1e-14
 
 
-class BalancedModel(NamedTuple):
+class _BalancedModel(NamedTuple):
     """A model in balanced coordinates, most important state first.
 
     Attributes:
@@ -45,7 +45,7 @@ class BalancedModel(NamedTuple):
         return StateSpace(A, B, C, model.D, model.inputs, model.outputs, model.dt, model.name)
 
 
-def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> BalancedModel:
+def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _BalancedModel:
     """Balance a stable continuous model of first- and second-order sections, such as `parallel_model` returns.
 
     Args:
@@ -70,7 +70,7 @@ def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> Balan
     back = (seen @ (left[:, kept] * root)).T
     A = back @ (csr_array(model.A) @ to)
     found = StateSpace(A, back @ model.B, model.C @ to, model.D, model.inputs, model.outputs, None, model.name)
-    return BalancedModel(found, hankel[kept])
+    return _BalancedModel(found, hankel[kept])
 
 
 def _pairs(A: Array) -> NDArray[np.intp]:

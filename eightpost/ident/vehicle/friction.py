@@ -102,7 +102,7 @@ def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Comple
 # ---- Friction forces from bands of spectra --------------------------------------------------------------------------
 
 
-class ForceSolution(NamedTuple):
+class _ForceSolution(NamedTuple):
     """Estimated forces at the ports.
 
     Attributes:
@@ -121,7 +121,7 @@ class ForceSolution(NamedTuple):
         return float(self.residual.mean())
 
 
-def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
+def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> _ForceSolution:
     """Estimate the forces at the ports.
 
     Args:
@@ -141,7 +141,7 @@ def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSo
     # At the minimum the gradients of independent bands scatter around zero.
     scatter = gradients - gradients.mean(axis=0)
     left = np.divide(for_each(parts, lambda part: _BandFit.of(part, inputs, forces).noise), noise)
-    return ForceSolution(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
+    return _ForceSolution(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
 
 
 def _slopes(parts: Sequence[Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
@@ -249,7 +249,7 @@ def with_friction(series: TimeSeries, friction: Mapping[str, Friction]) -> TimeS
     return series
 
 
-def with_directions(series: TimeSeries, ports: Sequence[str], width: float, signal: Signal = direction) -> TimeSeries:
+def _with_directions(series: TimeSeries, ports: Sequence[str], width: float, signal: Signal = direction) -> TimeSeries:
     """Return a record with a friction of 1 N at every port in the channel `friction_direction`."""
     for port in ports:
         values = signal(series[channel(port, "velocity")], series.sample_rate, width)
@@ -296,8 +296,8 @@ class FrictionSearch:
         width = _lowest(profile)
         return _estimate(experiment, self._at(whole, experiment, width), width, profile)
 
-    def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, width: float) -> ForceSolution:
-        marked = [with_directions(test, experiment.ports, width, self.signal) for test in tests]
+    def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, width: float) -> _ForceSolution:
+        marked = [_with_directions(test, experiment.ports, width, self.signal) for test in tests]
         directions = [channel(port, "friction_direction") for port in experiment.ports]
         records = gather(marked, [*experiment.inputs, *directions], experiment.outputs, experiment.baseline_damping)
         count = len(experiment.inputs)
@@ -367,7 +367,7 @@ def _lowest(profile: Sequence[tuple[float, float]]) -> float:
 
 
 def _estimate(
-    experiment: Experiment, found: ForceSolution, width: float, profile: tuple[tuple[float, float], ...]
+    experiment: Experiment, found: _ForceSolution, width: float, profile: tuple[tuple[float, float], ...]
 ) -> FrictionEstimate:
     deviation = np.sqrt(np.diag(found.covariance))
     significant = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)

@@ -84,7 +84,7 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
 
 
 @_compiled
-def compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float, every: int, out: Any) -> Any:
+def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float, every: int, out: Any) -> Any:
     """Simulate one setup.
 
     Args:
@@ -229,7 +229,7 @@ class _Plant:
         found = np.empty((len(chosen), len(self.C), kept))
         for one, places in zip(found, chosen, strict=True):
             shocks = laws[places], friction
-            failed = compiled_march(self.modes, self.rows, self.driven, shocks, self.step, every, one)
+            failed = _compiled_march(self.modes, self.rows, self.driven, shocks, self.step, every, one)
             if failed >= 0:
                 raise StepError(
                     f"the shock forces at sample {failed} do not converge with steps of {self.step:g} s; resample the "

@@ -16,7 +16,7 @@ from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PolynomialBasis:
+class _PolynomialBasis:
     """Real polynomials of degree 0 to n.
 
     Attributes:
@@ -54,7 +54,7 @@ class PolynomialBasis:
         return float(coefficients[-1] * self.first / np.prod(np.diag(self.hessenberg, -1)[:n]))
 
 
-def orthonormal_basis(points: Complex, weight: Array, degree: int) -> PolynomialBasis:
+def _orthonormal_basis(points: Complex, weight: Array, degree: int) -> _PolynomialBasis:
     """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with a nonnegative `weight` (K,)."""
     root = np.sqrt(weight / weight.sum())
     Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
@@ -68,7 +68,7 @@ def orthonormal_basis(points: Complex, weight: Array, degree: int) -> Polynomial
             hessenberg[: k + 1, k] += share
         hessenberg[k + 1, k] = np.linalg.norm(root * moved)
         Q[:, k + 1] = moved / hessenberg[k + 1, k]
-    return PolynomialBasis(hessenberg, 1.0)
+    return _PolynomialBasis(hessenberg, 1.0)
 
 
 # ---- Weights of fits over frequency (4.4.1, 5.3.3, Eq 6.9) ----------------------------------------------------------
@@ -143,7 +143,7 @@ class TransferFunction:
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         """Return H (K,) at frequencies (K,) [Hz]."""
-        points = plane_points(np.asarray(frequency_hz, dtype=np.float64), self.dt)
+        points = _plane_points(np.asarray(frequency_hz, dtype=np.float64), self.dt)
         parts = self.residues[:, None] / (points[None, :] - self.poles[:, None])
         return np.asarray(self.direct + parts.sum(axis=0), dtype=np.complex128)
 
@@ -170,7 +170,7 @@ class TransferFunction:
         return A, B, C, np.array([[self.direct]])
 
 
-def plane_points(frequency: Array, dt: float | None) -> Complex:
+def _plane_points(frequency: Array, dt: float | None) -> Complex:
     """Return s = 2 pi j f, or z = exp(2 pi j f dt)."""
     s = 2j * np.pi * frequency
     return np.asarray(s if dt is None else np.exp(s * dt), dtype=np.complex128)
@@ -227,9 +227,9 @@ class RationalFit:
         count = self.denominator + self.numerator + 1
         if 2 * int(used.sum()) < count:
             raise TooShortError(f"{int(used.sum())} frequencies with weight are too few for {count} coefficients")
-        points = plane_points(frequency[used], self.dt)
+        points = _plane_points(frequency[used], self.dt)
         scale = float(np.abs(points).max()) if self.dt is None else 1.0
-        basis = orthonormal_basis(points / scale, weight[used], self.denominator)
+        basis = _orthonormal_basis(points / scale, weight[used], self.denominator)
         problem = _Problem(basis, basis.values(points / scale), H[used], np.sqrt(weight[used]), self)
         return _modal(basis, problem.solve(), scale, self.dt)
 
@@ -243,7 +243,7 @@ class _Ratio(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    basis: PolynomialBasis
+    basis: _PolynomialBasis
     P: Complex
     H: Complex
     root: Array
@@ -336,7 +336,7 @@ def _least_squares(matrix: Complex, target: Complex) -> Array:
     return np.asarray(solution / size, dtype=np.float64)
 
 
-def _modal(basis: PolynomialBasis, ratio: _Ratio, scale: float, dt: float | None) -> TransferFunction:
+def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float, dt: float | None) -> TransferFunction:
     """Return the transfer function with poles p_i and residues `r_i = B(p_i) / A'(p_i)`."""
     poles = basis.roots(ratio.a)
     degree = ratio.b.size - 1

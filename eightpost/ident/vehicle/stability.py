@@ -120,7 +120,7 @@ SOFTEST, STIFFEST = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5), 10.0
 _FREQUENCIES = np.geomspace(0.01, 2000.0, 700)
 
 
-class SafeSlopes(NamedTuple):
+class _SafeSlopes(NamedTuple):
     """Range of shock slopes with proved stability.
 
     Attributes:
@@ -147,7 +147,7 @@ class SafeSlopes(NamedTuple):
         )
 
 
-def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> SafeSlopes:
+def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> _SafeSlopes:
     """Return the range of shock slopes with which the car is proved stable by the circle criterion.
 
     Let M be the port mobility (velocity per opposing force) with dampers of c_low at all ports. A shock whose slope
@@ -171,8 +171,8 @@ def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> SafeSlopes:
     for softest in SOFTEST:
         safe, worst = _criterion(ports, baseline, softest)
         if safe:
-            return SafeSlopes(softest, STIFFEST, worst)
-    return SafeSlopes(None, STIFFEST, worst)
+            return _SafeSlopes(softest, STIFFEST, worst)
+    return _SafeSlopes(None, STIFFEST, worst)
 
 
 def _criterion(ports: StateSpace, baseline: Mapping[str, float], softest: float) -> tuple[bool, float]:

@@ -58,7 +58,7 @@ class VehicleFit:
         return len(self.vehicle.state_space.A)
 
 
-def response_path(path: str | Path) -> Path:
+def _response_path(path: str | Path) -> Path:
     """Return the path of a fit's response, given that of its vehicle: car.response.npz for car.json."""
     return Path(path).with_suffix(".response.npz")
 
@@ -76,7 +76,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     """
     path = Path(path)
     write_vehicle(path, fit.vehicle)
-    write_response(response_path(path), fit.response, sources=fit.sources)
+    write_response(_response_path(path), fit.response, sources=fit.sources)
     content = {
         "kind": "vehicle_fit",
         "schema": SCHEMA,
@@ -92,7 +92,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     }
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    return path, response_path(path), fit_path(path)
+    return path, _response_path(path), fit_path(path)
 
 
 def read_fit(path: str | Path) -> VehicleFit:
@@ -112,7 +112,7 @@ def read_fit(path: str | Path) -> VehicleFit:
         return VehicleFit(
             vehicle,
             str(content["recipe"]),
-            read_response(response_path(path)),
+            read_response(_response_path(path)),
             {str(name): float(value) for name, value in content["residual"].items()},
             tuple(_texts(content["notes"])),
             float(content["seconds"]),

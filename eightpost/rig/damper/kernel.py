@@ -33,7 +33,7 @@ class Valve(NamedTuple):
         return passage_slope(drop, self.forward) if drop >= 0.0 else passage_slope(-drop, self.backward)
 
 
-def filling(fluid: Fluid) -> Callable[[float], tuple[float, float, float]]:
+def _filling(fluid: Fluid) -> Callable[[float], tuple[float, float, float]]:
     """Return a fast function for the fluid in a chamber at a level ln((p - p_v) / (p_0 - p_v)).
 
     The function returns the absolute pressure p [Pa], the content psi [1], and the softness (p - p_v) / B_e, which is
@@ -54,8 +54,8 @@ def filling(fluid: Fluid) -> Callable[[float], tuple[float, float, float]]:
     return at
 
 
-def softening(fluid: Fluid, level: float) -> float:
-    """Return the derivative d ln(softness) / d level [1] of the softness in `filling`."""
+def _softening(fluid: Fluid, level: float) -> float:
+    """Return the derivative d ln(softness) / d level [1] of the softness in `_filling`."""
     excess = fluid.span * math.exp(level)
     n, oil = fluid.gas_exponent, 1.0 / fluid.bulk_modulus
     liquid = (1.0 - fluid.gas_fraction) * math.exp((fluid.span - excess) * oil)
@@ -90,7 +90,7 @@ class Plant:
     def rates(self, motion: Motion) -> Callable[[Array, float], tuple[float, float, float]]:
         """Return the state derivatives as a function of (states (3,), time); `motion` returns position and velocity."""
         forth, back, into, out_of = *self.main, *self.head
-        at, flow, gas = filling(self.fluid), passage_flow, self.gas
+        at, flow, gas = _filling(self.fluid), passage_flow, self.gas
         charge, exponent, per_volume = gas.charge, -gas.exponent, 1.0 / gas.volume
         area_c, area_r = self.cylinder.compression_area, self.cylinder.rebound_area
         length_c, length_r = self.cylinder.compression_length, self.cylinder.rebound_length
@@ -114,7 +114,7 @@ class Plant:
 
     def jacobian(self, motion: Motion) -> Callable[[Array, float], tuple[tuple[float, ...], ...]]:
         """Return the Jacobian of the state derivatives, one row each, as a function of (states (3,), time)."""
-        at, gas, rates = filling(self.fluid), self.gas, self.rates(motion)
+        at, gas, rates = _filling(self.fluid), self.gas, self.rates(motion)
         vapour = self.fluid.vapour_pressure
         area_c, area_r = self.cylinder.compression_area, self.cylinder.rebound_area
         length_c, length_r = self.cylinder.compression_length, self.cylinder.rebound_length
@@ -137,11 +137,11 @@ class Plant:
             own_r = -flow_r * content_r * softness_r - ease * excess_r
             return (
                 (
-                    own_c / stiff_c - rate_c * softening(self.fluid, level_c),
+                    own_c / stiff_c - rate_c * _softening(self.fluid, level_c),
                     ease * excess_r / stiff_c,
                     ease_out * gas_slope / stiff_c,
                 ),
-                (ease * excess_c / stiff_r, own_r / stiff_r - rate_r * softening(self.fluid, level_r), 0.0),
+                (ease * excess_c / stiff_r, own_r / stiff_r - rate_r * _softening(self.fluid, level_r), 0.0),
                 (-ease_out * excess_c / gas.volume, 0.0, ease_out * gas_slope / gas.volume),
             )
 

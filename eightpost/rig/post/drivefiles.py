@@ -154,7 +154,7 @@ def random_drive(
     unknown = [name for name in active if name not in car.inputs]
     if unknown:
         raise ParameterError(f"there is no input {', '.join(unknown)}; the {car.name} has {', '.join(car.inputs)}")
-    check_duration(duration)
+    _check_duration(duration)
     generator, count, commands = np.random.default_rng(seed), round(duration * RATE) + 1, {}
     for name in car.inputs:
         is_road = name in car.named("road")
@@ -172,7 +172,7 @@ def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEA
         duration: Duration [s]; default 120. The signal repeats every 10 s.
         peak: Peak amplitude [m]; default that of the 8-post rig, because 4.5.1 does not state it.
     """
-    check_duration(duration)
+    _check_duration(duration)
     frequencies = np.arange(1, 201) / 10.0
     amplitudes = np.interp(frequencies, *np.array(TABLE_4_3).T)
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, frequencies.size)
@@ -201,7 +201,7 @@ def sine_drive(
         mode: Mode: heave, pitch, roll or warp.
         duration: Duration [s].
     """
-    check_duration(duration)
+    _check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
     wave = amplitude * np.minimum(time, 1.0) * np.sin(2.0 * np.pi * frequency * time)
     return _drivefile(car, time.size, _in_mode(car, mode, wave))
@@ -213,7 +213,7 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
     The edges take 20 ms (two moving averages of 10 ms), because actuators cannot jump. Section 4.5.1 has 1 in, a period
     of 20 s and a duration of 60 s.
     """
-    check_duration(duration)
+    _check_duration(duration)
     time = np.arange(round(duration * RATE) + 1) / RATE
     wave = np.where((time / period) % 1.0 < 0.5, 0.0, height) - 0.5 * height
     for _ in range(2):
@@ -258,7 +258,7 @@ def static_drive(
     return _drivefile(car, time.size, {name: sign * force for name, sign in signs.items()}, rest=False)
 
 
-def check_duration(duration: float) -> None:
+def _check_duration(duration: float) -> None:
     """Refuse a duration [s] that is not above 0."""
     if not (np.isfinite(duration) and duration > 0.0):
         raise ParameterError(f"the duration must be above 0, not {duration:g} s")
@@ -276,12 +276,12 @@ def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: boo
     zero, channels = np.zeros(count), {}
     units = (*("m",) * len(car.corners), *car.load_units)
     for name, unit in zip(car.inputs, units, strict=True):
-        mean = mean_load(car, name) if rest else 0.0
+        mean = _mean_load(car, name) if rest else 0.0
         channels[name] = (unit, mean + commands.get(name, zero))
     return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
 
 
-def mean_load(car: Car, name: str) -> float:
+def _mean_load(car: Car, name: str) -> float:
     """Return the mean of an input, which is the downforce for aeroloaders and 0 otherwise."""
     if car.loads != car.named("aero") or name not in car.loads:
         return 0.0
@@ -345,13 +345,13 @@ def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LA
     """
     if car.geometry is None:
         raise ParameterError("a track lap needs a car with four wheels")
-    check_duration(duration)
+    _check_duration(duration)
     lap = track_drivefile(seed, duration=duration, rate=RATE, track=_LAP).series
     roads = np.stack([lap[name] for name in car.named("road")])
     roads *= road / np.sqrt(np.mean(roads**2))
     channels = {name: ("m", row) for name, row in zip(car.named("road"), roads, strict=True)}
     if car.loads == car.named("aero"):
-        means = [mean_load(car, name) for name in car.loads]
+        means = [_mean_load(car, name) for name in car.loads]
         for name, mean, force in zip(car.loads, means, _aeroloaders(lap, car.geometry), strict=True):
             channels[name] = ("N", mean + force)
     else:

@@ -218,7 +218,7 @@ def bump_test(car: Car, *, duration: float | None = None) -> Drivefile:
     return bump_drive(car, duration=duration or 50.0)
 
 
-def single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
+def _single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
     """Return `single_<input>` for each input alone, 100 s each (6.1.3), each with another draw."""
     return tuple(
         PlannedTest(
@@ -230,7 +230,7 @@ def single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
     )
 
 
-def sine_program(car: Car) -> tuple[PlannedTest, ...]:
+def _sine_program(car: Car) -> tuple[PlannedTest, ...]:
     """Return `sine_<mode>_<frequency>hz` of Table 6.2 in heave, pitch and roll, or of Table 4.4 for a quarter car."""
     tables = {"heave": HEAVE_SINES, "pitch": TILT_SINES, "roll": TILT_SINES}
     if len(car.corners) == 1:
@@ -246,12 +246,12 @@ def sine_program(car: Car) -> tuple[PlannedTest, ...]:
     )
 
 
-def bump_program(car: Car) -> tuple[PlannedTest, ...]:
+def _bump_program(car: Car) -> tuple[PlannedTest, ...]:
     """Return the test `bump`."""
     return (PlannedTest("bump", "bump", partial(bump_test, car)),)
 
 
-def static_program(car: Car) -> tuple[PlannedTest, ...]:
+def _static_program(car: Car) -> tuple[PlannedTest, ...]:
     """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3); none for a car without aeroloaders."""
     if car.loads != car.named("aero"):
         return ()
@@ -262,7 +262,7 @@ def static_program(car: Car) -> tuple[PlannedTest, ...]:
     )
 
 
-def track_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
+def _track_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
     """Return `track_baseline` and `track_alternate_<corner>` (6.1.5); none for a quarter car."""
     if car.geometry is None:
         return ()
@@ -295,11 +295,11 @@ def program(
     programs: dict[str, Callable[[], tuple[PlannedTest, ...]]] = {
         "identification": partial(identification_program, car, seed, duration=duration, draws=draws),
         # Other seeds than the identification, because validation records must differ from those of the fit.
-        "single": partial(single_program, car, seed + 100),
-        "sine": partial(sine_program, car),
-        "bump": partial(bump_program, car),
-        "static": partial(static_program, car),
-        "track": partial(track_program, car, seed + 200),
+        "single": partial(_single_program, car, seed + 100),
+        "sine": partial(_sine_program, car),
+        "bump": partial(_bump_program, car),
+        "static": partial(_static_program, car),
+        "track": partial(_track_program, car, seed + 200),
     }
     selected = programs if name == "all" else {name: programs[name]}
     tests = tuple(test for tests in selected.values() for test in tests())

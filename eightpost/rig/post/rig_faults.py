@@ -57,7 +57,7 @@ class SwappedCornersError(DataError):
     """A channel belongs to another corner."""
 
 
-def check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
+def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
     """Check the relations between channels of the same corner and of different corners.
 
     Args:
@@ -296,7 +296,7 @@ def check_rig_record(series: TimeSeries, corners: tuple[str, ...], *, origin: Or
     checks.check_dead_channels()
     checks.check_held_channels()
     checks.check_clipped_loads()
-    check_corners_and_signs(series, corners, origin=origin)
+    _check_corners_and_signs(series, corners, origin=origin)
 
 
 class _ChannelChecks:

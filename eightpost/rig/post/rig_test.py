@@ -127,7 +127,7 @@ class RigTest:
     @property
     def corners(self) -> tuple[str, ...]:
         """Names of the corners: one empty name for a quarter car, otherwise lf, rf, lr, rr."""
-        return corners_of(self.series)
+        return _corners_of(self.series)
 
     def write(self, path: str | Path) -> None:
         """Write a .parquet file (single precision, SI), or a .csv (SI, units in the header).
@@ -144,7 +144,7 @@ class RigTest:
             raise FileFormatError("a rig test must be written as .parquet or .csv", path=path)
 
 
-def corners_of(series: TimeSeries) -> tuple[str, ...]:
+def _corners_of(series: TimeSeries) -> tuple[str, ...]:
     """Return the corners of a rig record."""
     return ("",) if "road" in series else CORNERS
 
@@ -186,7 +186,7 @@ def read_rig_test(
     record = read_record(path)
     mapping = rig_map(record, channel_map).flipped(flip)
     series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
-    corners = corners_of(series)
+    corners = _corners_of(series)
     _check_channels(series, corners, path)
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # ---- Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores ------------
 
 
-def compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
+def _compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
     """Return the records (N, 3 D + 3 C) of each run, like `reference_march`, using all cores in parallel."""
     own = {id(shock): shock for corners in shocks for shock in corners}
     places = {key: k for k, key in enumerate(own)}
@@ -56,14 +56,14 @@ def compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) 
         inputs = Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
         failed = march(numbers, which, bank, inputs, records)
         if failed >= -drives.lead:
-            raise StepError(divergence_message(car, failed))
+            raise StepError(_divergence_message(car, failed))
         return records
 
     with ThreadPoolExecutor(usable_processors()) as pool:
         return list(pool.map(run_records, range(len(shocks))))
 
 
-def divergence_message(car: Car, sample: int) -> str:
+def _divergence_message(car: Car, sample: int) -> str:
     """Return the message for a motion that is no longer finite at a sample."""
     return f"the motion of the {car.name} diverged near {sample / RATE:.2f} s; check its shocks and its drive"
 
@@ -266,7 +266,7 @@ def simulate(
     inputs = {id(run.drive): _inputs(car, run.drive) for run in runs}
     drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE), steps)
     shocks = [run.shocks for run in runs]
-    march = compiled_march if engine == "compiled" else reference_march
+    march = _compiled_march if engine == "compiled" else reference_march
     with np.errstate(over="ignore", invalid="ignore"):
         records = march(car, shocks, drives)
     return [_motion(car, run, inputs[id(run.drive)], rows) for run, rows in zip(runs, records, strict=True)]
@@ -314,7 +314,7 @@ def _inputs(car: Car, drive: TimeSeries) -> Array:
 def _motion(car: Car, run: Run, inputs: Array, records: Array) -> Motion:
     """Return a run's motion from its records (N, 3 D + 3 C)."""
     if not np.isfinite(records[:, 0]).all():
-        raise StepError(divergence_message(car, int(np.argmin(np.isfinite(records[:, 0])))))
+        raise StepError(_divergence_message(car, int(np.argmin(np.isfinite(records[:, 0])))))
     dofs, corners = car.mass.size, len(car.corners)
     bounds = np.cumsum([dofs, dofs, dofs, corners, corners])
     parts = np.split(records.T, bounds)

@@ -36,7 +36,7 @@ Channels = tuple[Channel, ...]
 _FREQUENCIES, _REGULAR = 100, 1e-12
 
 
-def bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
+def _bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
     """Return the model with velocities that have no response to constant inputs.
 
     Args:
@@ -114,7 +114,7 @@ class OrderStudy:
         return self.orders[int(np.argmin(length))]
 
 
-def study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
+def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
     """Compare the models of several orders that one subspace gives.
 
     Args:
@@ -142,7 +142,7 @@ def start(points: Points, subspace: Subspace, order: int, through: Feedthrough) 
     return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
 
 
-def description_length(solution: Solution, points: Points) -> float:
+def _description_length(solution: Solution, points: Points) -> float:
     """Return the description length of a model as defined in `OrderStudy.suggested`."""
     N = 2.0 * float(points.known.sum())
     p, m = solution.through.direct.shape
@@ -204,7 +204,7 @@ class CommonPoleFit:
         direct = direct_terms(joined.output_names, joined.input_names)
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
-        study = study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
+        study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
         found, mirrored = start(points, subspace, self.order or study.suggested, plain)
         refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
         return _model(response, joined, points, refined, Start(study, mirrored, found.cost))
@@ -218,7 +218,7 @@ class CommonPoleFit:
         if not self.lags or excess < _EXPLAINED or not lagged.any():
             return refined
         other = self.refinement.refine(points, refined.solution.blocks, plain.with_lags(lagged))
-        return min(refined, other, key=lambda tried: description_length(tried.solution, points))
+        return min(refined, other, key=lambda tried: _description_length(tried.solution, points))
 
     def _orders(self) -> tuple[int, ...]:
         return tuple(range(2, self.max_states + 1, 2))
@@ -310,7 +310,7 @@ def state_space(
         "common_poles",
     )
     weight = points.weight.mean(axis=1) / y[:, None]
-    return with_integrals(bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
+    return with_integrals(_bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
 
 
 def _model(

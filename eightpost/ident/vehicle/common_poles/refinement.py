@@ -210,7 +210,7 @@ def evaluate(points: Points, blocks: Blocks, through: Feedthrough) -> Solution:
     return Solution(blocks, rows, through, float(sum(np.sum(np.abs(row.misfit) ** 2) for row in rows)))
 
 
-class Curvature(NamedTuple):
+class _Curvature(NamedTuple):
     """Gradient (t,) and Gauss-Newton matrix (t, t) of half the cost over (log w, log zeta, B)."""
 
     gradient: Array
@@ -225,7 +225,7 @@ class Curvature(NamedTuple):
         return np.asarray(np.linalg.solve(scaled, -self.gradient / size) / size)
 
 
-def curvature(points: Points, solution: Solution) -> Curvature:
+def curvature(points: Points, solution: Solution) -> _Curvature:
     """Return gradient and curvature at a solution, summed over the outputs."""
     blocks = solution.blocks
     resolvent, by_pole = blocks.resolvent(points.s), _pole_slopes(blocks, points.s)
@@ -236,7 +236,7 @@ def curvature(points: Points, solution: Solution) -> Curvature:
         poles = np.einsum("na,qnajk->qnjk", c, by_pole).reshape(2 * len(c), *row.misfit.shape)
         inputs = np.einsum("na,nabk->nbk", c, resolvent).reshape(2 * len(c), -1)
         _add_row(gradient, matrix, _Slopes(poles, inputs, points.weight[i]), row)
-    return Curvature(gradient, matrix)
+    return _Curvature(gradient, matrix)
 
 
 class _Slopes(NamedTuple):

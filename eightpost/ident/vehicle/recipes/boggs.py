@@ -149,7 +149,7 @@ def chapter_of(experiment: Experiment) -> Chapter:
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
 
 
-def unconditioned(chapter: Chapter) -> Chapter:
+def _unconditioned(chapter: Chapter) -> Chapter:
     """Return the settings without preconditioning of the responses."""
     return replace(chapter, preconditioning=None)
 
