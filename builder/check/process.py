@@ -57,7 +57,7 @@ class Unpacked:
     reach: int | None = None
 
 
-def _run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, probe: str = "") -> Outcome:
+def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, probe: str = "") -> Outcome:
     """Run the probe of a group on an unpacked FMU; `probe` is another one to run in its place.
 
     The process is not a sandbox: it only protects this process from a crash.
@@ -130,7 +130,7 @@ def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
     """Run a probe in an empty working folder; any file left there by a completed probe is a finding."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
-        outcome = _run_probe(group, unpacked, Surroundings(folder))
+        outcome = run_probe(group, unpacked, Surroundings(folder))
         left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
     if not left or not outcome.completed:  # after a crash, the system may write files such as core
         return outcome
@@ -139,7 +139,7 @@ def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
 
 def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
     """Run the probe that computes a digest of the outputs, in a working folder."""
-    return _run_probe("surroundings", unpacked, Surroundings(folder, environment), probe="simulation.probe_trace")
+    return run_probe("surroundings", unpacked, Surroundings(folder, environment), probe="simulation.probe_trace")
 
 
 def surroundings(unpacked: Unpacked) -> Outcome:

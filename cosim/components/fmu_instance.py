@@ -240,7 +240,7 @@ class FmuInstance:
         self._check_not_held()
         place = Path.cwd()
         try:
-            self.slave = slave = _FMU2Lenient(
+            self.slave = slave = FMU2Lenient(
                 guid=self.fmu.description.guid,
                 unzipDirectory=str(self.fmu.folder),
                 modelIdentifier=self.fmu.identifier,
@@ -271,7 +271,7 @@ class FmuInstance:
             )
 
 
-class _FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
+class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
     """Slave of fmpy for libraries that lack functions: many lack the functions that they do not support."""
 
     def _loadFunctions(self) -> None:  # noqa: N802

@@ -46,7 +46,7 @@ Values = list[float]
 
 
 @dataclass(frozen=True)
-class _Timing:
+class Timing:
     """Communication points of a run: start [s], step [s], number of steps, steps of the whole default experiment."""
 
     start: float
@@ -237,7 +237,7 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
     return worst
 
 
-def _timing(description: Description) -> _Timing:
+def _timing(description: Description) -> Timing:
     given = {}
     for name, text in (description.experiment or {}).items():
         try:
@@ -248,4 +248,4 @@ def _timing(description: Description) -> _Timing:
     duration = given.get("stopTime", start) - start
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
-    return _Timing(start, size, min(_STEPS, whole), whole)
+    return Timing(start, size, min(_STEPS, whole), whole)

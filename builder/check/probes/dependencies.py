@@ -164,7 +164,7 @@ _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
 _SWEEP, _MOST, _DECADES = 400, 20_000, 4
 
 
-def _probe_initial_dependencies(bench: Bench) -> Results:
+def probe_initial_dependencies(bench: Bench) -> Results:
     """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
     declared = declared_pairs(bench.description, "InitialUnknowns")
     unknowns = [v for v in _unknowns(bench) if v.name in declared]
@@ -274,7 +274,7 @@ _SHARE = 0.05
 _POINTS = ((1.0, False), (1.0, True), (3.0, True), (10.0, True), (10.0, True))
 
 
-def _probe_dependencies(bench: Bench) -> Results:
+def probe_dependencies(bench: Bench) -> Results:
     """Perturb each input over two tiny steps."""
     declared = declared_pairs(bench.description, "Outputs")
     if reason := _reason_to_skip(bench, declared):

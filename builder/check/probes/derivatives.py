@@ -19,7 +19,7 @@ _TINY = 1e-6  # s
 _SMOOTH, _WRONG, _NOTHING = 1e-4, 1e-3, 1e-8
 
 
-def _probe_derivatives(bench: Bench) -> Results:
+def probe_derivatives(bench: Bench) -> Results:
     """Check the derivatives that the flags declare."""
     if bench.description.can("providesDirectionalDerivative"):
         yield from _in_initialization(bench)

@@ -38,7 +38,7 @@ _MANY, _CYCLES, _WARM_CYCLES = 50, 300, 30
 _INSTANCE_GROWTH = 1.5e6  # bytes: 5 kB per instance, more than an allocator retains
 
 
-def _probe_instances(bench: Bench) -> Results:
+def probe_instances(bench: Bench) -> Results:
     """Compare the outputs of several instances with those of one alone, and measure memory growth."""
     if bench.description.can("canBeInstantiatedOnlyOncePerProcess"):
         yield Skip("canBeInstantiatedOnlyOncePerProcess is true")
@@ -121,7 +121,7 @@ _STRIDE = 10  # steps
 _RESET_PATIENCE, _PROCESSOR_PATIENCE = 40.0, 15.0  # s
 
 
-def _probe_reset(bench: Bench) -> Results:
+def probe_reset(bench: Bench) -> Results:
     """Run, disturb, reset, run again: from the middle, from initialization mode, after the end."""
     with bench.instance() as instance:
         first = _run(bench, instance)
@@ -238,7 +238,7 @@ _STEP_PATIENCE = 5.0  # s
 _STEP_GROWTH = 3e5  # bytes in each of two blocks: 50 bytes per step, more than an allocator retains
 
 
-def _probe_footprint(bench: Bench) -> Results:
+def probe_footprint(bench: Bench) -> Results:
     """Compare the process before and after a run, and over many steps."""
     os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
     before = locale.setlocale(locale.LC_ALL)

@@ -29,7 +29,7 @@ class _Misuse:
     call: Callable[[Instance], int]
 
 
-def _probe_state_machine(bench: Bench) -> Results:
+def probe_state_machine(bench: Bench) -> Results:
     """Try every invalid call, then valid ones; a step of NaN comes last, because some FMUs never return from it."""
     yield from _refusals(bench, list(_misuses(bench)))
     yield from _guid(bench)
@@ -164,7 +164,7 @@ def _tunable(bench: Bench) -> Iterator[Finding]:
 _BUFFERS: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
 
 
-def _probe_values(bench: Bench) -> Results:
+def probe_values(bench: Bench) -> Results:
     """Try unknown references, then invalid values."""
     yield from _unknown_references(bench)
     yield from _bad_values(bench)
@@ -251,7 +251,7 @@ def _continues(bench: Bench, instance: Instance) -> bool:
 # ---- NULL arguments -------------------------------------------------------------------------------------------------
 
 
-def _probe_null(bench: Bench) -> Results:
+def probe_null(bench: Bench) -> Results:
     """Call fmi2FreeInstance(NULL), which the standard allows; then pass NULL for each array in turn."""
     bench.library.begin(FREEING_NOTHING)
     bench.library._function("FreeInstance")(None)

@@ -26,7 +26,7 @@ class _Port:
     displacement: Variable | None
 
 
-def _probe_ports(bench: Bench) -> Results:
+def probe_ports(bench: Bench) -> Results:
     """Find the ports and excite them."""
     shocks = list(_ports(bench, "input", "output"))
     vehicles = list(_ports(bench, "output", "input"))

@@ -18,7 +18,7 @@ _TOLERANCE = 1e-3
 Columns = Mapping[str, list[float]]
 
 
-def _probe_reference(bench: Bench) -> Results:
+def probe_reference(bench: Bench) -> Results:
     """Compute every reference result again and compare."""
     found = sorted(bench.folder.glob("extra/**/*_ref.csv"))
     if not found:

@@ -34,7 +34,7 @@ from builder.check.rules import Finding, listed
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 
-def _probe_simulation(bench: Bench) -> Results:
+def probe_simulation(bench: Bench) -> Results:
     """Simulate and check start values, outputs, repeatability and log messages."""
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
@@ -205,7 +205,7 @@ _ELSEWHERE = 12.5  # s: another start time, at which an internal input of the FM
 _TIMES, _ROUNDING = 30.0, 1e-9
 
 
-def _probe_first_outputs(bench: Bench) -> Results:
+def probe_first_outputs(bench: Bench) -> Results:
     """Compare the outputs at the start values and with other inputs.
 
     A jump at the start time only is not a defect: it may come from an internal input of the FMU.
@@ -274,7 +274,7 @@ _STEPS, _H = 5, 1e-6  # s: Euler's method must stay stable for a stiff model
 _MOST_ITERATIONS = 100
 
 
-def _probe_model_exchange(bench: Bench) -> Results:
+def probe_model_exchange(bench: Bench) -> Results:
     """Do a few tiny steps of Euler's method."""
     declared = bench.description.model_exchange
     if declared is None:

@@ -19,7 +19,7 @@ _TOLERANCE = 1e-9
 _TIMEOUT = 60.0
 
 
-def _probe_state(bench: Bench) -> Results:
+def probe_state(bench: Bench) -> Results:
     """Save a state in the middle of a run, continue, restore the state, continue again."""
     if not bench.description.can("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate is not true")
@@ -136,7 +136,7 @@ def _compare(rule: Rule, where: str, first: list[Values], again: list[Values]) -
 _PLACES = 12
 
 
-def _probe_corrupt_state(bench: Bench) -> Results:
+def probe_corrupt_state(bench: Bench) -> Results:
     """Damage bytes at several places of a serialized state."""
     if not (bench.description.can("canGetAndSetFMUstate") and bench.description.can("canSerializeFMUstate")):
         yield Skip("canSerializeFMUstate is not true")

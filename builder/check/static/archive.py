@@ -23,7 +23,7 @@ _TOP = {XML, "model.png", "binaries", "sources", "documentation", "resources", "
 _DECLARATION = re.compile(rb"""\A\s*<\?xml[^>]*encoding\s*=\s*["']([^"']+)["']""")
 
 
-def _at_top(subject: Subject) -> Iterator[Finding]:
+def at_top(subject: Subject) -> Iterator[Finding]:
     """Check that modelDescription.xml is at the top of the archive."""
     if XML not in subject.members:
         found = next(name for name in subject.members if PurePosixPath(name.replace("\\", "/")).name == XML)
@@ -37,7 +37,7 @@ def paths(subject: Subject) -> Iterator[Finding]:
             yield rules.PATHS.finding(f"the entry {entry.orig_filename!r} {reason}")
 
 
-def _duplicates(subject: Subject) -> Iterator[Finding]:
+def duplicates(subject: Subject) -> Iterator[Finding]:
     """Check that entries are unique, also if upper and lower case are ignored."""
     counts = Counter(entry.filename for entry in subject.entries)
     for name, count in counts.items():
@@ -71,7 +71,7 @@ def stray(subject: Subject) -> Iterator[Finding]:
         yield rules.STRAY.finding(f"unknown: {listed(foreign)}")
 
 
-def _well_formed(subject: Subject) -> Iterator[Finding]:
+def well_formed(subject: Subject) -> Iterator[Finding]:
     """Check that the XML can be parsed."""
     if subject.xml_error:
         yield rules.WELL_FORMED.finding(f"{subject.xml_error}; its content could not be checked")
@@ -85,7 +85,7 @@ def encoding(subject: Subject) -> Iterator[Finding]:
         yield rules.ENCODING.finding(f"it declares {declared[1].decode('latin-1')}")
 
 
-ENTRY_RULES = (_at_top, paths, _duplicates, compression, dates, stray, _well_formed, encoding)
+ENTRY_RULES = (at_top, paths, duplicates, compression, dates, stray, well_formed, encoding)
 
 
 # ---- Documents, sources, reference results --------------------------------------------------------------------------
@@ -151,14 +151,14 @@ def reference(subject: Subject) -> Iterator[Finding]:
         yield rules.REFERENCE_GIVEN.finding("there is no extra/.../*_ref.csv")
 
 
-def _file_name(subject: Subject) -> Iterator[Finding]:
+def file_name(subject: Subject) -> Iterator[Finding]:
     """Check that the file is named after the modelIdentifier."""
     identifier = subject.description.identifier if subject.description else ""
     if identifier and subject.path.stem != identifier:
         yield rules.FILE_NAME.finding(f"the file is {subject.path.name}, the modelIdentifier {identifier}")
 
 
-CONTENT_RULES = (sources, documents, icon, reference, _file_name)
+CONTENT_RULES = (sources, documents, icon, reference, file_name)
 
 
 # ---- Terminals ------------------------------------------------------------------------------------------------------

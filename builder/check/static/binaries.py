@@ -47,7 +47,7 @@ def required(description: Description) -> frozenset[str]:
     return _full_names(" ".join([_COMMON, *words]))
 
 
-def _required_by_model_exchange() -> frozenset[str]:
+def required_by_model_exchange() -> frozenset[str]:
     """Return the functions that the binary of an FMU with ModelExchange must export."""
     return _full_names(f"{_COMMON} {_MODEL_EXCHANGE}") - {"fmi2DoStep"}
 
@@ -125,7 +125,7 @@ def exports(subject: Subject) -> Iterator[Finding]:
             yield rules.OTHER_EXPORTS.finding(f"{binary.name} exports {len(other)} more: {listed(other, most=4)}")
 
 
-def _model_exchange_exports(subject: Subject) -> Iterator[Finding]:
+def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
     """Check that the functions that the element ModelExchange requires are exported."""
     description = subject.description
     if description is None or description.model_exchange is None:
@@ -135,7 +135,7 @@ def _model_exchange_exports(subject: Subject) -> Iterator[Finding]:
         if binary.fault or PurePosixPath(binary.name).stem != identifier:
             continue
         found = frozenset(name.removeprefix(f"{identifier}_") for name in binary.exports)
-        if missing := sorted(_required_by_model_exchange() - found):
+        if missing := sorted(required_by_model_exchange() - found):
             yield rules.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}, which ModelExchange needs")
 
 
@@ -172,7 +172,7 @@ def _is_system_dylib(binary: Binary) -> Callable[[str], bool]:
     return lambda library: library.startswith("/usr/lib/libSystem") or PurePosixPath(library).name == own
 
 
-def _runtimes(subject: Subject) -> Iterator[Finding]:
+def runtimes(subject: Subject) -> Iterator[Finding]:
     """Check that no language runtime is needed without being declared."""
     for binary in _sound(subject):
         python = sorted(name for name in binary.undefined if name.startswith(("Py", "_Py")))
@@ -187,4 +187,4 @@ def _sound(subject: Subject) -> list[Binary]:
     return [binary for binary in subject.own_binaries if not binary.fault]
 
 
-RULES = (present, readable, platforms, exports, _model_exchange_exports, libraries, _runtimes)
+RULES = (present, readable, platforms, exports, model_exchange_exports, libraries, runtimes)

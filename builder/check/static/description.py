@@ -127,7 +127,7 @@ def outputs(description: Description) -> Iterator[Finding]:
         yield from _compare(rules.OUTPUTS, _named(description, "Outputs"), _distinct(expected))
 
 
-def _initial_unknowns(description: Description) -> Iterator[Finding]:
+def initial_unknowns(description: Description) -> Iterator[Finding]:
     """Check that InitialUnknowns lists all variables that initialization computes."""
     expected = [v for v in description.variables if _is_initial_unknown(v)] + list(_initial_states(description))
     yield from _compare(rules.INITIAL_UNKNOWNS, _named(description, "InitialUnknowns"), _distinct(expected))
@@ -231,7 +231,7 @@ def _name(description: Description, unknown: Unknown) -> str:
     return variable.name if variable else unknown.index
 
 
-STRUCTURE_RULES = (indices, outputs, _initial_unknowns, order, kinds, twice, derivatives, declared, knowns)
+STRUCTURE_RULES = (indices, outputs, initial_unknowns, order, kinds, twice, derivatives, declared, knowns)
 
 
 # ---- Capabilities ---------------------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ def serialize(description: Description) -> Iterator[Finding]:
         yield rules.SERIALIZE.finding("canSerializeFMUstate is true, canGetAndSetFMUstate is not")
 
 
-def _runs_alone(description: Description) -> Iterator[Finding]:
+def runs_alone(description: Description) -> Iterator[Finding]:
     """Check that no execution tool is needed."""
     if description.can("needsExecutionTool"):
         yield rules.RUNS_ALONE.finding("needsExecutionTool is true")
@@ -274,4 +274,4 @@ def offered(description: Description) -> Iterator[Finding]:
         yield rules.OFFERED.finding(f"not supported: {listed(missing)}")
 
 
-CAPABILITY_RULES = (serialize, _runs_alone, variable_step, many, offered)
+CAPABILITY_RULES = (serialize, runs_alone, variable_step, many, offered)

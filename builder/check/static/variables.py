@@ -71,7 +71,7 @@ def combinations(description: Description) -> Iterator[Finding]:
             yield rules.COMBINATION.finding(f"{v.name}: initial {v.initial} on a {v.variability} {v.causality}")
 
 
-def _initial_on_inputs(description: Description) -> Iterator[Finding]:
+def initial_on_inputs(description: Description) -> Iterator[Finding]:
     """Check that inputs and time have no `initial`."""
     wrong = [v.name for v in description.variables if v.causality in ("input", "independent") and v.initial]
     if wrong:
@@ -85,7 +85,7 @@ def continuous(description: Description) -> Iterator[Finding]:
         yield rules.CONTINUOUS.finding(f"continuous but not Real: {listed(wrong)}")
 
 
-def _start_presence(description: Description) -> Iterator[Finding]:
+def start_presence(description: Description) -> Iterator[Finding]:
     """Check that start values are present exactly if they are required or allowed."""
     missing, surplus = [], []
     for v in description.variables:
@@ -165,7 +165,7 @@ def descriptions(description: Description) -> Iterator[Finding]:
 
 
 VARIABLE_RULES = (
-    names, aliases, combinations, _initial_on_inputs, continuous, _start_presence, values, nominals, ranges,
+    names, aliases, combinations, initial_on_inputs, continuous, start_presence, values, nominals, ranges,
     declared_types, independent, descriptions,
 )  # fmt: skip
 
