@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -114,38 +114,18 @@ def fit(  # one parameter per option
     """
     from eightpost.ident import fit_shock, plot_force_velocity
     from eightpost.ident.shock.peak_velocity import tables_in
-    from eightpost.rig import DynoConditions, read_dyno_tests, split_runs
+    from eightpost.rig import DynoConditions
     from eightpost.shock import write_shock
 
     console = Console()
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
-    given = dict(units)
+    given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     if tables := tables_in(dyno_files, given):
-        if law != "polylinear" and ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT:
-            raise InputError(
-                f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "
-                "--law, or use --law polylinear"
-            )
+        _check_law_of_tables(ctx, law)
         ctx.exit(0 if _fit_tables(console, tables, output, name, build).is_acceptable else 1)
-    tests = [
-        test
-        for dyno_file in dyno_files
-        for test in read_dyno_tests(
-            dyno_file,
-            channel_map=channel_map,
-            units=given,
-            flip=flip,
-            conditions=DynoConditions(build, clicks, gas_pressure),
-            cutoff=cutoff,
-        )
-    ]
-    if split:
-        tests = [run for test in tests for run in split_runs(test)]
-    for test in tests:
-        show_test(console, test)
-    if len(tests) > 1:
-        console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
+    reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
+    tests = _read_tests(console, dyno_files, reading, split=split)
     shock_fit = fit_shock(
         tests,
         law,
@@ -165,6 +145,28 @@ def fit(  # one parameter per option
     plot_force_velocity(shock_fit, plot)
     console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
+
+
+def _check_law_of_tables(ctx: click.Context, law: str) -> None:
+    if law != "polylinear" and ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT:
+        raise InputError(
+            f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "
+            "--law, or use --law polylinear"
+        )
+
+
+def _read_tests(console: Console, files: Sequence[Path], reading: Mapping[str, Any], *, split: bool) -> list[DynoTest]:
+    """Return the records of all files and print their channels; `reading` are options of `read_dyno_tests`."""
+    from eightpost.rig import read_dyno_tests, split_runs
+
+    tests = [test for file in files for test in read_dyno_tests(file, **reading)]
+    if split:
+        tests = [run for test in tests for run in split_runs(test)]
+    for test in tests:
+        show_test(console, test)
+    if len(tests) > 1:
+        console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
+    return tests
 
 
 def _fit_tables(

@@ -96,6 +96,10 @@ def test_the_stated_error_is_the_last_difference_over_what_its_order_leaves(
 def test_local_errors_of_bonds_lower_the_order_and_never_raise_it() -> None:
     assert stated(seen(1.2, 0.3, local=1.0)) == pytest.approx(0.3)
     assert stated(seen(1.2, 0.3, local=3.0)) == pytest.approx(0.1)
+    # The local order is that of the last two runs.
+    both = [*seen(1.2, local=1.0), *seen(0.3, local=2.0)]
+    assert stated(both) == pytest.approx(0.1)
+    assert stated(both[::-1]) == pytest.approx(stated(seen(0.3, 1.2, local=1.0)))
     # Without two differences to compare, at most order 1.5 is believed.
     assert stated(seen(0.3, local=1.2)) == pytest.approx(0.3 / (2.0**1.2 - 1.0))
     assert stated(seen(0.3, local=3.0)) == pytest.approx(0.3 / (2.0**1.5 - 1.0))

@@ -20,7 +20,9 @@ from cosim import (
     System,
     run,
 )
+from cosim.engine import sweep
 from cosim.engine.implicit import _broyden, _invert
+from cosim.engine.plan import EXTRAPOLATED, HELD
 from cosim.engine.sweep import on_parabola, step_from
 from cosim.systems.algorithm import VALUES
 
@@ -180,6 +182,24 @@ def test_a_matrix_is_inverted_also_where_its_first_pivot_is_zero(size: int) -> N
     found = np.empty(size * size)
     _invert(a.ravel().copy(), size, found)
     np.testing.assert_allclose(found.reshape(size, size), np.linalg.inv(a), rtol=1e-9, atol=1e-12)
+
+
+def test_a_matrix_of_ones_and_twos_is_inverted() -> None:
+    found = np.empty(4)
+    _invert(np.array([1.0, 1.0, 1.0, 2.0]), 2, found)
+    assert found.tolist() == [2.0, -1.0, -1.0, 1.0]
+
+
+def test_a_share_of_a_step_is_counted_from_its_first_point() -> None:
+    drive = SimpleNamespace(times=np.array([0.0, 1.0, 1.25, 2.0]))
+    step = SimpleNamespace(first=1, last=3)
+    assert [sweep._share_at(drive, step, j) for j in (1, 2, 3)] == [0.0, 0.25, 1.0]
+
+
+def test_inputs_stand_still_if_they_are_held_and_nothing_drives_them() -> None:
+    plan = SimpleNamespace(parts=SimpleNamespace(driven=np.array([0, 2, 2, 5])))
+    assert [sweep._stands_still(plan, c, HELD) for c in (0, 1, 2)] == [False, True, False]
+    assert not sweep._stands_still(plan, 1, EXTRAPOLATED)
 
 
 def test_a_matrix_without_an_inverse_leaves_numbers() -> None:

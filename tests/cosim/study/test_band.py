@@ -70,7 +70,7 @@ def test_a_band_open_on_both_sides_is_the_record_itself():
 @pytest.mark.parametrize(("band", "fewest"), [((0.0, 10.0), 16), ((2.0, np.inf), 16), ((2.0, 10.0), 28)])
 def test_a_record_must_be_longer_than_its_padding(band, fewest):
     assert band_pass(np.ones(fewest), RATE, band, "m").shape == (fewest,)
-    with pytest.raises(InputError, match=f"measure 'm': {fewest - 1} samples are too few"):
+    with pytest.raises(InputError, match=f"measure 'm': {fewest - 1} samples are too few .* needs {fewest}$"):
         band_pass(np.ones(fewest - 1), RATE, band, "m")
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from cosim.study import Measure
 from cosim.study.families import FAMILIES, Car, family
+from cosim.study.measures import own_function
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries
@@ -207,3 +208,15 @@ def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
 def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
     with pytest.raises(InputError, match="has none of its channels"):
         family(name, Car("car", CORNERS, ()))
+
+
+@pytest.mark.parametrize("weights", [(1.0,), (1.0, 2.0, 3.0)])
+def test_each_channel_needs_its_weight(weights):
+    with pytest.raises(InputError, match="2 channels need 2 weights"):
+        Measure("m", ("x", "y"), weights=weights)
+
+
+@pytest.mark.parametrize("entry", ["measures.py", "measures.py:no name", "name"])
+def test_an_own_measure_needs_a_file_and_a_function(entry):
+    with pytest.raises(InputError, match=r"must be written as FILE\.py:FUNCTION"):
+        own_function(entry)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, run_to_run, spreads_of
+from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, robust_verdict, run_to_run, spreads_of
 from cosim.study.choice.robust_file import read_spreads, write_spreads
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
@@ -171,3 +171,10 @@ def test_a_spread_needs_two_draws_and_may_have_one_setup():
     assert spread([1.0], np.array([[1.0], [3.0]])).deviation == pytest.approx(np.sqrt(2.0))
     with pytest.raises(InputError, match="a spread cannot be computed from one draw"):
         spread([1.0, 2.0], np.ones((1, 2)))
+
+
+def test_the_verdict_says_whether_one_setup_leads_or_several_are_tied():
+    leading = spread([1.0, 2.0, 3.0], np.array([[1.0, 2.0, 3.0], [1.01, 2.01, 3.01]]))
+    tied = spread([1.0, 1.0, 3.0], np.array([[1.0, 1.1, 3.0], [1.1, 1.0, 3.1]]))
+    assert "one setup is better" in str(robust_verdict(leading, 9))
+    assert "the best setups are tied" in str(robust_verdict(tied, 9))
