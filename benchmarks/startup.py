@@ -42,7 +42,7 @@ HELP_LIMIT = 2.0
 class Times:
     """Processor times [s] of one command, per version.
 
-    Args:
+    Attributes:
         before: Times of the earlier version.
         now: Times of this version.
     """

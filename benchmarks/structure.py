@@ -26,7 +26,7 @@ _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 class Source:
     """A Python file.
 
-    Args:
+    Attributes:
         module: Dotted name of the module; of a package without `.__init__`.
         path: File.
         text: Content.

@@ -44,7 +44,7 @@ COMMON = (
 class Table(NamedTuple):
     """Properties of units, which are keys in pint's notation.
 
-    Args:
+    Attributes:
         exponents: Exponents of the SI base units; base units outside SI have pint's name.
         factors: Value of one unit in SI base units.
         conversions: Pair (factor, offset) for each pair of units with the same dimension.

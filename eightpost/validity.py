@@ -24,7 +24,7 @@ Kind = Literal["amplitude", "frequency", "condition"]
 class Range:
     """Range of one quantity that the records of a fit covered.
 
-    Args:
+    Attributes:
         variable: Name of the model's variable, or name of the condition.
         kind: "amplitude" of the variable about its mean, "frequency" range of the variable's power, or "condition" of
             the measurement that is not a variable of the model.
@@ -56,7 +56,7 @@ class Range:
 class Validity:
     """Verdict on a model and ranges in which it can be used.
 
-    Args:
+    Attributes:
         verdict: Verdict on the model itself, from its fit and its validation.
         ranges: Ranges covered by the records of the fit.
     """

@@ -37,7 +37,7 @@ ORDER: tuple[Grade, ...] = tuple(Grade)
 class Reason:
     """One reason of a verdict.
 
-    Args:
+    Attributes:
         rule: Name of the rule that gave the reason.
         about: Subject of the reason: coupling, energy, shock, vehicle and so on.
         grade: Grade of this reason alone.
@@ -70,7 +70,7 @@ class Reason:
 class Rule:
     """A rule that creates reasons of a verdict.
 
-    Args:
+    Attributes:
         name: Unique name of the rule.
         about: Subject of the reasons.
         grade: Grade of the reasons.
@@ -97,7 +97,7 @@ class Verdict:
 
     Reasons that differ only in their origins are merged into one reason with all these origins.
 
-    Args:
+    Attributes:
         reasons: Reasons in any order.
     """
 

@@ -34,7 +34,7 @@ class Diverged(RuntimeError):  # noqa: N818 -- an outcome of a run, not a fault 
 class Job:
     """One run.
 
-    Args:
+    Attributes:
         folder: Folder with car.fmu, shock.fmu, drive.fmu (the drive as an FMU without inputs) and drive.npz.
         scheme: One of the engine's schemes.
         rate: Coupling steps per second [Hz].
@@ -84,7 +84,7 @@ class Job:
 class Recording:
     """Recording of an engine, and its time.
 
-    Args:
+    Attributes:
         time: Times (K,) [s].
         values: Values (14, K) in the order of RECORDED, or the first eight of them.
         seconds: Measured processor time of `steps` coupling steps, without loading [s].

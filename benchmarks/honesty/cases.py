@@ -34,7 +34,7 @@ class HeldFmu(FmuComponent):
 class DrawnCar:
     """One vehicle with its shocks.
 
-    Args:
+    Attributes:
         name: Name of the component.
         model: Name of the vehicle in the bank (`cars.vehicle`).
         shocks: Shocks by port: "" for a quarter car, else a corner.
@@ -64,7 +64,7 @@ class DrawnCar:
 class Case:
     """System with its scenario and a description.
 
-    Args:
+    Attributes:
         seed: Seed that the case is drawn from.
         cars: Vehicles with their shocks.
         scenario: Duration, drive, recording.

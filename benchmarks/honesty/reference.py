@@ -28,7 +28,7 @@ _MOST_STEPS = 10_000_000
 class Answer:
     """Solution of a system at `time` (N,) [s].
 
-    Args:
+    Attributes:
         time: Time since the start of the run [s].
         values: Channels by time (C, N), SI.
         names: Names of the channels (C,), as in the product.

@@ -62,7 +62,7 @@ class Trial:
 class Finding:
     """Result of one scheme for a case, before the comparison.
 
-    Args:
+    Attributes:
         scheme: `default`, or an algorithm and a step.
         result: Result of the product; None if it raised an error.
         fine: The same run, recorded at (almost) every coupling step.

@@ -27,7 +27,7 @@ _FASTEST = 5e4
 class DrawnShock:
     """Randomly drawn shock.
 
-    Args:
+    Attributes:
         law: Name of the law.
         curve: Static curve.
         port: Motion ratio, scales, gas spring, seal drag.

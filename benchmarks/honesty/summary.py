@@ -23,7 +23,7 @@ _UNSTATED = 1e299
 class Pair:
     """Stated and true error [%].
 
-    Args:
+    Attributes:
         stated: Stated error; None if no error is stated.
         true: Error against the reference.
         reference: Own error of the reference.

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 class Area:
     """Sources and their tests.
 
-    Args:
+    Attributes:
         name: Name of the area.
         sources: Glob patterns of the sources to change, relative to the root of the checkout.
         tests: Arguments of pytest; the tests that are most likely to fail come first.
@@ -46,7 +46,7 @@ class Area:
 class Equivalent:
     """A change that does not affect any result, so that no test can detect it.
 
-    Args:
+    Attributes:
         file: Path relative to the root of the checkout.
         line: Original line without leading and trailing spaces.
         mutant: Changed line.

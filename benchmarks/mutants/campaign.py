@@ -26,7 +26,7 @@ _BASELINE_LIMIT = 600.0
 class Campaign:
     """A mutation campaign and the folder of its records.
 
-    Args:
+    Attributes:
         areas: Areas to sample.
         equivalents: Mutants that no test can detect; they are counted but not tried.
         folder: Folder of the records and of compiled FMUs.

@@ -19,7 +19,7 @@ from benchmarks.mutants.site import Site
 class Mutant:
     """A source with one change.
 
-    Args:
+    Attributes:
         area: Name of the area.
         file: Path relative to the root of the checkout.
         line: Line number of the change, from 1.

@@ -16,7 +16,7 @@ from benchmarks.mutants.trial import Outcome
 class Record:
     """A mutant that was tried.
 
-    Args:
+    Attributes:
         key: Key of the mutant.
         area: Name of the area.
         file: Path relative to the root of the checkout.

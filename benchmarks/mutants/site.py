@@ -12,7 +12,7 @@ Change = Callable[[str], str | None]
 class Site(NamedTuple):
     """A place and the changes that can be made there, one at a time.
 
-    Args:
+    Attributes:
         line: Line number, from 1.
         column: Column number, from 0.
         changes: Changes, each of which gives a mutant.

@@ -40,7 +40,7 @@ class Outcome(StrEnum):
 class Trial:
     """The result of the tests of an area.
 
-    Args:
+    Attributes:
         outcome: Result for the mutant.
         seconds: Duration [s].
         output: Text that pytest printed.
@@ -55,7 +55,7 @@ class Trial:
 class Tree:
     """A copy of the checkout, for one trial at a time.
 
-    Args:
+    Attributes:
         folder: Folder of the copy.
         cache: Folder of compiled FMUs; its keys are digests of the sources, so that trials can share it.
     """

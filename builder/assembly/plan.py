@@ -20,7 +20,7 @@ _RUN = "run it as separate FMUs (eightpost run)"
 class Assembly:
     """One FMU to build from a vehicle and its shocks.
 
-    Args:
+    Attributes:
         identifier: C name of the FMU.
         text: One-line description.
         parts: Vehicle and shocks; the vehicle is moved to the front.

@@ -292,7 +292,7 @@ typedef int not_here;
 class Library:
     """One shared library to compile.
 
-    Args:
+    Attributes:
         identifier: Name of the library.
         sources: C files and headers by name (one flat folder).
         is_one_unit: Whether its C files can be compiled as one translation unit, which requires that no two of them

@@ -14,7 +14,7 @@ DISCRETE = ("Integer", "Boolean", "Enumeration")
 class UnitDefinition:
     """Unit as defined by the component: `SI value = factor * value + offset` in the given base units.
 
-    Args:
+    Attributes:
         name: Name in the component's description.
         exponents: Exponents of kg, m, s, A, K, mol, cd, rad; zeros omitted.
         factor: Factor to the SI base units.
@@ -31,7 +31,7 @@ class UnitDefinition:
 class Variable:
     """One variable of a component.
 
-    Args:
+    Attributes:
         name: Name of the variable.
         causality: input, output, parameter, local ...
         variability: continuous, tunable, fixed ...

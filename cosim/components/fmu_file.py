@@ -34,7 +34,7 @@ _LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "St
 class FmuFile:
     """An FMI 2.0 co-simulation FMU in a folder.
 
-    Args:
+    Attributes:
         path: FMU file (.fmu).
         folder: Folder in which it is unpacked.
         description: Contents of modelDescription.xml as fmpy reads it.

@@ -34,7 +34,7 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
 class TypedBuffer:
     """Values of one type, with the references of their variables.
 
-    Args:
+    Attributes:
         kind: Real, Integer or Boolean, as in fmi2GetReal.
         places: Positions of the values among all requested values.
         references: Value references (C array).
@@ -99,7 +99,7 @@ class State:
 class FmuInstance:
     """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder.
 
-    Args:
+    Attributes:
         fmu: Unpacked FMU.
         name: Name of the component.
         log: Log for the FMU's messages.

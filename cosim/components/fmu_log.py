@@ -166,7 +166,7 @@ _INPUTS_SHOWN = 12
 class Place:
     """State of a component when it failed.
 
-    Args:
+    Attributes:
         name: Name of the component.
         source: Name of its file.
         time: Time at which its last call began [s].

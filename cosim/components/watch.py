@@ -39,7 +39,7 @@ _CONTROL: dict[tuple[str, str], _Words] = {
 class Surroundings:
     """Shared state of the process at one moment.
 
-    Args:
+    Attributes:
         folder: Working directory of the process; empty if there was none.
         floating: Floating-point environment of the process, fenv_t; None if it cannot be read on this platform.
     """

@@ -85,7 +85,7 @@ def _machine() -> Any:
 class Request(NamedTuple):
     """Request for machine code.
 
-    Args:
+    Attributes:
         function: Function of the loop.
         kinds: Kinds of its first arguments, which are blocks.
         numbers: Number of integer arguments that follow.

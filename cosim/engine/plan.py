@@ -37,7 +37,7 @@ SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
 class Mode(NamedTuple):
     """Settings of the scheme for a step.
 
-    Args:
+    Attributes:
         kind: JACOBI, GAUSS_SEIDEL or IMPLICIT.
         values: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end value is not known yet.
         tolerance: Largest disagreement of an implicit step, relative to an unknown's size.

@@ -43,7 +43,7 @@ _OPEN, _DRAWN = 5, len(COLORS)
 class Statistics:
     """Statistics of a channel after settling, in its SI unit.
 
-    Args:
+    Attributes:
         name: Name of the channel.
         scale: Conversion to the display unit.
         mean: Mean.
@@ -128,7 +128,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "fmpy")
 class Origin:
     """Origin of a component.
 
-    Args:
+    Attributes:
         name: Name of the component.
         file: Name of its file.
         identity: GUID.
@@ -227,7 +227,7 @@ class Worst:
 class _BondRow:
     """Energy and local errors of one bond.
 
-    Args:
+    Attributes:
         name: Name of the bond.
         transferred: Energy through it [J].
         residual: Energy that the coupling added (+) or lost (-) [J].

@@ -28,7 +28,7 @@ class End:
 class Arrow:
     """One connection.
 
-    Args:
+    Attributes:
         source: Start of the arrow.
         target: End of the arrow.
         unit: Unit of the source; both units if the target has another one.
@@ -172,7 +172,7 @@ _Likeness = tuple[tuple[str, ...], tuple[tuple[object, ...], ...]]
 class Group:
     """Group of components that are connected with each other.
 
-    Args:
+    Attributes:
         components: Names of the components, in the order of the system.
         arrows: Connections, drive and constants of the components.
         alike: Components of every other group with the same files and connections.

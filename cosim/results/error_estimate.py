@@ -103,7 +103,7 @@ _NEGLIGIBLE = 1e-2
 class Comparison:
     """Two runs, the finer one at half the step of the coarser.
 
-    Args:
+    Attributes:
         difference: Difference of both runs per channel, in percent of its scale.
         reliable: Whether both runs passed the check of their bonds' local errors.
         local_order: Order at which the bonds' local errors fell from one run to the other [1]; None without bonds.

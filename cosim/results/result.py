@@ -27,7 +27,7 @@ SCHEMA = 1
 class Coupled:
     """Local errors of the values that the ends of one bond assumed of each other, root mean squares in SI.
 
-    Args:
+    Attributes:
         velocity_error: Local error of the velocity given to the shock [m/s].
         velocity_spread: Standard deviation of that velocity [m/s].
         force_error: Local error of the force given to the vehicle [N].
@@ -53,7 +53,7 @@ class Coupled:
 class BondEnergy:
     """Energy through one bond over a run.
 
-    Args:
+    Attributes:
         residual: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
         transferred: Sum of the magnitudes of the energy received at the force end in each step [J].
     """
@@ -76,7 +76,7 @@ class BondEnergy:
 class Result:
     """Result of one run.
 
-    Args:
+    Attributes:
         series: Recorded variables by `component.variable`, SI.
         converged: Whether the equilibrium start was found and all steps converged; see `notes`.
         notes: Notes for the reader, in sentences.

@@ -86,7 +86,7 @@ class _Described(Protocol):
 class Model:
     """Component with the information that the verdict uses.
 
-    Args:
+    Attributes:
         validity: Range of validity that the FMU states; None if it states none.
         source: File of the FMU.
         channels: Recorded channel of each variable that has a range, and the factor from the channel to the variable.

@@ -28,7 +28,7 @@ class Automatic:
     (`Result.stated_error`; cosim.results.error_estimate). The tolerance is met if the largest stated error is within it
     and the local errors of all bonds are small in the last two runs. The last run is the result.
 
-    Args:
+    Attributes:
         tolerance: Coupling error to aim at, of velocities and forces of bonds and of tire forces, in percent of each
             signal's scale (cosim.results.error_estimate.scales).
         least: Smallest coupling step to try [s].

@@ -34,7 +34,7 @@ class _Link:
 class DiscreteExchange:
     """Discrete variables of a system, and their current values.
 
-    Args:
+    Attributes:
         components: All components by name.
         links: Link of each connected input, named `component.variable`.
         driven: Channel of the drive and type of each driven discrete input.

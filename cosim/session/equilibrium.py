@@ -18,7 +18,7 @@ _TOLERANCE = 1e-12
 class Equilibrium:
     """Status of the equilibrium start.
 
-    Args:
+    Attributes:
         converged: Whether every connection agrees to 1e-9 of its size.
         sweeps: Number of evaluations of all components.
         residual: Largest remaining disagreement, relative to its connection's size.

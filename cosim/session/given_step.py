@@ -140,7 +140,7 @@ def run_at_step(
 class _Companions:
     """Runs that one run is compared with.
 
-    Args:
+    Attributes:
         runs: Runs of the system at several steps.
         system: Components and connections.
         scenario: Drive, duration and recording.

@@ -70,7 +70,7 @@ _FINER_TOLERANCE = 1.0 / 8.0
 class Verification:
     """A run and its repetition.
 
-    Args:
+    Attributes:
         finer: Result of the repetition.
         difference: Root mean square of the difference after settling per channel, in percent of the finer run's
             standard deviation.

@@ -39,7 +39,7 @@ _SPREAD = 0x9E3779B97F4A7C15
 class _Run(NamedTuple):
     """Hashes of the bits of a run.
 
-    Args:
+    Attributes:
         times: Hash per row (R,).
         components: Hash of the recorded variables of each component, per row (R,).
     """
@@ -213,7 +213,7 @@ class _End(NamedTuple):
 class Outcome:
     """A run that has ended.
 
-    Args:
+    Attributes:
         setup: Setup of the run.
         running: State in which the loop left the run.
         equilibrium: Status of the equilibrium start.

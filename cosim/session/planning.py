@@ -21,7 +21,7 @@ from eightpost.array_types import Integers
 class Layout:
     """Numbering of everything in the arrays: parts, signals and extras by name, terms by (source, target).
 
-    Args:
+    Attributes:
         parts: Names of the components in the order of stepping, with the components of each connected group together.
         signals: Variables read after every step, as `component.variable`; those of one part are adjacent.
         extras: Variables read at recorded points only, in the same form.

@@ -61,7 +61,7 @@ def undoing(setup: Setup, progress: Callable[[float], None]) -> Callable[[float]
 class Running:
     """Components that have begun, in the form that the loop uses.
 
-    Args:
+    Attributes:
         plan: Arrays that do not change.
         memory: Arrays that the run changes.
         tape: Recorded values.
@@ -86,7 +86,7 @@ class Running:
 class Marching:
     """The loop and the parameters of its calls.
 
-    Args:
+    Attributes:
         bind: Function that takes the loop's named tuples and returns the loop.
         chunk: Number of steps per call.
         mode: Settings of the scheme for a step.
@@ -103,7 +103,7 @@ class Marching:
 class Ending:
     """Ending of the loop.
 
-    Args:
+    Attributes:
         why: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
         time: Time that was reached [s].
         least: Smallest step [s].

@@ -111,7 +111,7 @@ def _grid(setup: Setup) -> Grid:
 class _DriveRequest(NamedTuple):
     """Parameters by which a drive is sampled for a run.
 
-    Args:
+    Attributes:
         stop: Duration of the run [s].
         step: Coupling step [s].
         start: Time in the drive at which the run starts [s].

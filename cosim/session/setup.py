@@ -127,7 +127,7 @@ def _check_repeats(system: System, algorithm: Algorithm) -> None:
 class Setup:
     """A run before it begins.
 
-    Args:
+    Attributes:
         system: Components and connections.
         scenario: Drive, duration and recording.
         algorithm: Algorithm of the run.

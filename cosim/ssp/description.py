@@ -45,7 +45,7 @@ class _Definitions:
 class _Bindings:
     """Reader of the parameter bindings of an element.
 
-    Args:
+    Attributes:
         place: Description that contains the bindings.
         definitions: Units and enumerations of the description, for inline values that name them.
         component: Archive of the component, for sources that are inside it.
@@ -204,7 +204,7 @@ def read_structure(place: Place) -> Structure:
 class _Reader:
     """Reader of one description.
 
-    Args:
+    Attributes:
         place: File of the description.
         root: Root element.
         stack: Descriptions that led to this one, to detect one that contains itself.

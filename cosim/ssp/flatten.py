@@ -33,7 +33,7 @@ class Connector:
 class Link:
     """Connection of two connectors of a system or of its elements; the order of the ends does not show the direction.
 
-    Args:
+    Attributes:
         ends: Two pairs (element, connector); element is None for the system itself.
         suppressed: Whether unit conversion is suppressed.
         transformation: Conversion applied after that of units: `target = factor * source + offset`.
@@ -56,7 +56,7 @@ class Link:
 class Assignment:
     """Value from a parameter set.
 
-    Args:
+    Attributes:
         name: Name of the variable, relative to the element that the set is bound to.
         type: Real, Integer, Boolean, String, Enumeration or Binary.
         value: Value; for an enumeration the name of the item.

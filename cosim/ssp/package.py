@@ -199,7 +199,7 @@ class Unpacked:
 class Place:
     """Description and the location of its files.
 
-    Args:
+    Attributes:
         description: Description file (.ssd); sources are relative to its folder.
         root: Folder that relative sources must not leave; None for a bare description, whose files may be in other
             folders.

@@ -28,7 +28,7 @@ _PACKAGES: WeakKeyDictionary[Component, Unpacked] = WeakKeyDictionary()
 class Given:
     """Run data that a package may lack.
 
-    Args:
+    Attributes:
         drive: Drive file; each channel feeds the open input, or the connector of the top system, of its name.
         stop: Length of the run [s]; overrides the package's.
         record_step: Time between recorded samples [s]; None: every step.
@@ -45,7 +45,7 @@ class Given:
 class SspCase:
     """Contents of a package, ready to run.
 
-    Args:
+    Attributes:
         name: Name of the description.
         system: Components, bonds, connections, values.
         scenario: Drive and times.

@@ -169,7 +169,7 @@ def _items(element: FmuElement, target: Port) -> dict[str, int]:
 class OpenInputs:
     """Inputs for numbers that no other FMU feeds.
 
-    Args:
+    Attributes:
         network: Network of the package.
         names: Component names by path.
     """

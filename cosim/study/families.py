@@ -32,7 +32,7 @@ MODES: Mapping[str, tuple[float, float, float, float]] = {
 class Car:
     """Names and channels of a car for which measures are defined.
 
-    Args:
+    Attributes:
         name: Name of the vehicle's component.
         corners: Names of the shocks' components.
         channels: All channels that can be recorded, as `component.variable`.

@@ -61,7 +61,7 @@ _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 class Measure:
     """A scalar value computed from the channels of a run.
 
-    Args:
+    Attributes:
         name: Display name.
         channels: Channels to evaluate; most statistics first sum several channels sample by sample.
         statistic: Name of a statistic of cosim.study.statistics; `rms` removes the mean.

@@ -43,7 +43,7 @@ def error_column(measure: str) -> str:
 class Provenance:
     """Provenance of a study's values.
 
-    Args:
+    Attributes:
         digest: SHA-256 of everything that affects the values.
         guids: GUID of every FMU, by file.
         digests: SHA-256 of every input file, by path.
@@ -74,7 +74,7 @@ class StudyResult:
     fitted range, a tire off the ground), `seconds` (wall time of its runs), and one `coupling error of ...` per measure
     (SI).
 
-    Args:
+    Attributes:
         study: Definition of the study.
         table: One row per setup, by number.
         provenance: Provenance of the values.

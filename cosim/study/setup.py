@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 class Setup:
     """A build at every corner.
 
-    Args:
+    Attributes:
         index: Number of the setup in its space.
         builds: Name of the build by corner.
     """
@@ -40,7 +40,7 @@ class SetupSpace:
     A setup's number is a mixed-radix number: its digits are the positions of the corners' builds among the builds
     allowed there. The last corner is the last digit.
 
-    Args:
+    Attributes:
         corners: Allowed builds by corner.
         alike: Groups of corners that always have the same build: `(("lf", "rf"),)`.
 

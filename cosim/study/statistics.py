@@ -21,7 +21,7 @@ from eightpost.signals import TimeSeries
 class Response:
     """Channels of a run as input to a statistic: filtered, restricted to the measure's window, weighted.
 
-    Args:
+    Attributes:
         rows: Channels (C, N), each in its SI unit.
         step: Time between samples [s].
         options: Options of the statistic, in SI.
@@ -41,7 +41,7 @@ class Response:
 class _Statistic(NamedTuple):
     """Function and properties of a statistic.
 
-    Args:
+    Attributes:
         of: Function that computes the statistic of a response.
         unit: SI unit of the statistic; empty: that of the channels.
         absolute: Whether the statistic depends on the mean, which is unreliable without a trusted gain at 0 Hz.
@@ -147,7 +147,7 @@ _ORDER = 4
 class _Sections:
     """A filter and its steady state for a unit step; both are cached because computing them is slow.
 
-    Args:
+    Attributes:
         rows: Second-order sections (S, 6).
         rest: State of the filter in which a unit step gives its final value (S, 2).
     """
@@ -214,7 +214,7 @@ def _sections(low: float, high: float, rate: float) -> _Sections | None:
 class Filtered:
     """A run with cached band-passed channels and windows, so that several measures share them.
 
-    Args:
+    Attributes:
         series: The run.
     """
 

@@ -23,7 +23,7 @@ Parameters = Mapping[str, float | bool | str]
 class Build:
     """A shock of the bank.
 
-    Args:
+    Attributes:
         fmu: FMU file.
         parameters: Values that differ from the FMU's defaults, in the parameters' units.
     """
@@ -36,7 +36,7 @@ class Build:
 class Vehicle:
     """The vehicle.
 
-    Args:
+    Attributes:
         fmu: FMU file.
         name: Name of the component, the first part of its channel names: `car.lf.tire_force`.
         parameters: Values that differ from the FMU's defaults, in the parameters' units.
@@ -56,7 +56,7 @@ class Vehicle:
 class Drive:
     """A drive file and the part of it to run.
 
-    Args:
+    Attributes:
         name: Name of the drive, used in the names of measures if there are several drives.
         file: Path of the drive file.
         stop: Duration of the run [s].
@@ -97,7 +97,7 @@ class Constraint:
 class Study:
     """Definition of a study.
 
-    Args:
+    Attributes:
         name: Name of the study.
         vehicle: Vehicle FMU with the ports of docs/ports.md.
         bank: Shocks by build name.

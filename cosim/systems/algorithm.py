@@ -22,7 +22,7 @@ VALUES: Mapping[str, int] = {
 class Accuracy(NamedTuple):
     """Accuracy of a scheme for components that ramp their inputs.
 
-    Args:
+    Attributes:
         order: Order of the error in the coupling step [1].
         share: Error of a coupled value in the mean over a step, as a share of its error at the end of the step [1].
     """
@@ -129,7 +129,7 @@ class Jacobi(_Explicit):
     With held values this is the scheme of most tools. With full damping in the shocks it needs small steps
     (docs/coupling.md).
 
-    Args:
+    Attributes:
         values: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start
             to this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the
             slope and its change.
@@ -151,7 +151,7 @@ class Jacobi(_Explicit):
 class GaussSeidel(_Explicit, _Sequenced):
     """Gauss-Seidel scheme: each component steps with the newest outputs of those that have stepped before it.
 
-    Args:
+    Attributes:
         sequence: Order of the components. If empty, it follows from the declared dependencies: a component whose
             outputs follow an input without delay comes after the one that feeds it (vehicle first, then its shocks).
         values: Coupling values of components that have not stepped: `extrapolated` with the last step's slope,
@@ -176,7 +176,7 @@ class Implicit(_Sequenced):
     a step, and their mean is that of a parabola that also passes through the start of the last step. Every component
     must save and restore its state.
 
-    Args:
+    Attributes:
         sequence: Order of the components; see GaussSeidel.
         tolerance: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times
             that if iterations stall, since a component's output may jump slightly.
@@ -221,7 +221,7 @@ class Adaptive:
     A proportional-integral controller sets the step. Steps end at recorded times, at points of the drive file and
     at the stop time. Every component must save and restore its state and accept steps of any size.
 
-    Args:
+    Attributes:
         scheme: Scheme of each step.
         relative: Allowed local error [1], relative to the largest value so far of each coupled signal.
         absolute: Additional allowed local error per signal (`component.variable`), in its own unit; by default

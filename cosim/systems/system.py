@@ -25,7 +25,7 @@ DEFAULT_STEP = 1e-3
 class Scenario:
     """A run of a system.
 
-    Args:
+    Attributes:
         stop: Duration [s].
         drive: Signals for the inputs that no component feeds.
         drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
@@ -132,7 +132,7 @@ class Bond:
 class System:
     """Components and their connections; every rule that does not need a scenario is checked here.
 
-    Args:
+    Attributes:
         components: Components by name; names have no dots.
         bonds: Velocity/force ports.
         connections: Any other connections.

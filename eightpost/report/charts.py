@@ -66,7 +66,7 @@ class Panel:
 class Figure:
     """A figure under construction.
 
-    Args:
+    Attributes:
         caption: Text below the figure.
         height: Height [px].
         panels: Panels with their axes and positions.

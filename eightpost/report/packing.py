@@ -72,7 +72,7 @@ _FEWEST = 16
 class Spectra:
     """One-sided power spectral densities.
 
-    Args:
+    Attributes:
         frequency: Frequencies (K,) above zero [Hz].
         density: Densities (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
         block: Length of a block [s].
@@ -117,7 +117,7 @@ TRACES_CAPACITY = 1_250_000
 class Traces:
     """Traces that the page draws.
 
-    Args:
+    Attributes:
         time: Times (M,) [s].
         values: Values (C, M) in SI.
         samples: Number of recorded samples per pair of values; 1 if all are kept.

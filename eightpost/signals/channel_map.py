@@ -13,7 +13,6 @@ from eightpost.files import toml_content
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from eightpost.signals.raw_record import RawRecord
 
 #: Names of a time column, in lower case.
 TIME_NAMES = ("time", "t", "timestamp", "zeit")
@@ -117,20 +116,3 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
             kind = "a text" if kinds[key] is str else "a finite number"
             raise FileFormatError(f"'{where}.{key}' must be {kind}, not {value!r}", path=path)
     return MappedChannel(**table)
-
-
-def find_time(record: RawRecord) -> MappedChannel:
-    """Return the time column, or raise a MissingChannelError that lists the columns.
-
-    `T` is the time only if its unit is a time unit, because it may also be the temperature.
-    """
-    for time_name in TIME_NAMES:
-        for name, unit in zip(record.names, record.units, strict=True):
-            if name.lower() == time_name and (name != "T" or unit in ("s", "ms", "sec")):
-                return MappedChannel(name)
-    return MappedChannel(record.names[record.index("time", channel="time")])
-
-
-def identity_map(record: RawRecord, time: MappedChannel) -> ChannelMap:
-    """Return a map in which every column except time is a channel of the same name."""
-    return ChannelMap({name: MappedChannel(name) for name in record.names if name != time.source}, time)

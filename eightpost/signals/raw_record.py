@@ -18,7 +18,7 @@ from eightpost.errors import (
     TooShortError,
     UnknownUnitError,
 )
-from eightpost.signals.channel_map import ChannelMap, MappedChannel, find_time
+from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import SI_UNITS, compatible, convert, is_unit, si_unit
@@ -266,3 +266,20 @@ def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | Non
         raise record.origin.header_fault(UnknownUnitError, what, channel=channel) from error
     what = f"the unit {unit!r} cannot be converted to {expected!r}; check that it is the right column"
     raise record.origin.header_fault(UnknownUnitError, what, channel=channel)
+
+
+def find_time(record: RawRecord) -> MappedChannel:
+    """Return the time column, or raise a MissingChannelError that lists the columns.
+
+    `T` is the time only if its unit is a time unit, because it may also be the temperature.
+    """
+    for time_name in TIME_NAMES:
+        for name, unit in zip(record.names, record.units, strict=True):
+            if name.lower() == time_name and (name != "T" or unit in ("s", "ms", "sec")):
+                return MappedChannel(name)
+    return MappedChannel(record.names[record.index("time", channel="time")])
+
+
+def identity_map(record: RawRecord, time: MappedChannel) -> ChannelMap:
+    """Return a map in which every column except time is a channel of the same name."""
+    return ChannelMap({name: MappedChannel(name) for name in record.names if name != time.source}, time)

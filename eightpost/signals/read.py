@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
-from eightpost.signals.channel_map import find_time, identity_map
 from eightpost.signals.csv_file import read_csv, read_csv_blocks
 from eightpost.signals.mat_file import read_mat
 from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet
-from eightpost.signals.raw_record import mapped_series
+from eightpost.signals.raw_record import find_time, identity_map, mapped_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

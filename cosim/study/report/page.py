@@ -245,7 +245,7 @@ _LISTED = 200
 class Extras:
     """Optional content of a report.
 
-    Args:
+    Attributes:
         traces: Time traces by setup number.
         sensitivities: Sensitivities of all or some measures.
         selection: Setups to confirm on the rig.

@@ -62,7 +62,7 @@ Flags = NDArray[np.bool_]
 class Uncertainty:
     """Uncertainty of one measure of S setups; NaN if not known.
 
-    Args:
+    Attributes:
         spread: (S,) two standard deviations of the value [SI].
         from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; errors that
             both setups share cancel in it.
@@ -80,7 +80,7 @@ class Uncertainty:
 class Column:
     """One value of every setup: a measure, or the objective.
 
-    Args:
+    Attributes:
         name: Display name.
         scale: Display units.
         values: Values in SI (S,); NaN for failed setups.
@@ -125,7 +125,7 @@ class Bound:
 class Background:
     """Title, objective, constraints, notes and provenance of a report.
 
-    Args:
+    Attributes:
         title: Heading of the page.
         objective: Formula of the objective in words; empty if the study has none.
         constraints: Limits of the constraints.
@@ -150,7 +150,7 @@ class Background:
 class Sheet:
     """Measures of S setups with C corners.
 
-    Args:
+    Attributes:
         corners: Names of the corners.
         builds: Names of all builds of the bank.
         numbers: Numbers of the setups (S,), each once.

@@ -234,7 +234,7 @@ def _by_name(known: Mapping[str, str]) -> dict[str, str]:
 class ReportPaths:
     """The files of a report.
 
-    Args:
+    Attributes:
         page: The page.
         workbook: Ranking, units and provenance as a workbook.
         ranking: The ranking as CSV.

@@ -15,7 +15,7 @@ from eightpost.array_types import Array
 class ErrorModel:
     """Gains from the local errors of bond ends to coupling errors.
 
-    Args:
+    Attributes:
         ends: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
         channels: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
         measures: Gain of each end for each measure; the errors are in the measure's SI unit.
@@ -42,7 +42,7 @@ class ErrorModel:
 class Pilot:
     """A run with known coupling errors.
 
-    Args:
+    Attributes:
         result: Run at the study's coupling step.
         channels: Error of each compared channel, in percent of the channel's scale.
         measures: Error of each measure of the run's drive, in its SI unit.

@@ -81,7 +81,7 @@ Row = dict[str, Any]
 class Coupling:
     """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks.
 
-    Args:
+    Attributes:
         scheme: `gauss-seidel` or `implicit`.
         step: Coupling step [s].
         errors: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.

@@ -74,7 +74,7 @@ _CRASHES = (
 class Chunk:
     """Setups that one worker runs one after the other.
 
-    Args:
+    Attributes:
         number: Number of the chunk.
         indices: Numbers of the setups.
     """
