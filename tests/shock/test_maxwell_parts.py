@@ -256,3 +256,23 @@ def test_a_curve_is_checked_at_every_256th_of_a_side_and_every_12th_of_its_trans
         expected += (side * np.linspace(0.0, speed, 257)).tolist()
         expected += (side * np.linspace(middle - 0.5 * width, middle + 0.5 * width, 13)).tolist()
     assert seen == pytest.approx(expected, rel=1e-12, abs=1e-15)
+
+
+def test_a_velocity_is_found_on_a_curve_that_falls_in_places(monkeypatch):
+    """A dip that the check of a curve does not see must not mislead the search."""
+    seen = []
+
+    def wavy(_valve, w):
+        seen.append(w)
+        return 1000.0 * w + 20.0 * np.sin(300.0 * w)
+
+    monkeypatch.setattr(maxwell, "valve_force", wavy)
+    rng, counts = np.random.default_rng(6), []
+    for force, guess in rng.uniform((-500.0, -0.5), (500.0, 0.5), (2000, 2)):
+        before = wavy(None, guess)
+        seen.clear()
+        found = velocity_under(force, guess, before, None)
+        counts.append(len(seen))
+        assert wavy(None, found) == pytest.approx(force, rel=1e-12, abs=1e-11)
+    assert max(counts) <= 45
+    assert np.mean(counts) < 15
