@@ -233,3 +233,25 @@ def test_a_null_instance_is_an_error(host, function):
     kept, fmu.c = fmu.c, None
     assert fmu.call(function, None, None, None) == ERROR
     fmu.c = kept
+
+
+def test_a_boolean_that_is_set_is_returned(host):
+    car = host("seven_dof")
+    assert car.call("EnterInitializationMode") == OK
+    (name, *_) = (v.name for v in car.description.modelVariables if v.type == "Boolean")
+    reference, one = (ctypes.c_uint * 1)(car.references[name]), ctypes.c_size_t(1)
+    for value, expected in ((0, 0), (1, 1), (7, 1), (0, 0)):
+        assert car.call("SetBoolean", reference, one, (ctypes.c_int * 1)(value)) == OK
+        flag = (ctypes.c_int * 1)(-1)
+        assert car.call("GetBoolean", reference, one, flag) == OK
+        assert flag[0] == expected
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_output_derivatives_are_refused_and_an_empty_list_of_them_is_accepted(host, name):
+    fmu = host(name).start()
+    reference, order, value = (ctypes.c_uint * 1)(0), (ctypes.c_int * 1)(1), (ctypes.c_double * 1)()
+    assert fmu.step(0.0) == OK
+    assert fmu.call("GetRealOutputDerivatives", reference, ctypes.c_size_t(0), order, value) == OK
+    assert fmu.call("GetRealOutputDerivatives", reference, ctypes.c_size_t(1), order, value) == ERROR
+    assert "output derivatives are not supported" in fmu.messages[-1][2]
