@@ -1,4 +1,4 @@
-"""An FMU unlike ours (foreign_fmu.c), with what its description shall declare, alone and in a system."""
+"""Fixtures: an FMU that differs from ours (foreign_fmu.c) with a configurable description, alone and in a system."""
 
 import contextlib
 import os
@@ -92,19 +92,19 @@ def foreign_compiler():
 
 @pytest.fixture(scope="session")
 def foreign_library(tmp_path_factory):
-    """The C file compiled."""
+    """Return the library compiled from the C file."""
     return compiled(tmp_path_factory.mktemp("foreign") / "foreign.so")
 
 
 @pytest.fixture(scope="session")
 def sparse_library(tmp_path_factory):
-    """The C file without the functions that it does not support."""
+    """Return the library compiled without the optional functions."""
     return compiled(tmp_path_factory.mktemp("sparse") / "sparse.so", "-DSPARSE")
 
 
 @pytest.fixture
 def source_fmu(tmp_path):
-    """Write an FMU that carries its sources only."""
+    """Write an FMU that contains sources but no binary."""
 
     def make(*, listed="", **sources):
         files = "".join(f'<File name="{name}"/>' for name in listed.split())
@@ -119,7 +119,7 @@ def source_fmu(tmp_path):
 
 @pytest.fixture
 def foreign(foreign_library, tmp_path):
-    """Write the FMU, with what its description shall declare."""
+    """Write the FMU with the given declarations in its description."""
 
     def make(name="foreign.fmu", *, library=foreign_library, **declared):
         write_fmu(tmp_path / name, library, **declared)
@@ -130,13 +130,13 @@ def foreign(foreign_library, tmp_path):
 
 @pytest.fixture(params=[FmuComponent, IsolatedComponent])
 def kind(request):
-    """In this process, and in one of its own."""
+    """Component class: in this process, or isolated in a separate process."""
     return request.param
 
 
 @pytest.fixture(scope="session", params=[FmuComponent, IsolatedComponent], ids=["direct", "isolated"])
 def odd(request, foreign_library, tmp_path_factory):
-    """The FMU as a component that many tests begin one after the other: what one does must not be seen in the next."""
+    """The FMU as a component that many tests begin in turn; no test may affect the next."""
     path = tmp_path_factory.mktemp("odd") / "foreign.fmu"
     write_fmu(path, foreign_library)
     component = request.param(path, "odd")
@@ -158,7 +158,7 @@ def begun():
 
 @pytest.fixture
 def march():
-    """Step with a constant input, reading as the master does."""
+    """Step with a constant input and read an output after each step, as the master does."""
 
     def steps(component, count=600):
         for k in range(count):
@@ -171,7 +171,7 @@ def march():
 
 @pytest.fixture
 def drive(tmp_path):
-    """A drivefile whose one channel `speed` is a constant in m/s."""
+    """A drive file whose only channel `speed` is a constant in m/s."""
 
     def write(value, seconds=1.0):
         path = tmp_path / "drive.csv"
@@ -184,7 +184,7 @@ def drive(tmp_path):
 
 @pytest.fixture
 def road(tmp_path):
-    """A drivefile of a road that goes up and down by 5 mm, 4 times a second."""
+    """A drive file with a sinusoidal road of amplitude 5 mm and frequency 4 Hz."""
     path = tmp_path / "road.csv"
     times = np.arange(0.0, 0.5, 2e-3)
     rows = (f"{t:.6g},{0.005 * np.sin(8.0 * np.pi * t):.9g}\n" for t in times)
@@ -211,7 +211,7 @@ def pair(drive, fmus):
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """Where components put their temporary files."""
+    """Folder for the temporary files of components."""
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
@@ -220,22 +220,22 @@ def temporary(tmp_path, monkeypatch):
 
 @pytest.fixture
 def eventually():
-    """Whether a claim becomes true within some seconds."""
+    """Wait until a condition is true, for a limited time; return whether it became true."""
 
-    def wait(claim, seconds=6.0):
+    def wait(condition, seconds=6.0):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if claim():
+            if condition():
                 return True
             time.sleep(0.02)
-        return claim()
+        return condition()
 
     return wait
 
 
 @pytest.fixture
 def alive():
-    """Whether a process group has a process that runs."""
+    """Return whether a process group has a running process."""
 
     def look(group):
         try:

@@ -1,4 +1,4 @@
-"""Integer, Boolean and enumeration variables: coupled at coupling points, held over steps, driven and recorded."""
+"""Integer, Boolean and enumeration variables are coupled, held over coupling steps, driven and recorded."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def fmu(foreign_compiler, tmp_path_factory):
 
 @pytest.fixture
 def pair(fmu, kind):
-    """A source and a sink, connected as told."""
+    """Return a function that builds a system of a source and a sink with the given connections."""
 
     def build(connections, **options):
         constants = {"source.real": 0.0, "sink.real": 0.0} | options.pop("constants", {})
@@ -81,7 +81,7 @@ def counts(times):
 
 
 def seen_by_a_step(times):
-    """What the sink tells at the end of each step: the source's outputs at the step's start."""
+    """Return the sink's output at the end of each step: the source's outputs at the step's start."""
     count = counts(times[:-1])
     return count + 10.0 * (count % 2) + 100.0 * (1.0 + count % 3)
 
@@ -89,8 +89,8 @@ def seen_by_a_step(times):
 @pytest.mark.parametrize(
     "algorithm", [Jacobi(), GaussSeidel(), GaussSeidel(values="parabolic"), Implicit()], ids=["j", "gs", "gs3", "im"]
 )
-def test_values_of_one_coupling_point_are_held_over_the_next_step(algorithm, pair):
-    """Whatever the algorithm and the order of the components."""
+def test_values_at_a_communication_point_are_held_over_the_next_coupling_step(algorithm, pair):
+    """This does not depend on the algorithm or on the order of the components."""
     result = run(pair(links()), Scenario(stop=STOP), algorithm=algorithm, step=STEP, engine="python")
     series = result.series
     np.testing.assert_allclose(series["sink.seen"][1:], seen_by_a_step(series.time), atol=1e-9)
@@ -101,7 +101,7 @@ def test_values_of_one_coupling_point_are_held_over_the_next_step(algorithm, pai
 
 
 @pytest.mark.parametrize("kind", [FmuComponent])
-def test_an_adaptive_run_and_the_compiled_loop_hold_them_too(pair):
+def test_an_adaptive_run_and_the_compiled_loop_hold_discrete_values(pair):
     recorded = Scenario(stop=STOP, record_step=STEP)
     for algorithm, engine in ((Adaptive(largest=STEP, least=STEP), "compiled"), (GaussSeidel(), "compiled")):
         series = run(pair(links()), recorded, algorithm=algorithm, step=STEP, engine=engine).series
@@ -109,7 +109,7 @@ def test_an_adaptive_run_and_the_compiled_loop_hold_them_too(pair):
         np.testing.assert_array_equal(series["source.count"], counts(series.time))
 
 
-def test_another_type_is_refused_unless_the_connection_converts_it(pair):
+def test_a_connection_of_different_types_is_refused_unless_it_converts(pair):
     crossed = (("wave", "integer"), ("count", "real"), ("count", "boolean"), ("mode", "integer"))
     for output, into in crossed:
         with pytest.raises(
@@ -122,7 +122,7 @@ def test_another_type_is_refused_unless_the_connection_converts_it(pair):
         pair((*links()[:1], Connection("sink.count", "sink.integer")))
 
 
-def test_what_a_connection_converts_is_rounded_and_held(pair):
+def test_converted_values_are_rounded_and_held(pair):
     """count -> real with a gain; wave -> integer, to the nearest; count -> boolean, true unless 0."""
     converted = (
         Connection("source.count", "sink.real", 0.5, 1.0, convert=True),
@@ -135,7 +135,7 @@ def test_what_a_connection_converts_is_rounded_and_held(pair):
     np.testing.assert_allclose(series["sink.seen"][1:], expected + 10.0 * (counts(before) != 0.0), atol=1e-9)
 
 
-def test_constants_parameters_and_a_drive_set_them(pair):
+def test_discrete_variables_are_set_by_constants_parameters_and_a_drive(pair):
     """The drive's latest sample is used: integers are not interpolated."""
     time = np.array([0.0, 0.0204, 0.0396, 0.06])
     drive = Drivefile(TimeSeries.from_channels(time, {"gear": ("1", np.array([1.0, 4.0, 2.0, 7.0]))}))
@@ -153,14 +153,14 @@ def test_a_constant_of_the_wrong_type_is_refused(pair):
 
 
 @pytest.mark.parametrize("kind", [FmuComponent])
-def test_what_is_recorded_is_written_and_read_back(pair, tmp_path):
+def test_recorded_discrete_values_are_written_and_read_back(pair, tmp_path):
     result = run(pair(links()), Scenario(stop=STOP, record_step=5e-3), step=STEP, engine="python")
     parquet, table, _ = result.write(tmp_path)
     for path in (parquet, table):
         np.testing.assert_array_equal(read_series(path)["source.mode"], 1.0 + counts(result.series.time) % 3)
 
 
-def test_a_run_without_links_reads_them_where_it_records(pair):
+def test_a_run_without_connections_records_discrete_outputs(pair):
     scenario = Scenario(stop=STOP, record=("source.count", "source.wave"), record_step=5e-3)
     series = run(pair(()), scenario, step=STEP, engine="python").series
     assert series.names == ("source.count", "source.wave")
@@ -188,14 +188,14 @@ coupling_step = "1 ms"
 """
 
 
-def test_a_system_file_says_it(fmu, tmp_path):
+def test_a_system_file_connects_and_converts_discrete_variables(fmu, tmp_path):
     (tmp_path / "case.toml").write_text(CASE.format(fmu=fmu))
     case = read_case(tmp_path / "case.toml")
     series = run(case.system, case.scenario, algorithm=case.algorithm, step=case.step, engine="python").series
     np.testing.assert_allclose(series["sink.seen"][1:], 213.0 + 2000.0 * counts(series.time[:-1]), atol=1e-9)
 
 
-def test_a_package_of_ours_carries_them(fmu, tmp_path):
+def test_a_package_that_we_write_contains_discrete_values_and_conversions(fmu, tmp_path):
     """Values and conversions; an enumeration's connector would need its items, so a value of one is refused."""
     text = CASE.replace("parameters = {{ item = 2 }}\n", "").format(fmu=fmu)
     (tmp_path / "case.toml").write_text(text)
@@ -229,7 +229,7 @@ def package(folder, fmu, *links):
     return folder / "d.ssp"
 
 
-def test_a_package_connects_them_and_its_open_ones_take_values(fmu, tmp_path):
+def test_a_package_connects_discrete_variables_and_its_open_inputs_take_values(fmu, tmp_path):
     linear = '<ssc:LinearTransformation factor="2"/>'
     path = package(tmp_path, fmu, ("mode", "item", ""), ("count", "real", linear))
     case = read_ssp(path, given=Given(inputs={"sink.integer": "3", "sink.boolean": "true"}))

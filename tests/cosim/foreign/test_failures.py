@@ -1,5 +1,7 @@
-"""What an FMU does wrong ends the step with which, when, why, with what inputs and what to do; never more is called
-than FMI allows."""
+"""An FMU's fault ends the step with an error that states the component, time, cause, inputs and remedy.
+
+After the fault no function is called that FMI does not allow.
+"""
 
 import gc
 import logging
@@ -15,7 +17,7 @@ STATES = 'canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="tr
 
 
 @pytest.mark.parametrize(
-    ("manner", "why"),
+    ("manner", "cause"),
     [
         (
             "fatal",
@@ -35,17 +37,17 @@ STATES = 'canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="tr
         ("unknown status", r"fmi2DoStep returned 17, which is no status of FMI.*What to do: tell its maker"),
     ],
 )
-def test_a_failed_step_says_which_when_why_with_what_inputs_and_what_to_do(odd, manner, why, foreign, pair):
+def test_the_message_on_a_failed_step_states_component_time_cause_inputs_and_remedy(odd, manner, cause, foreign, pair):
     part = odd if manner != "fatal" else type(odd)(foreign(guid="{fatal}"), "odd")
     system, scenario = pair(part, manner)
-    with pytest.raises(StepError, match=rf"^component 'odd' \(foreign.fmu\) failed to step (at|from) 0.5 s.*: {why}"):
+    with pytest.raises(StepError, match=rf"^component 'odd' \(foreign.fmu\) failed to step (at|from) 0.5 s.*: {cause}"):
         run(system, scenario, step=1e-3, engine="python")
     with pytest.raises(StepError, match="is not running"):
         system.components["shock"].get(("force",))
 
 
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-def test_an_fmu_that_ends_the_simulation_ends_the_run_as_its_stop_would(odd, engine, pair):
+def test_an_fmu_that_ends_the_simulation_ends_the_run_as_the_stop_time_would(odd, engine, pair):
     """fmi2Discard with fmi2Terminated (FMI 2.0.4, 4.2.1)."""
     system, scenario = pair(odd, "end")
     result = run(system, scenario, step=1e-3, engine=engine)
@@ -60,7 +62,7 @@ def test_an_fmu_that_ends_the_simulation_ends_the_run_as_its_stop_would(odd, eng
         np.testing.assert_array_equal(whole.series[name], result.series[name])
 
 
-def test_the_default_too_ends_where_an_fmu_ends_the_simulation(odd, pair):
+def test_the_default_algorithm_ends_where_an_fmu_ends_the_simulation(odd, pair):
     result = run(*pair(odd, "end"), engine="python")
     assert result.ended_by == "odd" and result.ended_at == pytest.approx(0.5, abs=2e-3)
     assert not result.partial
@@ -79,7 +81,7 @@ def test_an_end_before_the_settling_time_is_an_error(odd, pair):
         run(system, replace(scenario, settling=0.6), step=1e-3, engine="python")
 
 
-def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march):
+def test_the_message_on_a_discarded_step_states_the_time_reached_and_the_remedy(odd, begun, march):
     part = begun(odd, "discard")
     march(part, 3)
     with pytest.raises(StepError, match=r"step from 0.003 s by 0.002 s: .*fmi2Discard. It reached 0.004 s.*smaller"):
@@ -87,7 +89,7 @@ def test_a_discarded_step_says_how_far_it_came_and_what_to_do(odd, begun, march)
     part.finish()
 
 
-def test_an_adaptive_run_makes_steps_smaller_that_a_component_discards(foreign, pair):
+def test_an_adaptive_run_reduces_steps_that_a_component_discards(foreign, pair):
     system, scenario = pair(FmuComponent(foreign(flags=STATES), "odd"), "discard", stop=0.1)
     loose = Adaptive(relative=1.0, largest=0.01)
     result = run(system, replace(scenario, record_step=0.01), algorithm=loose, step=5e-3)
@@ -97,8 +99,8 @@ def test_an_adaptive_run_makes_steps_smaller_that_a_component_discards(foreign, 
 
 
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive()], ids=["gauss-seidel", "adaptive"])
-def test_after_fatal_nothing_is_called_whatever_the_algorithm_holds(algorithm, foreign, pair):
-    """The FMU ends the process at any call after fmi2Fatal, that of freeing a state among them."""
+def test_no_function_is_called_after_fmi2fatal_even_if_states_are_saved(algorithm, foreign, pair):
+    """This FMU ends the process at any call after fmi2Fatal, including a call that frees a state."""
     system, scenario = pair(FmuComponent(foreign(guid="{fatal}", flags=STATES), "odd"), "fatal")
     with pytest.raises(StepError, match="fmi2Fatal"):
         run(system, scenario, algorithm=algorithm, step=1e-3, engine="python")
@@ -110,7 +112,7 @@ def test_after_fatal_nothing_is_called_whatever_the_algorithm_holds(algorithm, f
     odd.close()
 
 
-def test_fatal_is_for_all_instances_of_the_fmu_in_the_process(foreign, begun, march):
+def test_fmi2fatal_disables_all_instances_of_the_fmu_in_the_process(foreign, begun, march):
     path = foreign(guid="{all}")
     first, second = begun(FmuComponent(path, "first"), "fatal"), begun(FmuComponent(path, "second"))
     other = begun(FmuComponent(foreign("other.fmu", guid="{other}"), "other"))
@@ -123,7 +125,7 @@ def test_fatal_is_for_all_instances_of_the_fmu_in_the_process(foreign, begun, ma
     march(begun(FmuComponent(path, "loaded again")), 4)
 
 
-def test_what_holds_a_failed_run_can_begin_again(odd, begun, march):
+def test_a_component_can_begin_again_after_a_failed_run(odd, begun, march):
     for manner in ("error", "end", "pending", *(["fatal"] if type(odd) is IsolatedComponent else [])):
         part = begun(odd, manner)
         with pytest.raises(StepError):
@@ -134,14 +136,14 @@ def test_what_holds_a_failed_run_can_begin_again(odd, begun, march):
         part.finish()
 
 
-def test_the_level_of_a_message_is_that_of_its_status(foreign, begun, march, caplog):
+def test_the_log_level_of_a_message_follows_its_fmi_status(foreign, begun, march, caplog):
     for manner, level in (("fatal", logging.CRITICAL), ("error", logging.ERROR)):
         with pytest.raises(StepError):
             march(begun(FmuComponent(foreign(guid="{fatal}"), "odd"), manner))
         assert (caplog.records[-1].name, caplog.records[-1].levelno) == ("cosim.fmu.odd", level)
 
 
-def test_a_run_that_fails_in_its_initialization_leaves_components_that_can_begin(foreign, pair):
+def test_components_can_begin_again_after_a_failed_initialization(foreign, pair):
     """Before the first step an FMU must not be terminated, only reset or freed (FMI 2.0.4, 4.2.4)."""
     system, scenario = pair(FmuComponent(foreign(), "odd"))
     system.components["odd"].begin(0.0, 1.0, {})
@@ -158,7 +160,7 @@ def test_a_run_that_fails_in_its_initialization_leaves_components_that_can_begin
         ("hang", r"did not respond within 0.7 s and was ended"),
     ],
 )
-def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_others_are_finished(manner, how, foreign, pair):
+def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_other_components_are_finished(manner, how, foreign, pair):
     system, scenario = pair(IsolatedComponent(foreign(), "odd", time_limit=0.7), manner)
     with pytest.raises(
         StepError,
@@ -169,7 +171,7 @@ def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_others_are_finished(
         system.components["shock"].get(("force",))
 
 
-def test_a_crash_is_told_with_the_last_words_and_a_new_process_begins(foreign, begun, march):
+def test_a_crash_is_reported_with_the_last_output_and_a_new_process_is_started(foreign, begun, march):
     part = begun(IsolatedComponent(foreign(), "odd"), "abort")
     with pytest.raises(StepError) as caught:
         march(part)
@@ -191,7 +193,7 @@ def test_a_time_limit_must_be_positive(foreign):
         IsolatedComponent(foreign(), "odd", time_limit=0)
 
 
-def test_a_refused_file_leaves_no_folder(kind, foreign, source_fmu, temporary):
+def test_a_refused_file_leaves_no_temporary_folder(kind, foreign, source_fmu, temporary):
     for path in (foreign(kind="ModelExchange"), source_fmu(model=""), temporary / "gone.fmu"):
         with pytest.raises(FmuError):
             kind(path, "odd")
@@ -199,7 +201,7 @@ def test_a_refused_file_leaves_no_folder(kind, foreign, source_fmu, temporary):
     assert list(temporary.iterdir()) == []
 
 
-def test_a_failed_component_leaves_no_folder(kind, foreign, begun, march, temporary):
+def test_a_failed_component_leaves_no_temporary_folder(kind, foreign, begun, march, temporary):
     part = begun(kind(foreign(guid="{fatal}"), "odd"), "fatal")
     with pytest.raises(StepError):
         march(part)

@@ -1,4 +1,4 @@
-"""FMUs that end this process or change what it shares are named, without --isolate too; what they changed is undone."""
+"""FMUs that end this process or change its environment are named, also without --isolate; the changes are undone."""
 
 import ctypes
 import os
@@ -50,7 +50,7 @@ def case(foreign, tmp_path):
 
 @pytest.fixture
 def ended():
-    """Run in a process of its own; return code, output and errors once all that it started has ended too."""
+    """Run Python in a separate process; return its exit code, output and errors after all its children have ended."""
 
     def start(*arguments):
         command = [sys.executable, *map(str, arguments)]
@@ -70,28 +70,28 @@ def ended():
         ("segfault", "python", -11),
     ],
 )
-def test_an_fmu_that_ends_the_process_is_named(manner, engine, code, case, ended):
+def test_the_error_names_the_fmu_that_ends_the_process(manner, engine, code, case, ended):
     found = ended("-c", IN_PYTHON, case(manner), engine)
     assert found.returncode == code, found.stderr
     assert found.stderr.count("error: this process ended while component 'odd' (foreign.fmu) was called") == 1
     assert "--isolate" in found.stderr and "came to its end" not in found.stdout
 
 
-def test_the_verb_says_so_and_exits_with_1(case, ended, tmp_path):
+def test_the_run_command_names_the_fmu_and_exits_with_1(case, ended, tmp_path):
     found = ended("-m", "eightpost", "run", case("exit with 0"), "-o", tmp_path / "out")
     assert found.returncode == 1
     assert "component 'odd' (foreign.fmu) was called" in found.stderr and "--isolate" in found.stderr
 
 
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-def test_a_polite_fmu_is_not_blamed_for_the_end_of_the_process(engine, case, ended):
+def test_an_fmu_that_was_not_being_called_is_not_blamed_for_the_end_of_the_process(engine, case, ended):
     found = ended("-c", IN_PYTHON + "\nimport os; os._exit(5)", case("polite"), engine)
     assert (found.returncode, found.stderr) == (5, "")
 
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A working directory and a rounding mode that nothing may change."""
+    """A working directory and a rounding mode that must not change."""
     monkeypatch.chdir(tmp_path)
     before = Surroundings.now()
     yield tmp_path
@@ -100,37 +100,37 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 @pytest.mark.parametrize(
-    ("manner", "said"),
+    ("manner", "message"),
     [
         ("change folder", "odd: it changed the working directory (to /) while stepping; that was undone"),
         ("round up", "odd: it changed the floating-point environment"),
     ],
 )
-def test_an_fmu_that_changes_what_all_share_while_stepping_is_named_and_it_is_undone(
-    manner, said, engine, here, foreign, pair
+def test_a_change_of_the_process_environment_while_stepping_is_reported_and_undone(
+    manner, message, engine, here, foreign, pair
 ):
     result = run(*pair(FmuComponent(foreign(), "odd"), manner), step=1e-3, engine=engine)
-    assert [note for note in result.notes if note.startswith(said)], result.notes
+    assert [note for note in result.notes if note.startswith(message)], result.notes
     assert Path.cwd() == here
     assert not [note for note in run(*pair(FmuComponent(foreign(), "odd")), step=1e-3).notes if "changed" in note]
 
 
-def test_what_it_changes_at_the_start_changes_no_numbers(here, foreign, pair):
+def test_a_change_of_the_process_environment_at_the_start_does_not_affect_the_result(here, foreign, pair):
     """The rounding mode is back before anything is computed."""
     changed, polite = (
         run(*pair(FmuComponent(foreign(), "odd"), manner), step=1e-3, engine="python")
         for manner in ("change all at start", "polite")
     )
-    for said in (
+    for message in (
         "it changed the working directory (to /); that was undone",
         "it changed the floating-point environment",
     ):
-        assert any(note.startswith(f"odd: {said}") for note in changed.notes), changed.notes
+        assert any(note.startswith(f"odd: {message}") for note in changed.notes), changed.notes
     for name in polite.series.names:
         np.testing.assert_array_equal(polite.series[name], changed.series[name])
 
 
-def test_of_several_that_may_have_all_are_named(here, foreign, pair):
+def test_all_fmus_that_may_have_changed_the_working_directory_are_named(here, foreign, pair):
     system, scenario = pair(FmuComponent(foreign(), "odd"), "change folder")
     system = type(system)(
         {**system.components, "other": FmuComponent(foreign("other.fmu", guid="{other}"), "other")},
@@ -141,14 +141,14 @@ def test_of_several_that_may_have_all_are_named(here, foreign, pair):
     assert any("odd: it changed the working directory (to /) while stepping, or 'other' did" in n for n in notes)
 
 
-def test_results_go_where_they_were_asked_for_whatever_an_fmu_does_to_the_working_directory(here, case):
+def test_results_are_written_to_the_requested_folder_if_an_fmu_changes_the_working_directory(here, case):
     done = CliRunner().invoke(main, ["run", str(case("change folder")), "-o", "results"])
     assert done.exit_code == 0, done.output
     assert {path.name for path in (here / "results").iterdir()} >= {"series.parquet", "result.json", "traces.png"}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the rounding mode is set by its number on Linux")
-def test_the_rounding_mode_is_seen_and_restored():
+def test_a_changed_rounding_mode_is_detected_and_restored():
     before, mathematics = Surroundings.now(), ctypes.CDLL("libm.so.6")
     assert before.restore() == ()
     upward = {"x86_64": 0x800, "aarch64": 0x400000}[os.uname().machine]

@@ -1,4 +1,4 @@
-"""FMUs in processes of their own: the same bits, and nothing is left behind however it ends."""
+"""FMUs in separate processes give identical results and leave no process or folder behind, also after a failure."""
 
 import gc
 import os
@@ -43,7 +43,7 @@ def car_and_shock(fmus, *, isolate):
 
 @pytest.fixture(scope="module")
 def systems(fmus):
-    """The same system in this process and in two others."""
+    """The same system in this process and with each FMU in a separate process."""
     return car_and_shock(fmus, isolate=False), car_and_shock(fmus, isolate=True)
 
 
@@ -58,8 +58,8 @@ def systems(fmus):
     ],
     ids=["gauss-seidel", "jacobi", "implicit", "adaptive", "default"],
 )
-def test_an_isolated_run_gives_the_bits_of_the_direct_one(algorithm, step, systems, road):
-    """States are saved and restored, inputs interpolated: all that the loop asks goes through."""
+def test_an_isolated_run_equals_a_direct_run_bit_for_bit(algorithm, step, systems, road):
+    """The runs save and restore states and interpolate inputs, so every call of the loop is covered."""
     scenario = Scenario(stop=0.04, drive=road, targets={"road": "car.road"}, record_step=4e-3)
     direct, isolated = (run(s, scenario, algorithm=algorithm, step=step, engine="python") for s in systems)
     assert direct.steps == isolated.steps and direct.iterations == isolated.iterations
@@ -69,7 +69,7 @@ def test_an_isolated_run_gives_the_bits_of_the_direct_one(algorithm, step, syste
         np.testing.assert_array_equal(direct.series[name], isolated.series[name], err_msg=name)
 
 
-def test_an_isolated_component_goes_back_to_a_saved_state(kind, foreign, begun, march):
+def test_an_isolated_component_is_restored_to_a_saved_state(kind, foreign, begun, march):
     part = begun(kind(foreign(flags='canGetAndSetFMUstate="true"'), "odd"))
     march(part, 4)
     state = part.save()
@@ -83,7 +83,9 @@ def test_an_isolated_component_goes_back_to_a_saved_state(kind, foreign, begun, 
     part.finish()
 
 
-def test_a_working_folder_of_its_own_goes_with_the_component(foreign, begun, march, tmp_path, temporary, monkeypatch):
+def test_the_working_folder_of_an_isolated_component_is_removed_with_it(
+    foreign, begun, march, tmp_path, temporary, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     part = begun(IsolatedComponent(foreign(), "odd"), "write")
     march(part, 3)
@@ -96,7 +98,7 @@ def test_a_working_folder_of_its_own_goes_with_the_component(foreign, begun, mar
     assert list(temporary.iterdir()) == []
 
 
-def test_what_an_fmu_started_ends_with_it(foreign, begun, march, eventually, alive):
+def test_processes_started_by_an_isolated_fmu_end_with_it(foreign, begun, march, eventually, alive):
     part = begun(IsolatedComponent(foreign(), "odd"), "start process")
     march(part, 1)
     group = part._process._process.pid
@@ -106,13 +108,15 @@ def test_what_an_fmu_started_ends_with_it(foreign, begun, march, eventually, ali
 
 
 def interrupt_after(seconds):
-    """Ctrl-C as a terminal sends it to this process."""
+    """Send SIGINT to this process after a delay [s], as Ctrl-C in a terminal does."""
     timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     return timer
 
 
-def test_ctrl_c_in_a_run_leaves_the_result_so_far_and_no_process_or_folder(foreign, pair, temporary, alive, eventually):
+def test_ctrl_c_in_a_run_keeps_the_partial_result_and_leaves_no_process_or_folder(
+    foreign, pair, temporary, alive, eventually
+):
     system, scenario = pair(IsolatedComponent(foreign(), "odd"), stop=100.0)
     group = system.components["odd"]._process._process.pid
     timer = interrupt_after(2.0)
@@ -160,7 +164,7 @@ if sys.stdin.read(1):
 
 @pytest.fixture
 def parent(foreign, temporary):
-    """Start a process that steps a foreign FMU in one of its own."""
+    """Start a process that steps an isolated foreign FMU."""
 
     def start(manner):
         environment = {**os.environ, "TMPDIR": str(temporary)}
@@ -172,7 +176,9 @@ def parent(foreign, temporary):
 
 
 @pytest.mark.parametrize("manner", ["write", "hang"])
-def test_a_child_ends_with_its_killed_parent_and_leaves_no_folder(manner, parent, temporary, eventually, alive):
+def test_a_child_process_ends_if_its_parent_is_killed_and_leaves_no_folder(
+    manner, parent, temporary, eventually, alive
+):
     with parent(manner) as process:
         child = int(process.stdout.readline())
         if manner == "write":
@@ -183,14 +189,14 @@ def test_a_child_ends_with_its_killed_parent_and_leaves_no_folder(manner, parent
 
 
 @pytest.mark.parametrize("ending", ["an exception", "Ctrl-C"])
-def test_a_child_ends_with_a_parent_that_fails(ending, parent, temporary, eventually, alive):
+def test_a_child_process_ends_if_its_parent_fails(ending, parent, temporary, eventually, alive):
     with parent("polite") as process:
         child = int(process.stdout.readline())
         assert process.stdout.readline() == b"stepped\n"
         if ending == "Ctrl-C":
             process.send_signal(signal.SIGINT)
-        _, said = process.communicate(b"" if ending == "Ctrl-C" else b"x")
-    assert (b"KeyboardInterrupt" if ending == "Ctrl-C" else b"ValueError") in said
+        _, errors = process.communicate(b"" if ending == "Ctrl-C" else b"x")
+    assert (b"KeyboardInterrupt" if ending == "Ctrl-C" else b"ValueError") in errors
     assert eventually(lambda: not alive(child))
     assert list(temporary.iterdir()) == []
 
@@ -208,24 +214,26 @@ record = ["odd.angle"]
 """
 
 
-def test_the_verb_reports_a_crash_and_compiles_what_is_missing(source_fmu, tmp_path, monkeypatch, foreign_library):
+def test_the_run_command_reports_a_crash_and_compiles_missing_libraries(
+    source_fmu, tmp_path, monkeypatch, foreign_library
+):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     path = source_fmu(model='#include "foreign_fmu.h"\n')
     line = ["run", str(tmp_path / "case.toml"), "-o", str(tmp_path / "out"), "--step", "1 ms"]
     (tmp_path / "case.toml").write_text(SYSTEM.format(fmu=path.name, manner="polite"))
     refused = CliRunner().invoke(main, line)
     assert (refused.exit_code, "--compile" in refused.output) == (2, True)
-    for manner, code, said in (
+    for manner, code, message in (
         ("polite", 0, "wrote "),
         ("segfault", 1, "'odd' (sources.fmu) crashed (SIGSEGV) in: step"),
     ):
         (tmp_path / "case.toml").write_text(SYSTEM.format(fmu=path.name, manner=manner))
         ran = CliRunner().invoke(main, [*line, "--isolate", "--compile"])
         assert ran.exit_code == code, ran.output
-        assert said in " ".join(ran.output.split())
+        assert message in " ".join(ran.output.split())
 
 
-def test_a_system_file_opens_its_fmus_as_asked(foreign, tmp_path):
+def test_the_fmus_of_a_system_file_are_isolated_on_request(foreign, tmp_path):
     (tmp_path / "case.toml").write_text(SYSTEM.format(fmu=foreign().name, manner="polite"))
     for isolate, kind in ((False, FmuComponent), (True, IsolatedComponent)):
         case = read_case(tmp_path / "case.toml", isolate=isolate)

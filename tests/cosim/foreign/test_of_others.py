@@ -1,4 +1,4 @@
-"""FMUs whose library and description we did not write, made of what PyPI packages carry, run like ours."""
+"""FMUs built with other tools from PyPI run like ours."""
 
 import logging
 import math
@@ -36,7 +36,7 @@ def slave(tmp_path_factory):
     return make
 
 
-def test_pythonfmus_example_runs_with_its_parameters_of_every_type(kind, slave):
+def test_the_pythonfmu_example_runs_with_parameters_of_every_type(kind, slave):
     parts = {"slave": kind(slave("pythonslave"), "slave")}
     given = {"intParam": 7, "booleanParameter": True, "stringParameter": "cat", "container.someReal": 1.5}
     system = System(parts, constants={"slave.realIn": 0.5}, parameters={"slave": given})
@@ -45,7 +45,7 @@ def test_pythonfmus_example_runs_with_its_parameters_of_every_type(kind, slave):
     parts["slave"].close()
 
 
-def test_pythonfmus_example_with_modules_of_its_own_runs(slave):
+def test_a_pythonfmu_example_with_its_own_modules_runs(slave):
     part = FmuComponent(slave("slavewithdep", slave.folder / "localmodule.py"), "slave")
     part.begin(0.0, 1.0, {})
     part.end_initialization()
@@ -55,7 +55,7 @@ def test_pythonfmus_example_with_modules_of_its_own_runs(slave):
     part.finish()
 
 
-def test_pythonfmus_example_that_raises_is_a_failed_step(kind, slave):
+def test_an_exception_in_a_pythonfmu_example_is_a_failed_step(kind, slave):
     system = System({"slave": kind(slave("PythonSlaveWithException"), "slave")}, constants={"slave.realIn": 0.5})
     with pytest.raises(StepError, match=r"^component 'slave' \(PythonSlaveWithException.fmu\) failed to step .*0 s"):
         run(system, Scenario(stop=STOP), step=STEP, engine="python")
@@ -109,7 +109,7 @@ def fmpy_container(tmp_path_factory, fmus):
 
 
 @pytest.mark.parametrize("container", ["toolbox_container", "fmpy_container"])
-def test_a_container_gives_what_fmpys_own_loop_gives(container, kind, request):
+def test_a_container_fmu_gives_the_same_output_as_in_fmpys_simulation_loop(container, kind, request):
     path = request.getfixturevalue(container)
     parts = {"box": kind(path, "box")}
     free = [v.name for v in parts["box"].variables.values() if v.causality == "input" and v.type == "Real"]

@@ -1,4 +1,4 @@
-"""Systems of FMUs that we did not build give the same bits again whatever their fmi2Reset does, or an error."""
+"""Repeated runs of foreign FMUs with a faulty fmi2Reset give identical results or an error."""
 
 from functools import partial
 from pathlib import Path
@@ -124,7 +124,7 @@ def assert_same(first, second):
 
 
 @pytest.mark.parametrize("kind", [FmuComponent, IsolatedComponent], ids=["direct", "isolated"])
-def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_right_and_the_same_again_by_default(
+def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_accurate_and_repeatable_by_default(
     kind, parts, rough, monolithic_car
 ):
     system = quarter_car(parts(), kind)
@@ -136,7 +136,7 @@ def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_right_and_the_same_again_b
         assert apart < 4e-3, (name, apart)
 
 
-def test_fmus_that_hold_their_inputs_too_are_the_same_again(parts, rough, monolithic_car):
+def test_runs_of_fmus_that_hold_their_inputs_are_repeatable(parts, rough, monolithic_car):
     system = quarter_car(parts(flags=""))
     first, second = (run(system, scenario(rough), engine="python") for _ in range(2))
     assert_same(first.series, second.series)
@@ -144,15 +144,15 @@ def test_fmus_that_hold_their_inputs_too_are_the_same_again(parts, rough, monoli
     assert np.std(first.series["car.body"] - body) < 0.05 * np.std(body)
 
 
-def test_memory_of_the_library_that_outlives_instances_is_new_for_each_run(parts, rough):
-    """The library goes with its last instance, and its memory with it."""
+def test_static_memory_of_a_library_is_fresh_for_each_run(parts, rough):
+    """The library is unloaded with its last instance, which frees its static memory."""
     system = quarter_car(parts("-DSTATIC_MEMORY"))
     first, second = (run(system, scenario(rough), step=1e-3, engine="python") for _ in range(2))
     assert_same(first.series, second.series)
 
 
-def test_a_run_that_is_another_one_again_is_an_error_that_names_the_fmu(parts, rough):
-    """A library that the loader keeps (as many of C++ are) keeps its memory too; a process of its own does not."""
+def test_a_repeated_run_with_a_different_result_is_an_error_that_names_the_fmu(parts, rough):
+    """A library that stays loaded (as many C++ libraries do) keeps its memory; a separate process does not."""
     paths = parts("-DSTATIC_MEMORY", "-Wl,-z,nodelete")
     system = quarter_car(paths)
     run(system, scenario(rough), step=1e-3, engine="python")
@@ -164,14 +164,14 @@ def test_a_run_that_is_another_one_again_is_an_error_that_names_the_fmu(parts, r
     assert_same(*(run(apart, scenario(rough), step=1e-3, engine="python").series for _ in range(2)))
 
 
-def test_another_step_or_drive_is_another_run(parts, rough):
+def test_runs_with_another_step_or_drive_are_not_compared(parts, rough):
     system = quarter_car(parts())
     half = Drivefile(TimeSeries.from_channels(rough.series.time, {"road": ("m", 0.5 * rough.series["road"])}))
     for drive, step in ((rough, 1e-3), (rough, 2e-3), (half, 1e-3), (rough, 1e-3)):
         run(system, scenario(drive), step=step, engine="python")
 
 
-def test_our_own_fmus_are_reset_and_foreign_ones_made_anew(parts, fmus, begun):
+def test_our_fmus_are_reset_and_foreign_fmus_are_instantiated_again(parts, fmus, begun):
     car, ours = FmuComponent(parts()["car"], "car"), FmuComponent(fmus["lpf1"], "ours")
     kept = []
     for part in (car, ours):

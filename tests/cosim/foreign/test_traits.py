@@ -1,4 +1,4 @@
-"""FMUs with odd but legal traits run, in this process and in one of their own, and are coupled in SI."""
+"""FMUs with unusual but valid properties run, in this process and isolated, and are coupled in SI units."""
 
 import logging
 import math
@@ -23,8 +23,8 @@ def test_units_of_mm_per_s_kn_and_deg_are_converted_to_si(odd, pair):
     assert series["odd.angle"][-1] == pytest.approx(math.radians(250.0 * 0.2), rel=1e-9)
 
 
-def test_a_shock_of_other_names_units_and_sign_is_coupled_as_the_damper_that_it_is(foreign, fmus, make, road):
-    """F [kN] = -3 u [mm/s] / 1000 is a damper of 3000 N s/m, positive the other way: a bond with gain -1."""
+def test_a_shock_with_different_names_units_and_sign_is_coupled_as_the_equivalent_damper(foreign, fmus, make, road):
+    """F [kN] = -3 u [mm/s] / 1000 is a damper of 3000 N s/m with the opposite sign: a bond with gain -1."""
 
     def result(shock, velocity, force, gain):
         bond = Bond(
@@ -56,7 +56,7 @@ def test_parameters_of_every_type_are_set_and_start_values_kept(odd, begun):
     part.finish()
 
 
-def test_a_parameter_of_the_wrong_type_is_refused_with_what_it_takes(foreign):
+def test_the_message_on_a_parameter_of_the_wrong_type_states_the_expected_type(foreign):
     parts = {"odd": FmuComponent(foreign(), "odd")}
     with pytest.raises(WiringError, match=r"odd.manner = 3: it is a String variable and takes no int"):
         System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"manner": 3}})
@@ -64,7 +64,7 @@ def test_a_parameter_of_the_wrong_type_is_refused_with_what_it_takes(foreign):
         System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"flag": 1}})
 
 
-def test_an_output_that_is_not_a_number_at_the_start_is_read_as_such(odd, begun, march):
+def test_an_output_that_is_nan_at_the_start_is_read_as_nan(odd, begun, march):
     part = begun(odd)
     assert math.isnan(part.get(("late",))[0])
     march(part, 4)
@@ -72,14 +72,14 @@ def test_an_output_that_is_not_a_number_at_the_start_is_read_as_such(odd, begun,
     part.finish()
 
 
-def test_steps_of_one_size_only_are_respected(foreign, pair):
+def test_an_fmu_with_fixed_steps_is_only_stepped_by_whole_coupling_steps(foreign, pair):
     system, scenario = pair(FmuComponent(foreign(flags=FIXED_STEPS), "odd"), stop=0.1)
     assert run(system, scenario, step=1e-3, engine="python").steps == 100
     with pytest.raises(WiringError, match=r"odd accepts steps of one size only.*whole number of coupling steps"):
         run(system, replace(scenario, stop=0.0995), step=1e-3, engine="python")
 
 
-def test_what_it_cannot_do_is_known_and_said(foreign, pair):
+def test_missing_capabilities_are_reported(foreign, pair):
     odd = FmuComponent(foreign(flags=FIXED_STEPS), "odd")
     assert not (odd.capabilities.variable_step or odd.capabilities.interpolates_inputs or odd.capabilities.state)
     system, scenario = pair(odd, stop=0.05)
@@ -90,27 +90,29 @@ def test_what_it_cannot_do_is_known_and_said(foreign, pair):
         odd.save()
 
 
-def test_an_fmu_with_memory_of_its_own_runs(foreign, begun, march):
+def test_an_fmu_that_manages_its_own_memory_runs(foreign, begun, march):
     part = begun(FmuComponent(foreign(guid="{own memory}", flags='canNotUseMemoryManagementFunctions="true"'), "odd"))
     march(part, 4)
     assert part.get(("angle",))[0] == pytest.approx(1.0)
     part.finish()
 
 
-def test_a_library_that_lacks_functions_that_it_does_not_need_runs(foreign, sparse_library, begun, march):
+def test_a_library_without_optional_functions_runs(foreign, sparse_library, begun, march):
     part = begun(FmuComponent(foreign(library=sparse_library), "odd"))
     march(part, 4)
     assert part.get(("angle",))[0] == pytest.approx(1.0)
     part.finish()
 
 
-def test_a_library_that_lacks_what_its_description_promises_is_refused(foreign, sparse_library, begun):
+def test_a_library_without_a_function_that_its_description_declares_is_refused(foreign, sparse_library, begun):
     path = foreign(library=sparse_library, flags='canInterpolateInputs="true"')
     with pytest.raises(StepError, match=r"failed to instantiate.*its library has no fmi2SetRealInputDerivatives"):
         begun(FmuComponent(path, "odd"))
 
 
-def test_an_fmu_that_needs_its_tool_says_so_in_every_result_and_where_the_tool_is_missing(foreign, pair, monkeypatch):
+def test_an_fmu_that_needs_its_tool_is_noted_in_results_and_in_the_error_if_the_tool_is_missing(
+    foreign, pair, monkeypatch
+):
     system, scenario = pair(FmuComponent(foreign(guid="{tool}", flags='needsExecutionTool="true"'), "odd"), stop=0.01)
     with pytest.raises(StepError, match=r"'odd'.*failed to instantiate.*What to do: install the tool that made it"):
         run(system, scenario, step=1e-3, engine="python")
@@ -119,12 +121,12 @@ def test_an_fmu_that_needs_its_tool_says_so_in_every_result_and_where_the_tool_i
     assert any(note.startswith("odd: it needs the tool that made it (needsExecutionTool)") for note in notes)
 
 
-def test_an_fmu_for_model_exchange_only_is_refused_with_advice(kind, foreign):
+def test_a_model_exchange_fmu_is_refused_with_advice(kind, foreign):
     with pytest.raises(FmuError, match=r"model exchange only and contains no solver; export it again as FMI 2.0"):
         kind(foreign(kind="ModelExchange"), "odd")
 
 
-def test_an_fmu_that_a_process_holds_once_is_refused_twice_and_runs_isolated(foreign, begun, march):
+def test_a_second_instance_of_a_once_per_process_fmu_is_refused_unless_isolated(foreign, begun, march):
     path = foreign(flags=ONCE, guid="{once}")
     first, second = begun(FmuComponent(path, "first")), FmuComponent(path, "second")
     with pytest.raises(StepError, match=r"'second'.*one instance per process, and component 'first' has it.*--isolate"):
@@ -137,7 +139,7 @@ def test_an_fmu_that_a_process_holds_once_is_refused_twice_and_runs_isolated(for
         part.finish()
 
 
-def test_the_instance_is_made_anew_for_the_next_run(foreign, begun, march):
+def test_a_foreign_fmu_is_instantiated_again_for_each_run(foreign, begun, march):
     for manner in ("polite", "no reset"):
         part, instances = FmuComponent(foreign(), "odd"), []
         for _ in range(2):
@@ -150,7 +152,7 @@ def test_the_instance_is_made_anew_for_the_next_run(foreign, begun, march):
 
 
 @pytest.mark.parametrize("manner", ["polite", "no reset"])
-def test_a_second_run_of_a_system_gives_the_same_bits(odd, manner, pair):
+def test_a_second_run_of_a_system_equals_the_first_bit_for_bit(odd, manner, pair):
     system, scenario = pair(odd, manner, stop=0.1)
     first, second = (run(system, scenario, step=1e-3, engine="python").series for _ in range(2))
     assert first.names == second.names
@@ -158,7 +160,7 @@ def test_a_second_run_of_a_system_gives_the_same_bits(odd, manner, pair):
         np.testing.assert_array_equal(first[name], second[name])
 
 
-def test_log_messages_have_their_formats_filled_in_and_variables_by_name(odd, begun, march, caplog):
+def test_log_messages_are_formatted_with_variable_names(odd, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")
     part = begun(odd, "talk")
     march(part, 1)
@@ -169,7 +171,7 @@ def test_log_messages_have_their_formats_filled_in_and_variables_by_name(odd, be
     assert part.messages == ()
 
 
-def test_each_component_has_a_log_of_its_own(foreign, begun, march, caplog):
+def test_each_component_has_its_own_logger(foreign, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")
     parts = [begun(FmuComponent(foreign(), name), "talk") for name in ("one", "two")]
     for part in parts:
@@ -177,7 +179,7 @@ def test_each_component_has_a_log_of_its_own(foreign, begun, march, caplog):
     assert [r.name for r in caplog.records if r.name.startswith("cosim.fmu")] == ["cosim.fmu.one", "cosim.fmu.two"]
 
 
-def test_what_an_fmu_prints_goes_to_our_output_or_isolated_to_the_log(odd, begun, march, caplog):
+def test_printed_output_of_an_isolated_fmu_is_logged(odd, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")
     part = begun(odd, "print")
     march(part, 2)
@@ -186,7 +188,7 @@ def test_what_an_fmu_prints_goes_to_our_output_or_isolated_to_the_log(odd, begun
     assert logged == ([] if type(odd) is FmuComponent else ["printed: solved at 0", "printed: solved at 0.001"])
 
 
-def test_what_an_fmu_writes_goes_into_the_working_folder(foreign, begun, march, tmp_path, monkeypatch):
+def test_files_written_by_an_fmu_are_in_the_working_folder(foreign, begun, march, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     part = begun(FmuComponent(foreign(), "odd"), "write")
     march(part, 3)
@@ -194,7 +196,7 @@ def test_what_an_fmu_writes_goes_into_the_working_folder(foreign, begun, march, 
     part.finish()
 
 
-def test_resources_are_found_where_the_path_has_spaces_and_signs(kind, foreign, begun, tmp_path, monkeypatch):
+def test_resources_are_found_in_paths_with_spaces_and_special_characters(kind, foreign, begun, tmp_path, monkeypatch):
     folder = tmp_path / "a folder, 100 % ü"
     folder.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(folder))
@@ -213,7 +215,7 @@ def test_resources_are_found_where_the_path_has_spaces_and_signs(kind, foreign, 
     ],
     ids=["listed", "all.c", "not listed", "names with a prefix"],
 )
-def test_sources_are_compiled_on_request_where_there_is_no_binary(
+def test_sources_are_compiled_on_request_if_there_is_no_binary(
     listed, sources, source_fmu, begun, march, tmp_path, monkeypatch, foreign_library
 ):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
@@ -227,7 +229,7 @@ def test_sources_are_compiled_on_request_where_there_is_no_binary(
     assert len(list((tmp_path / "cache" / "rebuilt").iterdir())) == 1
 
 
-def test_a_damaged_library_in_the_cache_is_compiled_again(
+def test_a_damaged_library_in_the_cache_is_recompiled(
     source_fmu, begun, march, tmp_path, monkeypatch, caplog, foreign_library
 ):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
@@ -243,7 +245,7 @@ def test_a_damaged_library_in_the_cache_is_compiled_again(
     part.finish()
 
 
-def test_sources_that_do_not_compile_are_refused_with_the_compilers_first_error(source_fmu, tmp_path, monkeypatch):
+def test_the_message_on_sources_that_do_not_compile_has_the_first_compiler_error(source_fmu, tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     path = source_fmu(listed="model.c", model="#error only for dSPACE\n")
     with pytest.raises(FmuError, match=r"sources do not compile with .*only for dSPACE.*ask for a binary"):

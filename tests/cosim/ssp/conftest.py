@@ -1,4 +1,4 @@
-"""Folders with the FMUs of the packages."""
+"""Fixtures: folders with the FMUs of the packages."""
 
 import shutil
 
@@ -25,7 +25,7 @@ def bare_fmus(tmp_path_factory, fmus):
 
 @pytest.fixture
 def folder(tmp_path, bare_fmus):
-    """A folder with FMUs under resources/ and a drivefile."""
+    """A folder with FMUs under resources/ and a drive file."""
     shutil.copytree(bare_fmus, tmp_path / "resources")
     time = np.linspace(0.0, 1.0, 101)
     road = 0.005 * np.sin(2 * np.pi * 3 * time)

@@ -65,7 +65,7 @@ def run(case):
 
 
 def by_hand(folder, *, bonds=None, connections=(), parameters=None, constants=None, stop=0.3):
-    """The same corner, wired in Python."""
+    """Return the result of the same corner, wired in Python."""
     made = cosim.System.load(
         {"car": folder / "resources" / "quarter_car.fmu", "shock": folder / "resources" / "lpnl2.fmu"},
         [cosim.Bond.between("car", "shock")] if bonds is None else bonds,
@@ -91,7 +91,7 @@ DAMPER = SHOCK.replace('name="shock"', 'name="damper"')
 
 
 def rewrite(folder, name, pattern, replacement):
-    """Change the model description of an FMU in the folder: what FMUs of others are like."""
+    """Change the model description of an FMU in the folder, to imitate FMUs of other tools."""
     path = folder / "resources" / f"{name}.fmu"
     members = read_archive(path)
     text, count = re.subn(pattern, replacement, members["modelDescription.xml"].decode(), flags=re.DOTALL)
@@ -100,12 +100,12 @@ def rewrite(folder, name, pattern, replacement):
 
 
 def without_units(folder, name):
-    """Let an FMU state no units, as tools do that know none."""
+    """Remove the units from an FMU's description, as in FMUs of tools without units."""
     rewrite(folder, name, ' (unit|displayUnit)="[^"]*"', "")
 
 
 def in_swift(folder, factor):
-    """Let the shock state its velocities in [swift], a unit of its own."""
+    """Declare the shock's velocities in [swift], a unit that only this FMU defines."""
     rewrite(folder, "lpnl2", '<BaseUnit m="1" s="-1"', rf'\g<0> factor="{factor}"')
     rewrite(folder, "lpnl2", '"m/s"', '"swift"')
 

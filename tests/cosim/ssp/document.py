@@ -1,4 +1,4 @@
-"""SSP descriptions, value sets and mappings, hand-written as other tools write them."""
+"""SSP descriptions, parameter sets and mappings, as other tools write them."""
 
 NAMESPACES = "".join(
     f' xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
@@ -18,7 +18,7 @@ EXPERIMENT = '<ssd:DefaultExperiment startTime="0" stopTime="0.3"/>'
 
 
 def connectors(**names):
-    """`velocity="output m/s"` as a connector."""
+    """Return the XML of connectors given as `velocity="output m/s"`."""
     lines = ""
     for name, text in names.items():
         kind, _, unit = text.partition(" ")
@@ -33,7 +33,7 @@ def component(name, source, ports="", extra="", **attributes):
 
 
 def link(start, end, inside="", **attributes):
-    """`car.velocity` or, of the system itself, `:velocity`."""
+    """Return the XML of a connection; an end is `car.velocity` or, for a system connector, `:velocity`."""
     ends = ""
     for which, text in (("start", start), ("end", end)):
         element, _, name = text.partition(":" if text.startswith(":") else ".")

@@ -1,4 +1,4 @@
-"""The verbs `ssp` and `run` on packages."""
+"""The commands `ssp` and `run` on packages."""
 
 import re
 import shlex
@@ -19,7 +19,7 @@ from .corner import CAR_ALONE, LBF, LINKS, SHOCK, by_hand, corner, in_swift, rea
 from .document import link
 
 
-def test_what_the_ssp_verb_writes_runs_with_the_numbers_of_the_system_file(folder):
+def test_a_package_written_by_the_ssp_command_gives_the_results_of_the_system_file(folder):
     in_swift(folder, 0.8)
     (folder / "corner.toml").write_text(SYSTEM_FILE)
     wrote = CliRunner().invoke(main, ["ssp", str(folder / "corner.toml")])
@@ -52,7 +52,7 @@ record_step = "2 ms"
 """
 
 
-def test_a_package_written_again_keeps_its_offsets_and_is_not_written_over(folder):
+def test_a_package_written_again_keeps_its_offsets_and_is_not_overwritten(folder):
     offset = link("car.velocity", "shock.velocity", '<ssc:LinearTransformation factor="1" offset="0.1"/>')
     (folder / "corner.ssd").write_bytes(corner(links=LINKS.replace(link("car.velocity", "shock.velocity"), offset)))
     for first, second in (("corner.ssd", "once.ssp"), ("once.ssp", "twice.ssp")):
@@ -66,7 +66,7 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_written_over(folde
     assert ran.exit_code == 2 and "the output is the input package itself" in ran.output
 
 
-def test_the_verb_takes_what_a_package_lacks(folder, monkeypatch):
+def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folder, monkeypatch):
     monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     (folder / "corner.ssd").write_bytes(corner(CAR_ALONE + SHOCK))
     line = ["run", str(folder / "corner.ssd"), "-o", str(folder / "out"), "--drive", str(folder / "road.csv")]
@@ -77,7 +77,7 @@ def test_the_verb_takes_what_a_package_lacks(folder, monkeypatch):
     assert read_series(folder / "out" / "series.parquet").time == pytest.approx(np.linspace(0.0, 0.2, 21))
 
 
-def test_the_verb_refuses_a_packages_options_beside_a_system_file(folder):
+def test_the_run_command_refuses_options_for_packages_with_a_system_file(folder):
     (folder / "case.toml").write_text("schema = 1\n")
     for option in (["--stop", "1 s"], ["--drive", "road.csv"], ["--input", "a.b=1"], ["--record-step", "1 ms"]):
         ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), *option])
@@ -86,7 +86,7 @@ def test_the_verb_refuses_a_packages_options_beside_a_system_file(folder):
     assert ran.exit_code == 2 and "--stop '1 m': cannot convert" in ran.output
 
 
-def test_the_example_of_the_documentation_runs_as_it_says(folder, monkeypatch):
+def test_the_example_of_the_documentation_gives_the_documented_result(folder, monkeypatch):
     monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     page = (Path(__file__).parents[3] / "docs" / "ssp.md").read_text(encoding="utf-8")
     example, command = re.search(r"```xml\n(.*?)```\n\n```sh\n(.*?)```", page, re.DOTALL).groups()

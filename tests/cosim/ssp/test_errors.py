@@ -1,4 +1,4 @@
-"""What cannot be run is named with its place."""
+"""Errors in a package are reported with their place."""
 
 import re
 import tempfile
@@ -16,7 +16,7 @@ TABLE = '<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="1"/>
 BUS = '<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'
 TOO_LOW = bindings(binding(parameter("friction_velocity", -1.0)))
 STEP = '<ssd:Annotations><ssc:Annotation type="o"><FixedStepMaster stepSize="0"/></ssc:Annotation></ssd:Annotations>'
-#: What is replaced by what (a regular expression, once), the error, and what it says.
+#: Pattern (a regular expression, replaced once), replacement, error class and pattern of its message.
 BROKEN = {
     "no XML": ("ption>$", "", InputError, "not a readable XML file"),
     "entities": (r"\?>\n", '?>\n<!DOCTYPE x [<!ENTITY a "aa">]>', InputError, "declares a document type"),
@@ -79,11 +79,11 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_what_is_wrong_in_a_package_is_named(folder, fault):
-    old, new, error, said = BROKEN[fault]
+def test_the_error_names_the_fault_in_a_package_and_its_place(folder, fault):
+    old, new, error, message = BROKEN[fault]
     broken, count = re.subn(old, new, corner().decode(), count=1, flags=re.DOTALL)
     assert count == 1
-    with pytest.raises(error, match=said) as caught:
+    with pytest.raises(error, match=message) as caught:
         read_as_it_is(folder, broken.encode())
     assert str(folder / "corner.ssd") in str(caught.value)
     for unpacked in ("ssp_", "fmu_"):

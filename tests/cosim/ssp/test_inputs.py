@@ -1,4 +1,4 @@
-"""What feeds a package's open inputs: a drive, constants, or the FMU's own start."""
+"""Open inputs of a package are fed by a drive, by constants or by the FMU's start values."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from .corner import CAR, CAR_ALONE, LINKS, SHOCK, by_hand, corner, read, renamed
 from .document import connectors, link, system
 
 
-def test_a_drive_reaches_inputs_through_the_packages_own_connector_in_its_unit(folder):
-    """The road in mm at the package's edge; two cars on it."""
+def test_a_drive_feeds_inputs_through_a_system_connector_in_its_unit(folder):
+    """The system connector takes the road in mm and feeds two cars."""
     twin = CAR.replace('name="car"', 'name="twin"')
     dampers = SHOCK + SHOCK.replace('name="shock"', 'name="other"')
     links = (
@@ -28,7 +28,7 @@ def test_a_drive_reaches_inputs_through_the_packages_own_connector_in_its_unit(f
 
 
 @pytest.mark.parametrize("channel", ["road", "car.road", "body.car.road", "body_car.road"])
-def test_a_drive_channel_is_called_by_input_by_component_or_by_path(folder, channel):
+def test_a_drive_channel_is_named_by_input_component_or_path(folder, channel):
     if channel.startswith("body"):
         ports = connectors(v="output", x="output", f="input")
         inner_links = link("car.velocity", ":v") + link("car.displacement", ":x") + link(":f", "car.force")
@@ -41,7 +41,7 @@ def test_a_drive_channel_is_called_by_input_by_component_or_by_path(folder, chan
     same(run(case), by_hand(folder), lambda name: name.replace("body_car", "car"))
 
 
-def test_an_open_input_stays_as_the_fmu_has_it_unless_a_constant_is_given(folder):
+def test_an_open_input_keeps_its_start_value_unless_a_constant_is_given(folder):
     open_ = read(folder, corner(CAR_ALONE + SHOCK), drive=None)
     assert dict(open_.system.constants) == {"car.road": 0.0, "car.aero_force": 0.0}
     assert any("these inputs have no source" in n and "car.road = 0, car.aero_force = 0" in n for n in open_.notes)
@@ -50,12 +50,12 @@ def test_an_open_input_stays_as_the_fmu_has_it_unless_a_constant_is_given(folder
     assert case.notes == ()
 
 
-def test_a_constant_that_nothing_takes_is_named(folder):
-    for inputs, said in (
+def test_an_error_names_a_constant_that_no_open_input_accepts(folder):
+    for inputs, message in (
         ({"car.speed": "1"}, r"input 'car\.speed' matches no open input.* open inputs: car\.road, car\.aero_force"),
         ({"car.aero_force": "10 mm"}, "dimensions differ"),
         ({"car.aero_force": "much"}, "input 'car.aero_force': "),
         ({"road": "1"}, r"input 'road': the drive file feeds car\.road too"),
     ):
-        with pytest.raises(WiringError, match=said):
+        with pytest.raises(WiringError, match=message):
             read(folder, corner(), inputs=inputs)

@@ -10,7 +10,7 @@ from .corner import CAR, DAMPER, NESTED_LINKS, NESTED_PORTS, OUTER_LINKS, by_han
 from .document import binding, bindings, component, description, parameter, system
 
 
-def test_nested_systems_are_flattened_and_stay_bonds(folder):
+def test_nested_systems_are_flattened_and_their_bonds_are_kept(folder):
     inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
     case = read(folder, corner(CAR + inner, OUTER_LINKS))
     assert "component names: axle.damper is axle_damper" in case.notes
@@ -18,7 +18,7 @@ def test_nested_systems_are_flattened_and_stay_bonds(folder):
     same(run(case), by_hand(folder), lambda name: name.replace("axle_damper", "shock"))
 
 
-def test_a_name_that_flattening_would_take_twice_is_numbered(folder):
+def test_duplicate_names_after_flattening_are_numbered(folder):
     inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
     spare = component("axle_damper", "resources/lpnl2.fmu", extra=bindings(binding(
         parameter("velocity", 0.0), parameter("displacement", 0.0), parameter("gas_stiffness", 0.0))))  # fmt: skip
@@ -28,7 +28,7 @@ def test_a_name_that_flattening_would_take_twice_is_numbered(folder):
 
 
 @pytest.mark.parametrize("kind", ["description", "package", "package without a type", "variant"])
-def test_another_description_may_stand_for_a_component(folder, kind):
+def test_a_component_may_be_another_system_description(folder, kind):
     top = description(system("anything", DAMPER, NESTED_LINKS, NESTED_PORTS), experiment="")
     attributes, source = {"type": "application/x-ssp-package"}, "resources/axle.ssp"
     if kind == "description":
@@ -44,7 +44,7 @@ def test_another_description_may_stand_for_a_component(folder, kind):
     same(run(case), by_hand(folder), lambda name: name.replace("axle_damper", "shock"))
 
 
-def test_a_system_of_the_same_document_may_stand_for_a_component(folder):
+def test_a_component_may_be_a_system_of_the_same_document(folder):
     twin = system("twin", DAMPER, NESTED_LINKS, NESTED_PORTS, id="definition")
     idle = bindings(binding(parameter("twin.damper.gas_stiffness", 0.0)))
     case = read(folder, corner(CAR + component("axle", "#definition") + twin, OUTER_LINKS, bindings=idle))
@@ -55,7 +55,7 @@ def test_a_system_of_the_same_document_may_stand_for_a_component(folder):
         read(folder, corner(CAR + own, ""))
 
 
-def test_a_description_that_holds_itself_is_refused(folder):
+def test_a_description_that_contains_itself_is_refused(folder):
     element = component("axle", "corner.ssd", type="application/x-ssp-definition")
     with pytest.raises(WiringError, match=r"corner\.ssd contains itself"):
         read(folder, corner(CAR + element, ""))

@@ -1,4 +1,4 @@
-"""Where the files of a package lie: in archives, in folders, by address; what cannot be opened is named."""
+"""The files of a package are found in archives, in folders and by URI; files that cannot be opened are reported."""
 
 import gc
 import shutil
@@ -14,7 +14,7 @@ from eightpost.errors import FmuError, InputError, WiringError
 from .corner import by_hand, corner, read, resources, run, same
 
 
-def test_a_description_in_a_folder_and_the_same_in_an_archive_are_one(folder):
+def test_a_description_in_a_folder_and_in_an_archive_give_the_same_result(folder):
     case = read(folder, corner())
     write_archive(folder / "corner.ssp", {**resources(folder), "SystemStructure.ssd": corner()})
     packed = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
@@ -24,7 +24,7 @@ def test_a_description_in_a_folder_and_the_same_in_an_archive_are_one(folder):
     assert case.system.bonds == packed.system.bonds == (cosim.Bond.between("car", "shock"),)
 
 
-def test_an_unpacked_package_goes_with_the_last_of_its_components(folder):
+def test_an_unpacked_package_is_removed_with_the_last_of_its_components(folder):
     write_archive(folder / "corner.ssp", {**resources(folder), "SystemStructure.ssd": corner()})
     case = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
     file = case.fmus["shock"]
@@ -35,7 +35,7 @@ def test_an_unpacked_package_goes_with_the_last_of_its_components(folder):
 
 
 @pytest.mark.parametrize("source", ["../lpnl2.fmu", "%2e%2e/lpnl2.fmu", "/lpnl2.fmu"])
-def test_a_source_does_not_leave_an_archive(folder, source):
+def test_a_source_outside_the_archive_is_refused(folder, source):
     shutil.copy(folder / "resources" / "lpnl2.fmu", folder / "lpnl2.fmu")
     content = corner().replace(b"resources/lpnl2.fmu", source.encode())
     write_archive(folder / "corner.ssp", {"SystemStructure.ssd": content, **resources(folder)})
@@ -43,7 +43,7 @@ def test_a_source_does_not_leave_an_archive(folder, source):
         read_case(folder / "corner.ssp")
 
 
-def test_a_bare_description_may_name_files_beside_its_folder_and_by_address(folder):
+def test_a_description_file_may_refer_to_files_outside_its_folder_and_by_uri(folder):
     (folder / "systems").mkdir()
     car, shock = folder / "resources" / "quarter_car.fmu", folder / "resources" / "lpnl2.fmu"
     content = corner().replace(b"resources/lpnl2", b"../resources/lpnl2")
@@ -56,7 +56,7 @@ def test_a_bare_description_may_name_files_beside_its_folder_and_by_address(fold
     }
 
 
-def test_archives_that_are_none_or_hold_no_description_are_named(folder):
+def test_errors_name_unreadable_archives_and_archives_without_a_description(folder):
     (folder / "text.ssp").write_text("no zip")
     with pytest.raises(FmuError, match=r"text\.ssp: is not a readable zip"):
         read_case(folder / "text.ssp")
@@ -72,7 +72,7 @@ def test_archives_that_are_none_or_hold_no_description_are_named(folder):
         read_case(folder / "evil.ssp")
 
 
-def test_an_fmu_that_cannot_be_used_is_named_by_its_place_in_the_package(folder):
+def test_an_error_names_an_unusable_fmu_by_its_place_in_the_package(folder):
     write_archive(folder / "bad.ssp", {"SystemStructure.ssd": corner(), "resources/quarter_car.fmu": b"no zip",
                                        "resources/lpnl2.fmu": b"no zip"})  # fmt: skip
     with pytest.raises(
@@ -81,7 +81,7 @@ def test_an_fmu_that_cannot_be_used_is_named_by_its_place_in_the_package(folder)
         read_case(folder / "bad.ssp")
 
 
-def test_a_shock_of_a_package_is_swapped_by_its_flat_name(folder, fmus):
+def test_a_shock_of_a_package_is_replaced_by_its_flattened_name(folder, fmus):
     (folder / "corner.ssd").write_bytes(corner())
     given = Given(folder / "road.csv")
     case = read_case(folder / "corner.ssd", fmus={"shock": fmus["polylinear"]}, given=given)

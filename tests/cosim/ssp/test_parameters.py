@@ -1,4 +1,4 @@
-"""Parameter sets and mappings reach the variables that they name."""
+"""Parameter sets and mappings set the variables that they name."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from .corner import (
 from .document import binding, bindings, connectors, entry, link, mapping, parameter, parameter_set, system
 
 
-def test_values_of_components_and_systems_are_found_by_name_and_the_higher_level_wins(folder):
+def test_values_are_matched_by_name_and_the_higher_level_takes_precedence(folder):
     low = shock_with(
         binding(parameter("compression_scale", 1.1), parameter("rebound_scale", 1.1), parameter("gas_preload", 7.0)),
         binding(parameter("rebound_scale", 1.3)),
@@ -39,7 +39,7 @@ def test_values_of_components_and_systems_are_found_by_name_and_the_higher_level
     same(run(case), expected)
 
 
-def test_external_values_carry_units_of_their_own_file(folder):
+def test_external_values_use_the_units_of_their_own_file(folder):
     pounds = (
         f'<ssv:Units><ssc:Unit name="pfund"><ssc:BaseUnit kg="1" m="1" s="-2" factor="{LBF}"/></ssc:Unit></ssv:Units>'
     )
@@ -51,7 +51,7 @@ def test_external_values_carry_units_of_their_own_file(folder):
     assert any("soft.ssv: no variable matches shock.nothing" in note for note in case.notes)
 
 
-def test_values_inside_the_components_own_archive_are_found(folder):
+def test_values_inside_the_components_archive_are_found(folder):
     path = folder / "resources" / "lpnl2.fmu"
     write_archive(path, {**read_archive(path), "extra/soft.ssv": parameter_set(parameter("gas_preload", 9.0)).encode()})
     inside = binding(source="extra/soft.ssv").replace(
@@ -61,7 +61,7 @@ def test_values_inside_the_components_own_archive_are_found(folder):
 
 
 @pytest.mark.parametrize("external", [True, False])
-def test_a_mapping_renames_and_transforms_and_lets_other_names_be(folder, external):
+def test_a_mapping_renames_and_transforms_values_and_keeps_other_names(folder, external):
     text = mapping(
         entry("preload", "gas_preload", '<ssc:LinearTransformation factor="2" offset="5"/>'),
         entry("scale", "compression_scale"),
@@ -81,7 +81,7 @@ def test_a_mapping_renames_and_transforms_and_lets_other_names_be(folder, extern
     assert case.notes == ()
 
 
-def test_sets_and_mappings_that_another_library_writes_are_read(folder):
+def test_parameter_sets_and_mappings_of_another_library_are_read(folder):
     from pyssp_standard import SSM, SSV, Transformation  # noqa: PLC0415
 
     with SSV(folder / "setup.ssv", "w") as values_file:
@@ -98,7 +98,7 @@ def test_sets_and_mappings_that_another_library_writes_are_read(folder):
     assert values(case, "car") == {"start_at_equilibrium": True}
 
 
-def test_tables_map_truth_and_numbers(folder):
+def test_a_boolean_mapping_table_maps_booleans_and_numbers(folder):
     table = (
         '<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="true"/>'
         '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
@@ -111,7 +111,7 @@ def test_tables_map_truth_and_numbers(folder):
     assert case.system.parameters["car"] == {"start_at_equilibrium": True}
 
 
-def test_a_value_at_a_system_connector_reaches_what_it_feeds_in_its_units(folder):
+def test_a_value_at_a_system_connector_is_converted_to_the_units_of_the_connected_parameter(folder):
     ports = connectors(v="input", x="input", f="output", scale="parameter", preload="parameter swift")
     with_parameters = (
         NESTED_LINKS
@@ -124,7 +124,7 @@ def test_a_value_at_a_system_connector_reaches_what_it_feeds_in_its_units(folder
     assert values(case, "axle_damper") == {"compression_scale": 1.5, "friction_velocity": pytest.approx(0.02)}
 
 
-def test_a_value_for_an_input_that_a_component_feeds_is_only_its_start(folder):
+def test_a_value_for_a_connected_input_is_only_its_start_value(folder):
     case = read(folder, corner(CAR + shock_with(binding(parameter("velocity", 0.3)))))
     assert dict(case.system.constants) == {"car.aero_force": 100.0}
 
@@ -140,7 +140,7 @@ def as_enumeration(folder):
     rewrite(folder, "lpnl2", "<LogCategories>", types + "<LogCategories>")
 
 
-def test_initial_values_of_states_and_of_true_or_false_inputs_are_set_and_computed_ones_left_out(folder):
+def test_initial_values_of_states_and_boolean_inputs_are_set_and_of_outputs_ignored(folder):
     state = r'\g<1>causality="local" variability="continuous"'
     rewrite(folder, "lpnl2", '(name="compression_scale"[^>]*)causality="parameter" variability="tunable"', state)
     switch = r'\g<1>causality="input" variability="discrete"'
@@ -154,7 +154,7 @@ def test_initial_values_of_states_and_of_true_or_false_inputs_are_set_and_comput
     assert np.ptp(run(case).series["shock.force"]) > 1.3 * np.ptp(by_hand(folder).series["shock.force"])
 
 
-def test_an_enumerations_item_has_the_number_that_the_fmu_gives_it(folder):
+def test_an_enumeration_item_has_the_number_defined_in_the_fmu(folder):
     as_enumeration(folder)
     case = read(folder, corner(CAR + shock_with(binding(parameter("motion_ratio", "hard", "Enumeration")))))
     assert values(case) == {"motion_ratio": 7}

@@ -1,4 +1,4 @@
-"""A package runs as the same system wired by hand, whoever wrote it."""
+"""A package from any tool gives the result of the same system wired in Python."""
 
 import shutil
 from pathlib import Path
@@ -46,7 +46,7 @@ from .document import (
 )
 
 
-def test_a_package_of_ours_runs_as_the_system_it_was_written_from(folder):
+def test_a_package_that_we_wrote_gives_the_result_of_its_original_system(folder):
     files = {"car": folder / "resources" / "quarter_car.fmu", "shock": folder / "resources" / "lpnl2.fmu"}
     given = {"car": {"aero_force": 100.0, "start_at_equilibrium": True}, "shock": {"compression_scale": 1.2}}
     ways = (
@@ -80,7 +80,7 @@ def test_the_whole_car_round_trips_bit_for_bit(tmp_path, fmus):
     assert all(np.array_equal(result.series[name], expected.series[name]) for name in expected.series.names)
 
 
-def test_the_default_experiment_gives_times_and_annotations_the_step(folder):
+def test_times_come_from_the_default_experiment_and_the_step_from_annotations(folder):
     oms = (
         '<ssd:Annotations><ssc:Annotation type="org.openmodelica"><oms:Annotations xmlns:oms="urn:oms">'
         '<oms:SimulationInformation><oms:FixedStepMaster description="oms-ma" stepSize="0.002"/>'
@@ -99,8 +99,8 @@ def test_the_default_experiment_gives_times_and_annotations_the_step(folder):
     assert any("starts at 0.5 s" in note for note in case.notes)
 
 
-def test_legal_oddities_are_read(folder):
-    """Other prefixes, a default namespace, comments, percent-encoded names, ends drawn the other way, no connectors."""
+def test_unusual_but_valid_documents_are_read(folder):
+    """Other prefixes, a default namespace, comments, percent-encoded names, reversed connections, no connectors."""
     shutil.copy(folder / "resources" / "lpnl2.fmu", folder / "resources" / "my shock #2.fmu")
     text = corner(
         CAR + component("shock", "resources/my%20shock%20%232.fmu"),
@@ -117,7 +117,7 @@ def test_legal_oddities_are_read(folder):
     same(run(read(folder, text.encode())), by_hand(folder))
 
 
-def test_a_package_of_ssp_2_is_read_where_fmi_2_has_what_it_says(folder):
+def test_an_ssp_2_package_that_uses_only_fmi_2_features_is_read(folder):
     text = description(system("corner", CAR + SHOCK, LINKS), version="2.0").decode()
     text = text.replace("ssc:Real", "ssc:Float64")
     text = text.replace("ssv:Real", "ssv:Float64").replace('kind="output"', 'kind="local"', 1)
@@ -125,12 +125,12 @@ def test_a_package_of_ssp_2_is_read_where_fmi_2_has_what_it_says(folder):
     same(run(read(folder, text.encode())), by_hand(folder))
 
 
-def test_another_engine_agrees_on_a_nested_package(folder):
-    """FMPy's simulate_ssp holds coupled values over each step: it comes near as its step gets small."""
+def test_fmpy_gives_the_same_result_for_a_nested_package(folder):
+    """FMPy's simulate_ssp holds coupled values over each step, so it converges to our result for small steps."""
     from fmpy.ssp.simulation import simulate_ssp  # noqa: PLC0415
     from fmpy.ssp.ssd import read_ssv  # noqa: PLC0415
 
-    # FMPy has no equilibrium start: the shock gives no force before it moves.
+    # FMPy has no equilibrium start, so the shock must have no force at rest.
     given = (parameter("axle.damper.gas_preload", 0.0), parameter("axle.damper.rebound_scale", 1.5))
     (folder / "resources" / "setup.ssv").write_text(parameter_set(*given))
     inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
@@ -147,6 +147,6 @@ def test_another_engine_agrees_on_a_nested_package(folder):
         input={"z": lambda time: float(np.interp(time, road.time, road["road"]))},
     )
     for our_name, name in (("car.velocity", "car.velocity"), ("axle_damper.force", "axle.damper.force")):
-        # A row holds what a step gave, under the time at which the step began.
+        # A row contains the result of a step with the time at the step's start.
         expected = np.interp(ours.time, reference["time"] + step, reference[name])
         assert np.std(ours[our_name] - expected) < 0.01 * np.std(expected), name

@@ -24,7 +24,7 @@ from .corner import (
 from .document import link, system
 
 
-def test_transformations_come_after_units_and_in_place_of_them_where_units_are_suppressed(folder):
+def test_transformations_apply_after_unit_conversion_or_replace_it_if_it_is_suppressed(folder):
     linear = '<ssc:LinearTransformation factor="-2" offset="0.5"/>'
     without_units(folder, "lpnl2")
     shock = SHOCK.replace("m/s", "swift")
@@ -49,7 +49,7 @@ def test_chained_transformations_multiply(folder):
 
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-def test_an_offset_reaches_the_component_as_a_constant_on_the_same_input_would(folder, engine, factor):
+def test_an_offset_has_the_effect_of_a_constant_on_the_same_input(folder, engine, factor):
     linear = f'<ssc:LinearTransformation factor="{factor}" offset="0.1"/>'
     changed = LINKS.replace(*(link("car.velocity", "shock.velocity", inside) for inside in ("", linear)))
     moved = read(folder, corner(links=changed))
@@ -66,7 +66,7 @@ def test_an_offset_reaches_the_component_as_a_constant_on_the_same_input_would(f
     assert np.abs(series["shock.force"] - by_hand(folder).series["shock.force"]).mean() > 100.0
 
 
-def test_a_turned_shock_is_a_bond_and_a_lever_on_one_way_only_is_none(folder):
+def test_a_reversed_shock_is_a_bond_but_a_factor_in_only_one_direction_is_not(folder):
     turned = '<ssc:LinearTransformation factor="-1"/>'
     ways = (
         ("car.velocity", "shock.velocity"),

@@ -1,4 +1,4 @@
-"""Units of connectors and of FMUs are converted, once."""
+"""Units of connectors and of FMUs are converted exactly once."""
 
 import re
 
@@ -25,14 +25,14 @@ from .corner import (
 from .document import UNITS, description, link, system
 
 
-def test_units_that_only_the_description_knows_are_converted(folder):
+def test_units_defined_only_in_the_description_are_converted(folder):
     without_units(folder, "lpnl2")
     shock = SHOCK.replace("m/s", "brisk")
     case = read(folder, corner(CAR + shock))
-    # The FMU states no unit, so the connector's [brisk] = 1.25 m/s is what its numbers are in.
+    # The FMU states no unit, so its values are in the connector's unit [brisk] = 1.25 m/s.
     assert gains(case)["car.velocity", "shock.velocity"] == (pytest.approx(0.8, rel=1e-15), 0.0)
     assert gains(case)["shock.force", "car.force"] == (1.0, 0.0)
-    # Power in other units at the two ends is no bond whose energy could be metered.
+    # With different power units at the two ends, this is not a bond with an energy balance.
     assert case.system.bonds == ()
     ways = [
         cosim.Connection("car.velocity", "shock.velocity", 0.8),
@@ -51,7 +51,7 @@ def test_a_units_factor_and_offset_are_both_converted(folder):
     assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)
 
 
-def test_connectors_without_units_and_of_one_unknown_unit_carry_the_numbers(folder):
+def test_connectors_without_units_or_with_the_same_unknown_unit_are_not_converted(folder):
     without_units(folder, "lpnl2")
     without_units(folder, "quarter_car")
     unknown = UNITS.replace("</ssd:Units>", '<ssc:Unit name="pu"><ssc:BaseUnit/></ssc:Unit></ssd:Units>')
@@ -70,8 +70,8 @@ def test_a_system_connector_in_another_unit_changes_nothing(folder):
     assert len(case.system.bonds) == 1
 
 
-def test_suppressed_units_of_two_fmus_are_undone(folder):
-    """The system converts by the FMUs' own units; the package says not to."""
+def test_suppressed_unit_conversion_undoes_the_conversion_between_two_fmus(folder):
+    """The system converts between the FMUs' units, but the package suppresses the conversion."""
     in_swift(folder, 0.001)
     shock = SHOCK.replace("m/s", "swift")
     changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
