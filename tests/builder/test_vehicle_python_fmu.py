@@ -46,7 +46,7 @@ def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(pyt
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(python_component, name):
+def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(python_component, name):
     model = model_of(name)
     u = np.linspace(-1.0, 1.0, len(model.inputs)) * np.where(
         [n.endswith("road") for n in model.input_names], 0.01, 500.0
@@ -79,7 +79,7 @@ def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file
     assert starts["rr.static_tire_force"] == 0.0
 
 
-def test_static_values_move_the_outputs(python_component):
+def test_static_values_are_added_to_the_outputs(python_component):
     fmu = python_component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
     fmu.end_initialization()
     assert fmu.get(("lf.tire_force", "rf.tire_force", "rear.ride_height")) == [3000.0, 0.0, 0.2]

@@ -3,7 +3,7 @@
  *     host <library> <guid> <inputs.csv> <outputs.csv> <output reference>...
  *
  * inputs.csv has a header "time,<reference>,..." and one row per communication point; inputs are held over each step. Writes the
- * outputs at every point. Exit code 0; 1 if the FMU refused something; 2 if an argument or a file is wrong. */
+ * outputs at every point. Exit code 0; 1 if the FMU refused a call; 2 if an argument or a file is wrong. */
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,11 +2,11 @@
 
 The scenario: inputs are 0 in initialization, then sines and steps, held over steps of 1 ms for 0.5 s. No host ramps
 inputs, so an output with a direct term has, at the end of a step, the value for the input that was held in it: one
-step late against an input that is known at that time. All five do so; states-only outputs do not care.
+step late compared with an input known at that time. All five do so; outputs without a direct term are unaffected.
 
 ecos prints six decimals: amplitudes are so large that this resolves 1e-9 of each output's peak. The vehicles are
-linear, so the size of their inputs proves nothing else. ecos is started at time 0 only: given another start time it
-sets that up, yet steps from 0, which an FMU must refuse.
+linear, so the size of their inputs has no other effect. ecos is started at time 0 only: with another start time it
+sets up the experiment there but steps from 0, which an FMU must refuse.
 """
 
 import csv
@@ -144,7 +144,7 @@ COLUMNS = "http://github.com/Ecos-platform/ecos/resources/schema/CsvConfig"
 
 
 def write_scenario(path, case):
-    """Write what changes at each communication point; ecos calls a lone FMU `instance`."""
+    """Write the input changes at each communication point; ecos names a single FMU `instance`."""
     lines = [f'<ecos:Scenario xmlns:ecos="{SCENARIO}">']
     rows = np.vstack([np.zeros(len(case.inputs)), case.values[:-1]])
     for k, (before, now) in enumerate(pairwise(rows)):
@@ -170,7 +170,7 @@ def by_ecos(case, tmp_path, ecos):
     program, environment = ecos
     write_scenario(tmp_path / "scenario.xml", case)
     write_columns(tmp_path / "columns.xml", case)
-    # It steps while the next step would not pass the stop time, and adds up its time: stop half a step late.
+    # ecos accumulates its time and ends before a step would pass the stop time, so the stop time is half a step later.
     line = [program, "simulate", "--path", case.fmu, "--stepSize", STEP, "--stopTime", (COUNT + 0.5) * STEP]
     line += ["--scenarioConfig", "scenario.xml", "--csvConfig", "columns.xml", "--logLevel", "warn"]
     ran = subprocess.run(
@@ -204,11 +204,11 @@ json.dump(rows, open(sys.argv[2], "w"))
 
 
 def by_libcosim(case, tmp_path):
-    """Run in a process of its own: libcosim writes its log to the standard output."""
+    """Run in a separate process, because libcosim writes its log to the standard output."""
     pytest.importorskip("libcosimpy", reason="libcosimpy has no wheel for this platform, or is not installed")
-    told = {"step": STEP, "fmu": str(case.fmu), "values": case.values.tolist()}
-    told |= {"inputs": case.references(case.inputs), "outputs": case.references(case.outputs)}
-    (tmp_path / "case.json").write_text(json.dumps(told))
+    settings = {"step": STEP, "fmu": str(case.fmu), "values": case.values.tolist()}
+    settings |= {"inputs": case.references(case.inputs), "outputs": case.references(case.outputs)}
+    (tmp_path / "case.json").write_text(json.dumps(settings))
     line = [sys.executable, "-c", LIBCOSIM, str(tmp_path / "case.json"), str(tmp_path / "rows.json")]
     ran = subprocess.run(line, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr[-2000:]
@@ -225,32 +225,32 @@ def assert_agree(found, expected):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fmpy_agrees(fmus, tmp_path, name):
+def test_fmpy_gives_the_outputs_of_our_component(fmus, tmp_path, name):
     case = case_of(fmus[name])
     assert_agree(by_fmpy(case, tmp_path), by_our_component(case, tmp_path))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_c_program_agrees(fmus, tmp_path, c_host, name):
+def test_a_c_program_gives_the_outputs_of_our_component(fmus, tmp_path, c_host, name):
     case = case_of(fmus[name])
     assert_agree(by_c_host(case, tmp_path, c_host), by_our_component(case, tmp_path))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_ecos_agrees(fmus, tmp_path, ecos, name):
+def test_ecos_gives_the_outputs_of_our_component(fmus, tmp_path, ecos, name):
     case = case_of(fmus[name])
     assert_agree(by_ecos(case, tmp_path, ecos), by_our_component(case, tmp_path))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_libcosim_agrees(fmus, tmp_path, name):
+def test_libcosim_gives_the_outputs_of_our_component(fmus, tmp_path, name):
     case = case_of(fmus[name])
     assert_agree(by_libcosim(case, tmp_path), by_our_component(case, tmp_path))
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("start", [0.25, 1234.5])
-def test_a_run_that_starts_later_is_the_same_run(fmus, tmp_path, c_host, name, start):
+def test_a_run_with_a_later_start_time_gives_the_same_outputs(fmus, tmp_path, c_host, name, start):
     now, later = case_of(fmus[name]), case_of(fmus[name], start=start)
     expected = by_our_component(now, tmp_path)
     assert_agree(by_c_host(later, tmp_path, c_host), expected)
@@ -266,7 +266,7 @@ def test_a_c_program_loads_from_any_folder(fmus, tmp_path, c_host, folder):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_needed_of_the_environment_and_nothing_written_beside_the_library(fmus, tmp_path, c_host, name):
+def test_a_run_needs_no_environment_variables_and_writes_no_files_beside_the_library(fmus, tmp_path, c_host, name):
     case, folder = case_of(fmus[name]), tmp_path / "read-only"
     library = library_of(case, folder)
     places = [folder, *folder.rglob("*")]
@@ -274,12 +274,12 @@ def test_nothing_is_needed_of_the_environment_and_nothing_written_beside_the_lib
         place.chmod(0o555 if place.is_dir() else 0o444)
     found = by_c_host(case, tmp_path, c_host, library=library, env={}, cwd=folder)
     np.testing.assert_array_equal(found, by_c_host(case, tmp_path, c_host))
-    assert [folder, *folder.rglob("*")] == places  # root may write anywhere, so look that nothing did
+    assert [folder, *folder.rglob("*")] == places  # root can write to read-only folders, so check the files
     for place in places:
         place.chmod(0o755)
 
 
-def test_the_c_program_says_what_an_fmu_refuses(fmus, tmp_path, c_host):
+def test_the_c_program_reports_a_call_that_the_fmu_refuses(fmus, tmp_path, c_host):
     case = case_of(fmus["lpf1"])
     (tmp_path / "inputs.csv").write_text("time,0\n0,0\n0.001,nan\n0.002,0\n")
     line = [c_host, library_of(case, tmp_path / "unpacked"), case.description.guid]
@@ -289,7 +289,7 @@ def test_the_c_program_says_what_an_fmu_refuses(fmus, tmp_path, c_host):
     assert "velocity" in ran.stderr and "the FMU refused: fmi2SetReal" in ran.stderr
 
 
-def test_the_same_source_is_a_windows_program(tmp_path):
+def test_the_c_program_compiles_for_windows(tmp_path):
     toolchain = find_toolchain()
     if not isinstance(toolchain, Zig):
         pytest.skip("zig's compiler is not installed (pip install 'eightpost[build]')")
@@ -303,8 +303,8 @@ def test_the_same_source_is_a_windows_program(tmp_path):
     assert made.read_bytes()[:2] == b"\x64\x86"  # IMAGE_FILE_MACHINE_AMD64
 
 
-def test_the_hosts_can_tell_one_step_from_another(fmus, tmp_path, c_host):
-    """Guards the comparison itself: inputs that come one step later are seen."""
+def test_the_comparison_detects_inputs_that_are_one_step_late(fmus, tmp_path, c_host):
+    """This checks the sensitivity of the comparison itself."""
     case = case_of(fmus["lpf1"])
     late = Case(case.fmu, case.inputs, np.roll(case.values, 1, axis=0), case.outputs)
     with pytest.raises(AssertionError):

@@ -2,9 +2,9 @@
  *
  *     call_sequences <calls> <seed>
  *
- * After every call: the status is none that the FMU may not give, a refused call has changed nothing (its serialized state
- * is the same to the byte), and what was read is finite. Some serialized states are changed and their checksum is made anew, as
- * another program could: they are refused with a message, or an instance goes on from them as from any other. Prints how often
+ * After every call: the status is one that the FMU may return, a refused call has changed nothing (its serialized state
+ * is the same to the byte), and what was read is finite. Some serialized states are changed and given a correct checksum, as
+ * another program could do: they are refused with a message, or an instance continues from them. Prints how often
  * each function was called and accepted. */
 #include <math.h>
 #include <stdio.h>

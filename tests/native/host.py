@@ -90,7 +90,7 @@ class Host:
             rows.append(self.all())
         return rows
 
-    def said(self):
+    def messages_text(self):
         return " ".join(message for _, _, message in self.messages)
 
     def free(self):

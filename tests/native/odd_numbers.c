@@ -1,10 +1,10 @@
-/* Numbers that no honest host gives, below every check of an FMU's interface: compiled together with its sources/ under
+/* Invalid numbers, passed below every check of an FMU's interface: compiled together with its sources/ under
  * sanitizers.
  *
  *     odd_numbers
  *
- * The elementary functions of what is no number are no number. A step from a memory in which one number is odd ends, refused or
- * not: no index and no count follows from a number that was not looked at. */
+ * The elementary functions of NaN return NaN. A step from a memory with one invalid number ends, refused or
+ * not: no index and no count is computed from an unchecked number. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

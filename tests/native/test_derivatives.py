@@ -61,7 +61,7 @@ def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, sho
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_at_the_ends_of_the_fit_a_shock_is_still_within_it(host, shocks, name):
+def test_the_end_of_the_fitted_range_belongs_to_it(host, shocks, name):
     """The slope there is that from inside, and beyond_fit is 0."""
     fmu, law = host(name).start(), shocks[name].law
     for k, edge in enumerate((law.curve.compression_speed, -law.curve.rebound_speed)):
@@ -107,7 +107,7 @@ def test_a_cars_derivatives_along_several_inputs_are_rows_of_its_direct_terms(ho
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "quarter_car"])
-def test_a_derivative_along_nothing_is_zero(host, name):
+def test_a_directional_derivative_without_known_variables_is_zero(host, name):
     output = "force" if name == "lpnl2" else "tire_force"
     assert slopes(host(name).start(), [output], [], []) == (OK, [0.0])
 
@@ -117,7 +117,7 @@ def ramp(fmu, name, slope):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_an_input_derivative_lasts_for_one_step(host, shocks, name):
+def test_an_input_derivative_applies_to_one_step(host, shocks, name):
     """The first step changes the velocity from 0.1 to 0.2 m/s, the second holds it."""
     fmu, law = host(name).start(), shocks[name].law
     fmu.set_named({"velocity": 0.1, "displacement": 0.0})
@@ -129,7 +129,7 @@ def test_an_input_derivative_lasts_for_one_step(host, shocks, name):
         assert fmu.get("velocity", "force") == pytest.approx([end, law.response(lagged, end, 0.0).force], rel=1e-12)
 
 
-def test_a_cars_input_derivative_lasts_for_one_step(host):
+def test_a_cars_input_derivative_applies_to_one_step(host):
     fmu = host("quarter_car").start()
     assert ramp(fmu, "road", 0.5) == OK
     for k, road in enumerate((0.001, 0.001, 0.001)):
@@ -137,7 +137,7 @@ def test_a_cars_input_derivative_lasts_for_one_step(host):
         assert fmu.get("road") == pytest.approx([road], rel=1e-12)
 
 
-def test_setting_an_input_ends_its_derivative_and_no_other(host):
+def test_an_input_derivative_of_one_input_does_not_affect_another(host):
     fmu = host("lpnl2").start()
     assert ramp(fmu, "velocity", 50.0) == OK
     assert ramp(fmu, "displacement", 0.4) == OK

@@ -32,7 +32,7 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 def test_an_invalid_instantiation_is_refused_with_the_reason(folders, options, reason, c_level):
     fmu = c_level.Host(folders["lpnl2"], **options)
     assert fmu.c is None
-    assert reason in fmu.said()
+    assert reason in fmu.messages_text()
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -49,35 +49,35 @@ def test_reset_restores_every_default_and_the_rerun_is_the_same_bit_for_bit(host
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_two_hundred_instances_interleaved_equal_one_alone(host, name):
-    alone = host(name).start().run(5)
-    crowd = [host(name, name=f"i{k}").start() for k in range(200)]
+def test_two_hundred_interleaved_instances_equal_a_single_instance(host, name):
+    single = host(name).start().run(5)
+    instances = [host(name, name=f"i{k}").start() for k in range(200)]
     rows = {k: [] for k in range(200)}
     rng = np.random.default_rng(1)
     for step in range(5):
-        values = dict(zip(crowd[0].inputs(), rng.uniform(-0.3, 0.3, len(crowd[0].inputs())), strict=True))
-        for k, fmu in enumerate(crowd):
+        values = dict(zip(instances[0].inputs(), rng.uniform(-0.3, 0.3, len(instances[0].inputs())), strict=True))
+        for k, fmu in enumerate(instances):
             assert fmu.set_named(values) == OK
             assert fmu.step(step * 1e-3) == OK
             rows[k].append(fmu.all())
-    assert all(found == alone for found in rows.values())
+    assert all(found == single for found in rows.values())
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
-def test_four_threads_equal_one(host, name):
-    alone = host(name).start().run(200)
-    crowd = [host(name, name=f"t{k}").start() for k in range(4)]
+def test_instances_in_four_threads_equal_a_single_instance(host, name):
+    single = host(name).start().run(200)
+    instances = [host(name, name=f"t{k}").start() for k in range(4)]
     with ThreadPoolExecutor(4) as pool:
-        assert all(found == alone for found in pool.map(lambda fmu: fmu.run(200), crowd))
+        assert all(found == single for found in pool.map(lambda fmu: fmu.run(200), instances))
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
-def test_memory_does_not_grow_over_many_lives(host, name):
+def test_memory_does_not_grow_with_the_number_of_instances_created_and_freed(host, name):
     fmu = host(name)
     make, free = fmu.component, fmu.slave.dll.fmi2FreeInstance
     free.argtypes = [ctypes.c_void_p]
 
-    def lives(count):
+    def create_and_free(count):
         for _ in range(count):
             c = make(b"x", 1, fmu.description.guid.encode(), b"", ctypes.byref(fmu.callbacks), 0, 0)
             assert c
@@ -85,12 +85,12 @@ def test_memory_does_not_grow_over_many_lives(host, name):
         gc.collect()
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    before = lives(500)
-    assert lives(5000) - before < 2000  # KiB; 5,000 instances of the smallest FMU would take 5,000 KiB
+    before = create_and_free(500)
+    assert create_and_free(5000) - before < 2000  # KiB; 5,000 instances of the smallest FMU would take 5,000 KiB
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
-def test_creation_that_runs_out_of_memory_gives_no_instance_and_keeps_nothing(host, name):
+def test_an_instantiation_without_enough_memory_fails_and_frees_its_memory(host, name):
     fmu, held, calls = host(name), set(), []
 
     def allocate(count, size):
@@ -117,7 +117,7 @@ def test_creation_that_runs_out_of_memory_gives_no_instance_and_keeps_nothing(ho
             break
         assert len(calls) >= fails_at
         assert not held
-    assert fails_at == 4  # the instance, its name and its work
+    assert fails_at == 4  # after the instance, its name and its work arrays
     fmu.slave.dll.fmi2FreeInstance.argtypes = [ctypes.c_void_p]
     fmu.slave.dll.fmi2FreeInstance(c)
     assert not held
@@ -148,7 +148,7 @@ def test_errors_are_always_logged_and_other_messages_only_on_request(host):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_messages_are_whole_sentences_in_declared_categories(host, folders, name):
+def test_messages_are_formatted_and_in_declared_categories(host, folders, name):
     fmu = host(name, logging=True)
     xml = ET.fromstring((folders[name] / "modelDescription.xml").read_text())
     declared = {c.get("name") for c in xml.iter("Category")}
@@ -169,7 +169,7 @@ def test_unknown_log_categories_are_refused(host):
 
 
 @pytest.mark.parametrize("place", ["with space", "únïcödé 車", "50%", "#1", "a+b"])
-def test_any_folder_works_even_read_only_and_without_an_environment(folders, tmp_path, place):
+def test_an_fmu_runs_from_any_read_only_folder_without_environment_variables(folders, tmp_path, place):
     folder = tmp_path / place
     shutil.copytree(folders["seven_dof"], folder)
     for path in (folder, *folder.rglob("*")):

@@ -172,7 +172,7 @@ def test_ramped_velocities_of_a_smooth_drive_give_second_order_in_the_step(compo
     assert min(orders) > 1.0
 
 
-def test_a_step_over_a_ramp_is_far_closer_however_many_kinks_it_crosses(component):
+def test_the_error_of_a_step_over_a_ramp_is_small_for_any_number_of_kinks(component):
     """The drive is linear between multiples of the coarsest step, so the error is that of the FMU itself."""
     fmu, times, errors = component("maxwell"), np.arange(31) * COARSEST, []
     for curve, stiffness, velocity in random_cases()[:12]:
@@ -223,7 +223,7 @@ def coupled(fmu, curve, stiffness, finer):
 
 
 @pytest.mark.parametrize("scales", [(1.0, 1.0), (1.8, 0.7)])
-def test_coupled_to_a_quarter_car_it_keeps_second_order_across_kinks(component, scales):
+def test_coupling_to_a_quarter_car_keeps_second_order_across_kinks(component, scales):
     curve = Curve(8000.0, 0.2, 0.12, 0.0127, (900.0, 1500.0), (0.8, 0.9), (600.0, 800.0), scales)
     stiffness, times, (a, b) = 4e6, np.arange(101) * COARSEST, quarter_car()
 

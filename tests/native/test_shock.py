@@ -1,4 +1,4 @@
-"""A native shock FMU is its law, over any input, parameter and step, held or ramped."""
+"""A native shock FMU equals its law for any input, parameter and step, held or ramped."""
 
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ PARAMETERS = {
     "curve.rebound[4]": st.floats(-5e2, 5e2),
     "curve.transition_speed": st.floats(0.2, 0.6),
 }
-#: Of a law that takes no curve that falls.
+#: Ranges for a law that requires a rising curve.
 RISING = {
     "compression_scale": st.floats(0.2, 2.0),
     "rebound_scale": st.floats(0.2, 2.0),
@@ -122,10 +122,10 @@ def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), ramps=moves)
-def test_with_the_same_exponential_the_fmu_and_the_law_agree_to_the_last_bit(
+def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     name, data, ramps, component, shocks, loaded, elementary
 ):
-    """The C law does the same operations in the same order; only the C library's exponential is another one."""
+    """The C law does the same operations in the same order; only the exponential function differs."""
     fmu = component(name) if not loaded else loaded[0]
     loaded[:] = [fmu]
     values = data.draw(parameters_of(name, fmu.variables))
@@ -141,8 +141,10 @@ def test_with_the_same_exponential_the_fmu_and_the_law_agree_to_the_last_bit(
     assert run_fmu(fmu, ramps)[:, 1:3].tolist() == [list(row) for row in expected]
 
 
-def test_maxwell_agrees_to_the_last_bit_over_knees_and_far_beyond_its_range(component, shocks, elementary):
-    """Scales that differ by ten, soft springs and velocities to 20 m/s: the search for a velocity must bisect, too."""
+def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_fitted_range(
+    component, shocks, elementary
+):
+    """Scales up to a factor of ten, soft springs and velocities to 20 m/s make the velocity search use bisection."""
     rng, fmu = np.random.default_rng(5), component("maxwell")
     for _ in range(40):
         scales = dict(zip(("compression_scale", "rebound_scale"), 10.0 ** rng.uniform(-1.0, 1.0, 2), strict=True))
@@ -183,7 +185,7 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(compon
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_ramped_inputs_bring_the_error_of_a_large_step_down_at_least_fivefold(component, shocks, name):
+def test_ramped_inputs_reduce_the_error_of_a_large_step_at_least_fivefold(component, shocks, name):
     """A smooth velocity, against the law in steps of ten microseconds: the lagged force at the coupling points."""
     law, step, fine = shocks[name].law, 2e-3, 1e-5
     velocity = lambda t: 0.3 * np.sin(2 * np.pi * 5.0 * t)  # noqa: E731
@@ -202,7 +204,7 @@ def test_ramped_inputs_bring_the_error_of_a_large_step_down_at_least_fivefold(co
     assert errors["held"] > 5.0 * errors["ramped"]
 
 
-def test_a_fast_ramp_is_followed_in_pieces_of_second_order(shocks):
+def test_a_fast_ramp_is_divided_into_pieces_with_second_order_accuracy(shocks):
     """The pieces of `follow` against ever finer ones: halving the speed change quarters the error."""
     law, errors = shocks["lpf1"].law, []
     exact = law.static_force(-0.35)
@@ -228,7 +230,7 @@ def test_a_fast_ramp_is_followed_in_pieces_of_second_order(shocks):
     ],
     ids=str,
 )
-def test_a_maxwell_fmu_refuses_what_the_law_refuses(component, python_component, shocks, values):
+def test_a_maxwell_fmu_refuses_the_parameters_that_its_law_refuses(component, python_component, shocks, values):
     with pytest.raises(ValueError, match=r"rise"):
         law_with(shocks["maxwell"].law, values)
     for load in (component, python_component):
@@ -236,7 +238,7 @@ def test_a_maxwell_fmu_refuses_what_the_law_refuses(component, python_component,
             load("maxwell", **values).end_initialization()
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if name != "maxwell"])  # whose curve would fall there
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "maxwell"])  # its curve would fall there
 def test_a_transition_of_up_to_twice_its_speed_is_accepted(component, shocks, name):
     """The curve must pass through zero at zero velocity, which a wider transition does not allow."""
     speed = shocks[name].law.curve.transition_speed

