@@ -77,7 +77,7 @@ def column(errors, scheme, quantity):
 
 
 @pytest.mark.slow
-def test_gauss_seidel_at_1_ms_gives_shock_velocity_and_tire_force_within_half_a_percent(errors):
+def test_gauss_seidel_at_1_ms_has_errors_below_half_a_percent_in_shock_velocity_and_tire_force(errors):
     row = errors["gauss-seidel", 0.001]
     assert row["error_velocity_percent"] < 0.5
     assert row["error_tire_force_percent"] < 0.5
@@ -85,13 +85,13 @@ def test_gauss_seidel_at_1_ms_gives_shock_velocity_and_tire_force_within_half_a_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["velocity", "tire_force"])
-def test_gauss_seidel_with_ramped_values_is_of_second_order(errors, quantity):
+def test_gauss_seidel_with_ramped_values_is_second_order(errors, quantity):
     slopes = -np.diff(np.log2(column(errors, "gauss-seidel", quantity)))
     assert slopes == pytest.approx(2.0, abs=0.15)
 
 
 @pytest.mark.slow
-def test_jacobi_is_first_order_and_much_worse(errors):
+def test_jacobi_is_first_order_with_more_than_five_times_the_error_of_gauss_seidel(errors):
     slopes = -np.diff(np.log2(column(errors, "jacobi", "velocity")))
     assert slopes == pytest.approx(1.0, abs=0.15)
     assert (column(errors, "jacobi", "velocity") > 5.0 * column(errors, "gauss-seidel", "velocity")).all()
@@ -163,7 +163,7 @@ def linear_errors(build_fmus, drive, law, damper, folder, steps):
 
 
 @pytest.mark.slow
-def test_with_linear_shocks_the_coupled_fmus_equal_python_controls_closed_loop(build_fmus, drive, tmp_path):
+def test_coupled_fmus_with_linear_shocks_match_the_closed_loop_of_python_control(build_fmus, drive, tmp_path):
     """Table 5.1's front damper without any lag: 1 % and better at 1 ms, of third order."""
     rate = 16.67 * 175.12683524647636
     law, damper = Polylinear(linear_curve(rate)), control.ss([], [], [], rate * np.eye(4))
@@ -171,7 +171,7 @@ def test_with_linear_shocks_the_coupled_fmus_equal_python_controls_closed_loop(b
 
 
 @pytest.mark.slow
-def test_with_linear_lagged_shocks_the_coupled_fmus_equal_python_controls_closed_loop(build_fmus, drive, tmp_path):
+def test_coupled_fmus_with_linear_lagged_shocks_match_the_closed_loop_of_python_control(build_fmus, drive, tmp_path):
     """30 lbf/(in/s) behind a lag of 1.3 ms."""
     rate, tau = 30.0 * 175.12683524647636, 0.0013
     damper = control.ss(-np.eye(4) / tau, np.eye(4) / tau, rate * np.eye(4), 0)
@@ -186,7 +186,7 @@ def check_linear(errors):
         assert -np.diff(np.log2(rows)) == pytest.approx(3.0, abs=0.1)
 
 
-def test_the_coupled_start_is_the_cars_equilibrium_with_the_gas_force_in_it(build_fmus, shocks, tmp_path):
+def test_a_coupled_run_starts_in_the_cars_equilibrium_including_the_gas_force(build_fmus, shocks, tmp_path):
     """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=500.0, gas_stiffness=700.0))
     build_fmus(law, tmp_path)

@@ -20,7 +20,7 @@ def control(order: int = 2, least: float = 1e-4, largest: float = 0.5) -> march.
     return march.Control(np.array([1]), np.array([0.01]), 1e-3, order, least, largest)
 
 
-def test_the_next_step_follows_the_last_two_errors() -> None:
+def test_the_next_step_size_is_computed_from_the_last_two_errors() -> None:
     chosen = march._next_step
     assert chosen(control(), 0.01, 1.0, 1.0) == pytest.approx(0.009, rel=1e-14)
     assert chosen(control(), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5 ** (-0.7 / 3.0), rel=1e-14)
@@ -28,7 +28,7 @@ def test_the_next_step_follows_the_last_two_errors() -> None:
     assert chosen(control(order=1), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5**-0.35, rel=1e-14)
 
 
-def test_the_next_step_is_at_most_four_times_the_last_and_within_its_bounds() -> None:
+def test_the_next_step_is_at_most_four_times_the_last_and_within_its_limits() -> None:
     chosen = march._next_step
     assert chosen(control(), 0.01, 0.0, 1.0) == pytest.approx(0.04)
     assert chosen(control(), 0.01, 1e9, 1.0) == pytest.approx(0.002)
@@ -40,7 +40,7 @@ def test_the_next_step_is_at_most_four_times_the_last_and_within_its_bounds() ->
 
 
 @pytest.mark.parametrize(("order", "divisor"), [(1, 1.0), (2, 3.0), (3, 7.0)])
-def test_whole_step_and_halves_differ_by_the_error_of_the_halves_times_a_power_of_two_less_one(
+def test_the_error_of_two_half_steps_is_estimated_from_their_difference_to_one_whole_step(
     order: int, divisor: float
 ) -> None:
     """Of what is allowed: 0.01, and a thousandth of the largest value so far."""
@@ -53,7 +53,7 @@ def test_whole_step_and_halves_differ_by_the_error_of_the_halves_times_a_power_o
 
 
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: s.name)
-def test_an_adaptive_run_stays_near_the_exact_motion_and_takes_larger_steps_as_it_dies_down(
+def test_an_adaptive_run_matches_the_exact_solution_and_takes_larger_steps_as_the_motion_decays(
     parts: Any, scheme: Any
 ) -> None:
     """m v' = -c v, a velocity of exp(-6 t)."""
@@ -67,7 +67,7 @@ def test_an_adaptive_run_stays_near_the_exact_motion_and_takes_larger_steps_as_i
 
 
 @pytest.mark.parametrize(("relative", "others"), [(1e-4, [8.0]), (0.3, [8.0, 1.0 / 8.0])])
-def test_an_adaptive_run_is_compared_with_one_of_eight_times_its_tolerance_and_if_need_be_an_eighth(
+def test_an_adaptive_run_is_compared_at_eight_times_its_tolerance_and_if_needed_at_an_eighth(
     parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
 ) -> None:
     made = []
@@ -83,7 +83,7 @@ def test_an_adaptive_run_is_compared_with_one_of_eight_times_its_tolerance_and_i
     assert result.coupling_error is not None
 
 
-def test_rejected_steps_leave_no_trace_in_what_is_added_up(parts: Any) -> None:
+def test_rejected_steps_do_not_change_the_accumulated_time_energy_and_spread(parts: Any) -> None:
     """The first step is far too large; time, energy and spread are those of the steps that stayed."""
     result = ran(parts(), Adaptive(relative=1e-3, largest=0.2), step=0.15, stop=0.3)
     assert result.rejected_steps > 0
@@ -97,7 +97,7 @@ def test_rejected_steps_leave_no_trace_in_what_is_added_up(parts: Any) -> None:
     assert 0.1 < found.velocity_spread < 1.0
 
 
-def test_a_step_that_a_part_discards_is_made_again_smaller_and_one_that_fails_ends_the_run(parts: Any) -> None:
+def test_a_step_discarded_by_a_component_is_retried_smaller_and_a_failed_step_ends_the_run(parts: Any) -> None:
     made = parts()
     made["shock"].longest = 0.003
     result = ran(made, Adaptive(relative=0.1), step=0.02, stop=0.04)
@@ -121,14 +121,14 @@ def test_a_step_that_a_part_discards_is_made_again_smaller_and_one_that_fails_en
         ran(failing, Adaptive(relative=0.1), step=0.02, stop=0.04)
 
 
-def test_a_system_at_rest_is_stepped_as_far_as_is_allowed(parts: Any) -> None:
+def test_a_system_at_rest_takes_the_largest_allowed_steps(parts: Any) -> None:
     """Its error is exactly zero."""
     result = ran(parts(speed=0.0), Adaptive(largest=0.1), step=0.1, stop=1.0)
     assert not result.partial
     assert (result.steps, result.rejected_steps) == (20, 0)
 
 
-def test_a_tolerance_that_no_step_meets_ends_the_run_at_its_least_step(parts: Any) -> None:
+def test_an_adaptive_run_ends_if_its_minimum_step_does_not_meet_the_tolerance(parts: Any) -> None:
     rough = np.random.default_rng(3)
     law = lambda x, v: float(rough.normal(scale=1e3))  # noqa: E731
     result = ran(parts(law=law), Adaptive(relative=1e-6, least=1e-3), step=0.05, stop=0.2)
@@ -137,7 +137,7 @@ def test_a_tolerance_that_no_step_meets_ends_the_run_at_its_least_step(parts: An
     assert "reached its minimum" in " ".join(result.notes)
 
 
-def test_a_drive_is_straight_between_its_points_in_an_adaptive_run(make: Any, parts: Any) -> None:
+def test_an_adaptive_run_interpolates_the_drive_linearly_between_its_points(make: Any, parts: Any) -> None:
     """The mass is pushed by a drive with unequal points, through an input beside that of the bond."""
     time = np.array([0.0, 0.03, 0.05, 0.2])
     drive = Drivefile(TimeSeries.from_channels(time, {"push": ("N", np.array([0.0, 30.0, -20.0, 10.0]))}))
@@ -155,7 +155,7 @@ def test_a_drive_is_straight_between_its_points_in_an_adaptive_run(make: Any, pa
 @pytest.mark.parametrize(
     ("error", "share"), [(16.0, 0.45), (1.0001, 0.9), (1e6, 0.2), (1e12, 0.2), (-1.0, 0.2), (inf, 0.2), (nan, 0.2)]
 )
-def test_a_rejected_step_is_shortened_by_its_order_and_by_five_if_its_error_is_unknown(
+def test_a_rejected_step_shrinks_according_to_its_order_or_fivefold_if_its_error_is_unknown(
     error: float, share: float
 ) -> None:
     control = SimpleNamespace(order=3.0, least=1e-6)

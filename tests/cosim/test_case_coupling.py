@@ -13,12 +13,12 @@ def case(algorithm: str = "gauss-seidel", step: float | None = 1e-3) -> Case:
     return Case("empty", cosim.System({}), cosim.Scenario(stop=1.0), cosim.SCHEMES[algorithm], step)
 
 
-def test_without_options_the_coupling_is_that_of_the_file() -> None:
+def test_without_options_the_coupling_of_the_file_is_used() -> None:
     assert case().with_coupling() == case()
     assert case().with_coupling("gauss-seidel").step == 1e-3
 
 
-def test_an_algorithm_that_finds_its_step_drops_that_of_the_file() -> None:
+def test_an_algorithm_that_chooses_its_own_step_ignores_the_step_of_the_file() -> None:
     found = case().with_coupling("default")
     assert found.algorithm == cosim.SCHEMES["default"] and found.step is None
     assert case().with_coupling("default", step=2e-3).step == 2e-3

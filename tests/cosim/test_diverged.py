@@ -7,7 +7,7 @@ from eightpost.errors import DivergedError, StepError
 
 
 @pytest.mark.parametrize("options", [{}, {"step": 0.01}], ids=["default", "given step"])
-def test_a_component_whose_message_speaks_of_divergence_failed(make, options):
+def test_a_component_error_that_mentions_divergence_is_not_treated_as_a_diverged_coupling(make, options):
     def advance(v, start, end, step):
         raise StepError("the solver inside this component diverged")
 

@@ -87,7 +87,7 @@ def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, s
 
 
 @pytest.mark.parametrize("algorithm", [*EXPLICIT, *REPEATING], ids=named)
-def test_the_compiled_and_the_readable_loop_give_the_same_bits(
+def test_the_compiled_and_the_interpreted_loop_give_bit_identical_results(
     seven_dof: Join, track: Drivefile, algorithm: Algorithm
 ) -> None:
     """At 4 ms the car takes two steps for one of its shocks: the drive has 500 points a second."""
@@ -104,7 +104,7 @@ def linear_damper(make: Any, *, ramps: bool) -> Any:
 
 @pytest.mark.parametrize("ramps", [False, True], ids=["holds", "ramps"])
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
-def test_python_components_among_native_ones_give_the_same_bits(
+def test_python_components_coupled_to_native_ones_give_bit_identical_results_in_both_loops(
     seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, ramps: bool
 ) -> None:
     system = seven_dof(parts={"rr": linear_damper(make, ramps=ramps)}, compression_scale=0.3, rebound_scale=0.3)
@@ -114,7 +114,7 @@ def test_python_components_among_native_ones_give_the_same_bits(
 
 @pytest.mark.parametrize("engine", ["compiled", "python"])
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
-def test_slopes_are_set_where_inputs_move_over_a_step_and_nowhere_else(
+def test_input_derivatives_are_set_only_if_coupling_values_change_over_a_step(
     seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, engine: str
 ) -> None:
     damper = linear_damper(make, ramps=True)
@@ -132,7 +132,7 @@ def test_slopes_are_set_where_inputs_move_over_a_step_and_nowhere_else(
     assert any(told) == bool(told)
 
 
-def test_the_default_gives_the_same_bits_in_both_loops(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_the_default_algorithm_gives_bit_identical_results_in_both_loops(quarter_cars: Join, bumps: Drivefile) -> None:
     both(quarter_cars(), Scenario(0.2, bumps, {"a": "car_a.road"}), Automatic())
 
 
@@ -154,7 +154,7 @@ assert "llvmlite" not in sys.modules
 """
 
 
-def test_without_numba_the_same_runs_give_the_same_bits(
+def test_runs_without_numba_give_bit_identical_results(
     quarter_cars: Join, bumps: Drivefile, fmus: dict[str, Path], tmp_path: Path
 ) -> None:
     bumps.write(tmp_path / "drive.parquet")
@@ -170,7 +170,7 @@ def test_without_numba_the_same_runs_give_the_same_bits(
 
 
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Implicit(), Adaptive()], ids=named)
-def test_a_system_runs_again_from_the_start_without_being_made_anew(
+def test_a_system_runs_again_from_the_start_without_new_fmu_instances(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm
 ) -> None:
     """Between both runs the same components run elsewhere, with other parameters and another scheme."""
@@ -195,9 +195,7 @@ def test_a_system_runs_again_from_the_start_without_being_made_anew(
     assert len(made) == 2
 
 
-def test_two_systems_in_two_threads_give_the_bits_of_runs_one_after_the_other(
-    quarter_cars: Join, bumps: Drivefile
-) -> None:
+def test_runs_in_two_threads_are_bit_identical_to_sequential_runs(quarter_cars: Join, bumps: Drivefile) -> None:
     algorithms: list[Algorithm] = [Implicit(), Adaptive(relative=1e-5), GaussSeidel(), Jacobi("extrapolated")]
     systems = [quarter_cars(time_constant=1e-3 * (k + 1)) for k in range(4)]
 
@@ -212,7 +210,7 @@ def test_two_systems_in_two_threads_give_the_bits_of_runs_one_after_the_other(
             check_equal(one, other)
 
 
-def test_the_compiled_loop_lets_other_threads_run(
+def test_the_compiled_loop_releases_the_gil(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In one call of the loop, which would stop a counting thread for all its time if it kept the GIL."""
@@ -238,7 +236,7 @@ def test_the_compiled_loop_lets_other_threads_run(
 
 
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive(relative=1e-9, absolute=NOTHING)], ids=named)
-def test_ctrl_c_in_a_long_compiled_run_leaves_what_was_computed_within_a_second(
+def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_second(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm
 ) -> None:
     system, scenario = quarter_cars(), Scenario(30.0, bumps, {"a": "car_a.road"}, record_step=0.01)
@@ -293,7 +291,7 @@ def shared_parts() -> dict[str, Any]:
     every=st.integers(1, 5),
     other=st.floats(5e-4, 5e-3),
 )
-def test_systems_without_a_connection_give_the_bits_of_each_alone(
+def test_unconnected_systems_in_one_run_are_bit_identical_to_separate_runs(
     quarter_cars: Join,
     bumps: Drivefile,
     shared_parts: dict[str, Any],

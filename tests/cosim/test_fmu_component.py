@@ -22,7 +22,7 @@ def changed(source, target, **members):
     return target
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(FmuError, match="no such file"):
         FmuComponent(tmp_path / "none.fmu", "x")
 
@@ -50,7 +50,7 @@ def test_damaged_content_is_refused(tmp_path, fmus):
 
 
 @pytest.mark.parametrize("name", ["../evil.txt", "/evil.txt", "a/../../evil.txt", "..\\evil.txt", "C:/evil.txt"])
-def test_a_path_that_leaves_the_folder_is_refused_and_nothing_is_written(tmp_path, name):
+def test_a_path_outside_the_extraction_folder_is_refused_and_nothing_is_written(tmp_path, name):
     with zipfile.ZipFile(tmp_path / "evil.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", "<x/>")
         entry = zipfile.ZipInfo("placeholder")
@@ -71,7 +71,7 @@ def test_a_symbolic_link_is_refused(tmp_path):
         FmuComponent(tmp_path / "link.fmu", "x")
 
 
-def test_an_fmu_for_another_platform_is_refused_with_those_it_has(tmp_path, fmus):
+def test_an_fmu_without_a_binary_for_this_platform_is_refused_and_its_platforms_are_listed(tmp_path, fmus):
     content = read_archive(fmus["lpf1"])
     kept = {name: data for name, data in content.items() if not name.startswith(f"binaries/{fmpy.platform}")}
     write_archive(tmp_path / "other.fmu", kept)
@@ -87,7 +87,7 @@ def test_an_fmu_for_another_platform_is_refused_with_those_it_has(tmp_path, fmus
         ("modelDescription.xml", b'<fmiModelDescription fmiVersion="3.0"/>', "cannot be read|FMI 3.0"),
     ],
 )
-def test_a_zip_that_is_no_fmi_2_fmu_is_refused(tmp_path, fmus, member, value, said):
+def test_a_zip_that_is_not_an_fmi_2_fmu_is_refused(tmp_path, fmus, member, value, said):
     with pytest.raises(FmuError, match=said):
         FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{member: value}), "x")
 
@@ -100,14 +100,14 @@ def test_a_model_exchange_fmu_is_refused(tmp_path, fmus):
         FmuComponent(changed(fmus["lpf1"], tmp_path / "me.fmu", **{"modelDescription.xml": xml}), "x")
 
 
-def test_a_limit_that_is_not_a_number_is_named_with_its_variable(tmp_path, fmus):
+def test_a_minimum_that_is_not_a_number_is_reported_with_its_variable(tmp_path, fmus):
     xml = read_archive(fmus["lpf1"])["modelDescription.xml"]
     xml = re.sub(rb' min="[^"]*"', b' min="none"', xml, count=1)
     with pytest.raises(FmuError, match=r"bad\.fmu: its modelDescription\.xml: [\w.]+: min='none' is not a number"):
         _ = FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{"modelDescription.xml": xml}), "x").variables
 
 
-def test_a_failing_component_names_itself_the_step_and_what_it_said(fmus):
+def test_an_error_names_the_component_the_step_and_the_components_message(fmus):
     part = FmuComponent(fmus["lpf1"], "left front")
     part.begin(0.0, 1.0, {})
     part.end_initialization()
@@ -119,7 +119,7 @@ def test_a_failing_component_names_itself_the_step_and_what_it_said(fmus):
     part.finish()
 
 
-def test_a_component_may_run_again(fmus):
+def test_a_component_can_run_twice_with_equal_results(fmus):
     part, seen = FmuComponent(fmus["lpf1"], "lf"), []
     for _ in range(2):
         part.begin(0.0, 1.0, {})
@@ -131,7 +131,7 @@ def test_a_component_may_run_again(fmus):
     assert seen[0] == seen[1]
 
 
-def test_a_unit_that_is_named_but_not_defined_is_kept_by_name(tmp_path, fmus):
+def test_an_undefined_unit_keeps_its_name(tmp_path, fmus):
     xml = read_archive(fmus["lpf1"])["modelDescription.xml"]
     start = xml.index(b'<Unit name="m/s">')
     xml = xml[:start] + xml[xml.index(b"</Unit>", start) + 7 :]
@@ -140,7 +140,7 @@ def test_a_unit_that_is_named_but_not_defined_is_kept_by_name(tmp_path, fmus):
     assert to_si(part.variables["velocity"]) == (Conversion(), "m/s")
 
 
-def test_what_the_model_description_says_is_known(fmus):
+def test_variables_and_capabilities_are_read_from_the_model_description(fmus):
     part = FmuComponent(fmus["seven_dof"], "car")
     velocity = part.variables["lf.velocity"]
     assert (velocity.causality, velocity.unit.name, dict(velocity.unit.exponents)) == (

@@ -40,7 +40,7 @@ def refined(join: Join, bumps: Drivefile, algorithm: Algorithm) -> list[Result]:
     ],
     ids=lambda value: f"{value.name} {value.values}" if hasattr(value, "name") else "",
 )
-def test_the_local_error_of_a_bond_falls_with_the_order_of_what_its_ends_assume(
+def test_the_local_error_of_a_bond_falls_with_the_order_of_its_coupling_values(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
 ) -> None:
     """A value that is held is wrong by its slope times the step at its end; one that goes on straight, by its bend."""
@@ -53,7 +53,7 @@ def test_the_local_error_of_a_bond_falls_with_the_order_of_what_its_ends_assume(
         assert [bond.velocity_error for bond in coupled] == [0.0] * len(STEPS)
 
 
-def test_local_errors_are_what_a_shock_of_a_known_force_shows(make: Any) -> None:
+def test_local_errors_match_the_exact_ones_of_a_shock_with_a_known_force(make: Any) -> None:
     """F = sin w t, held: wrong at the step's end by F(t + h) - F(t), of mean square 2 sin(w h/2)^2; its mean, half."""
     omega, h = 2.0 * np.pi, 1e-2
     moving = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
@@ -80,7 +80,7 @@ def test_the_energy_residual_of_a_bond_falls_with_the_order_of_the_scheme(
     assert all(bond.transferred == pytest.approx(energy[-1].transferred, rel=0.05) for bond in energy)
 
 
-def test_an_implicit_bond_makes_hardly_any_energy(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_an_implicit_bond_creates_almost_no_energy(quarter_cars: Join, bumps: Drivefile) -> None:
     system, scenario = quarter_cars(), Scenario(1.0, bumps, ROAD)
     bonds = [
         run(system, scenario, algorithm=algorithm, step=2e-3).energy["car_a"]
@@ -107,7 +107,7 @@ def test_iterations_rejected_steps_and_the_largest_step_are_counted(quarter_cars
     assert 2 * 250 <= chosen.steps < 2000  # in halves, at least one for each interval of the drive
 
 
-def test_steps_that_did_not_converge_are_counted_and_the_result_says_so(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_steps_that_did_not_converge_are_counted_and_reported(quarter_cars: Join, bumps: Drivefile) -> None:
     hasty = Implicit(tolerance=1e-13, iterations=1)
     result = run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=hasty, step=4e-3)
     assert not result.converged
@@ -122,7 +122,9 @@ def test_steps_that_did_not_converge_are_counted_and_the_result_says_so(quarter_
     assert run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=Implicit(), step=4e-3).converged
 
 
-def test_adaptive_that_comes_to_its_least_step_ends_there_and_says_so(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_an_adaptive_run_that_reaches_its_minimum_step_ends_there_and_reports_it(
+    quarter_cars: Join, bumps: Drivefile
+) -> None:
     strict = Adaptive(relative=1e-9, absolute=NOTHING, least=5e-4)
     result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=strict, step=1e-3)
     assert result.partial
@@ -132,7 +134,9 @@ def test_adaptive_that_comes_to_its_least_step_ends_there_and_says_so(quarter_ca
 
 
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated")], ids=lambda s: str(s.name))
-def test_a_rejected_step_leaves_no_trace(quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi) -> None:
+def test_a_rejected_step_does_not_change_the_result(
+    quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi
+) -> None:
     """A first step that is far too large is made again at a fifth: beginning with that gives the same bits."""
     system, adaptive = (
         quarter_cars(compression_scale=5.0, rebound_scale=5.0),
@@ -146,9 +150,7 @@ def test_a_rejected_step_leaves_no_trace(quarter_cars: Join, bumps: Drivefile, s
         assert getattr(late, name) == getattr(soon, name), name
 
 
-def test_a_step_that_is_made_again_does_not_count_as_one_that_did_not_converge(
-    quarter_cars: Join, bumps: Drivefile
-) -> None:
+def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bumps: Drivefile) -> None:
     """One iteration does at the steps that the tolerance asks for, not at 4 ms."""
     system, scenario = quarter_cars(), Scenario(0.4, bumps, ROAD, record_step=0.4)
     few = Implicit(tolerance=1e-8, iterations=1)
@@ -160,7 +162,7 @@ def test_a_step_that_is_made_again_does_not_count_as_one_that_did_not_converge(
 
 
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: str(s.name))
-def test_a_run_with_rejected_steps_equals_one_of_small_steps(
+def test_an_adaptive_run_with_rejected_steps_agrees_with_a_run_at_a_small_fixed_step(
     quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi | Implicit
 ) -> None:
     system, scenario = quarter_cars(), Scenario(0.5, bumps, ROAD, record_step=0.004)
@@ -172,13 +174,13 @@ def test_a_run_with_rejected_steps_equals_one_of_small_steps(
         assert apart < 2e-5 * np.abs(fine.series[name]).max()
 
 
-def test_a_diverging_coupling_is_refused_with_advice(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_a_diverging_coupling_raises_an_error_with_advice(quarter_cars: Join, bumps: Drivefile) -> None:
     system = quarter_cars(compression_scale=10.0, rebound_scale=10.0)
     with pytest.raises(StepError, match=r"diverged.*smaller coupling step.*implicit"):
         run(system, Scenario(30.0, bumps, ROAD), algorithm=Jacobi("extrapolated"), step=8e-3)
 
 
-def test_a_component_without_state_is_refused_where_steps_repeat_and_said_where_it_only_holds(make: Any) -> None:
+def test_schemes_with_rollback_refuse_components_without_state_and_held_inputs_are_reported(make: Any) -> None:
     system = System({"a": make.integrator(capabilities=Capabilities())}, constants={"a.u": 1.0})
     for algorithm in (Implicit(), Adaptive()):
         with pytest.raises(Exception, match="cannot save and restore its state"):

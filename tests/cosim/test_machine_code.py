@@ -53,12 +53,12 @@ def doubling() -> bytes:
     return machine_code.optimised(CODE.format(triple=machine_code.description()[0]), "double")
 
 
-def test_a_kind_is_written_out_with_its_fields_and_their_types() -> None:
+def test_the_description_of_a_block_lists_its_fields_and_their_types() -> None:
     block = Block(Outer(Numbers(np.zeros(2), 3, 0.5), np.zeros((2, 2), np.uint32)))
     assert described(block.kind) == "Outer(inner: Numbers(values: d1, count: int, scale: float), table: I2)"
 
 
-def test_what_is_kept_comes_back_and_what_is_damaged_does_not(cache: Path) -> None:
+def test_cached_code_is_recalled_and_damaged_code_is_not(cache: Path) -> None:
     keep("loop", "key", b"machine code")
     assert recall("loop", "key") == b"machine code"
     content = bytearray((cache / "key").read_bytes())
@@ -69,7 +69,7 @@ def test_what_is_kept_comes_back_and_what_is_damaged_does_not(cache: Path) -> No
     assert recall("loop", "key") is None
 
 
-def test_the_least_used_code_goes_first(cache: Path) -> None:
+def test_the_least_recently_used_code_is_removed_first(cache: Path) -> None:
     for k, key in enumerate("abc"):
         keep("loop", key, key.encode())
         (cache / key).touch()
@@ -78,7 +78,7 @@ def test_the_least_used_code_goes_first(cache: Path) -> None:
     assert sorted(path.name for path in cache.iterdir()) == ["c", "d"]
 
 
-def test_where_a_folder_cannot_be_written_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_cached_if_the_folder_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "file"))
     keep("loop", "key", b"machine code")
@@ -93,7 +93,7 @@ def test_an_object_file_is_loaded_and_called(doubling: bytes) -> None:
 
 
 @pytest.mark.parametrize("damage", [False, True], ids=["kept", "damaged"])
-def test_kept_code_is_taken_and_damaged_code_is_made_anew(
+def test_cached_code_is_reused_and_damaged_code_is_compiled_again(
     cache: Path, doubling: bytes, monkeypatch: pytest.MonkeyPatch, damage: bool
 ) -> None:
     made: list[object] = []
@@ -115,7 +115,7 @@ def test_kept_code_is_taken_and_damaged_code_is_made_anew(
     assert len(made) == (2 if damage else 1)
 
 
-def test_code_is_told_apart_by_what_it_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_key_depends_on_types_processor_and_version(monkeypatch: pytest.MonkeyPatch) -> None:
     keys = {machine_code._key("march", "Plan()"), machine_code._key("march", "Plan(a: d1)")}
     monkeypatch.setattr(machine_code, "description", lambda: ("x86_64", "another", "+avx"))
     keys.add(machine_code._key("march", "Plan()"))
@@ -124,7 +124,7 @@ def test_code_is_told_apart_by_what_it_depends_on(monkeypatch: pytest.MonkeyPatc
     assert len(keys) == 4
 
 
-def test_a_compiler_that_fails_is_told() -> None:
+def test_a_failed_compilation_is_reported() -> None:
 
     with pytest.raises(RuntimeError, match=r"(?s)could not be compiled; engine='python' needs.*TypingError"):
         object_file(Request(_no_integer, (), 1, {}))
@@ -134,6 +134,6 @@ def _no_integer(number: int) -> int:
     return number.no_such_field  # type: ignore[attr-defined,no-any-return]
 
 
-def test_the_engine_is_loaded_without_numba() -> None:
+def test_the_engine_loads_without_importing_numba() -> None:
     program = "import sys, cosim.engine.loop, cosim.engine.machine_code; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -24,7 +24,7 @@ def steps_of(component):
 
 
 @pytest.mark.parametrize(("stop", "step", "last"), [(1.0, 0.1, 0.1), (1.0, 0.3, 0.1), (0.25, 0.1, 0.05)])
-def test_steps_are_whole_multiples_and_the_last_lands_on_the_stop(make, stop, step, last):
+def test_steps_begin_at_multiples_of_the_step_and_the_last_ends_at_the_stop_time(make, stop, step, last):
     part = make.integrator()
     result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(stop), step=step, compared=False)
     times = [entry[0] for entry in steps_of(part)]
@@ -34,35 +34,35 @@ def test_steps_are_whole_multiples_and_the_last_lands_on_the_stop(make, stop, st
     assert result.series["a.y"][-1] == pytest.approx(stop)
 
 
-def test_long_runs_do_not_drift(make):
+def test_step_times_of_long_runs_do_not_drift(make):
     part = make.integrator()
     run(System({"a": part}, constants={"a.u": 0.0}), Scenario(30.0, record_step=1.0), step=1e-3, compared=False)
     assert len(steps_of(part)) == 30000
     assert steps_of(part)[29999][0] == 29999 * 1e-3
 
 
-def test_a_held_drive_is_held_at_its_mean_over_the_step(make):
+def test_a_held_input_has_the_mean_of_the_drive_over_the_step(make):
     part = make.integrator()
     run(System({"a": part}), Scenario(1.0, ramp()), step=0.25, compared=False)
     assert [entry[2]["u"] for entry in steps_of(part)] == pytest.approx([1.25, 3.75, 6.25, 8.75])
     assert part.state == pytest.approx(5.0)
 
 
-def test_a_component_that_interpolates_gets_the_drive_as_a_ramp(make):
+def test_a_component_that_interpolates_its_inputs_receives_the_drive_as_a_ramp(make):
     part = make.gain(capabilities=RAMPS)
     result = run(System({"a": part}), Scenario(1.0, ramp()), step=0.25)
     assert result.series["a.y"].tolist() == pytest.approx([0.0, 2.5, 5.0, 7.5, 10.0])
     assert result.held_direct == ()
 
 
-def test_outputs_whose_direct_term_was_held_are_named(make):
+def test_outputs_with_feedthrough_from_held_inputs_are_listed(make):
     system = System({"a": make.gain(), "b": make.integrator()}, connections=[Connection("a.y", "b.u")])
     result = run(system, Scenario(1.0, ramp(), {"u": "a.u"}), step=0.25)
     assert result.held_direct == ("a.y",)
     assert result.series["a.y"].tolist() == pytest.approx([0.0, 1.25, 3.75, 6.25, 8.75])
 
 
-def test_gauss_seidel_gives_the_newest_and_jacobi_what_was_at_the_start(make):
+def test_gauss_seidel_passes_on_the_newest_outputs_and_jacobi_those_at_the_start_of_the_step(make):
     def chain():
         return System({"a": make.gain(2.0), "b": make.gain(3.0)}, connections=[Connection("a.y", "b.u")])
 
@@ -73,13 +73,13 @@ def test_gauss_seidel_gives_the_newest_and_jacobi_what_was_at_the_start(make):
     assert late["b.y"].tolist() == pytest.approx([0.0, 0.0, 7.5])
 
 
-def test_gauss_seidel_orders_by_declared_dependencies_not_by_declaration(make):
+def test_gauss_seidel_orders_components_by_dependency_not_by_declaration(make):
     parts = {"late": make.gain(unit_in="m/s"), "early": make.integrator()}
     system = System(parts, connections=[Connection("early.y", "late.u"), Connection("late.y", "early.u")])
     assert run(system, Scenario(0.1), step=0.1).order == ("early", "late")
 
 
-def test_a_given_sequence_is_kept_and_must_be_complete(make):
+def test_a_given_sequence_is_used_and_must_contain_every_component(make):
     def pair():
         return System({"a": make.gain(), "b": make.gain()}, constants={"a.u": 0.0, "b.u": 0.0})
 
@@ -88,13 +88,13 @@ def test_a_given_sequence_is_kept_and_must_be_complete(make):
         run(pair(), Scenario(0.1), algorithm=GaussSeidel(("a",)))
 
 
-def test_a_loop_of_direct_terms_is_said(make):
+def test_a_feedthrough_loop_is_reported(make):
     parts = {"a": make.gain(0.5), "b": make.gain(0.5)}
     system = System(parts, connections=[Connection("a.y", "b.u"), Connection("b.y", "a.u")])
     assert any("form a loop" in note for note in run(system, Scenario(0.1), step=0.1).notes)
 
 
-def test_gauss_seidel_ramps_a_coupling_value_where_the_component_takes_it(make):
+def test_gauss_seidel_ramps_the_coupling_values_of_components_that_interpolate_their_inputs(make):
     follower = make.integrator(capabilities=RAMPS)
     system = System({"a": make.gain(), "b": follower}, connections=[Connection("a.y", "b.u")])
     run(system, Scenario(1.0, ramp(), {"u": "a.u"}), algorithm=GaussSeidel(), step=0.25, compared=False)
@@ -102,7 +102,7 @@ def test_gauss_seidel_ramps_a_coupling_value_where_the_component_takes_it(make):
     assert moves == [pytest.approx(pair) for pair in [(0.0, 1.25), (1.25, 3.75), (3.75, 6.25), (6.25, 8.75)]]
 
 
-def test_the_start_is_a_coupled_equilibrium(make):
+def test_a_run_starts_in_the_coupled_equilibrium(make):
     """A spring of 3 N/m under 12 N against a spring of 1 N/m: x = 12 / (3 + 1) = 3 m."""
     spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
     mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
@@ -118,7 +118,7 @@ def test_the_start_is_a_coupled_equilibrium(make):
     assert result.series["mass.y"][0] == pytest.approx(3.0, rel=1e-9)
 
 
-def test_a_stiff_start_that_sweeping_cannot_find_is_solved(make):
+def test_an_equilibrium_start_at_which_sweeps_diverge_is_solved(make):
     """The same with a spring of 30 N/m: sweeps diverge (30 / 3 > 1), the solve gives 12 / 33 m."""
     spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
     mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
@@ -134,7 +134,7 @@ def test_a_stiff_start_that_sweeping_cannot_find_is_solved(make):
     assert result.series["mass.y"][0] == pytest.approx(12.0 / 33.0, rel=1e-8)
 
 
-def test_a_start_without_an_equilibrium_is_in_the_status_and_notes(make):
+def test_a_start_without_an_equilibrium_is_reported_in_status_and_notes(make):
     part = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "N", ["u"]))
     system = System(
         {"a": make.component(part, lambda _, u: {"y": u["u"] + 1.0}), "b": make.gain()},
@@ -155,7 +155,7 @@ def bonded(make, gain=1.0):
 
 
 @pytest.mark.parametrize("gain", [1.0, -1.0])
-def test_energy_through_a_bond_is_metered_and_its_residual_falls_with_the_step(make, gain):
+def test_bond_energy_matches_the_lost_kinetic_energy_and_its_residual_falls_with_the_step(make, gain):
     residuals = []
     for step in (0.02, 0.01, 0.005):
         result = run(bonded(make, gain), Scenario(1.0), step=step)
@@ -172,7 +172,7 @@ def test_a_diverging_coupling_is_stopped_with_advice(make):
         run(bonded(make), Scenario(1000.0), step=2.0)
 
 
-def test_a_run_that_makes_energy_is_not_acceptable_and_says_so(make):
+def test_a_run_that_creates_energy_is_not_acceptable_and_its_verdict_names_energy(make):
     """2 kg against 4 N.s/m: an explicit step of 0.8 s is stable, but far from right."""
     result = run(bonded(make), Scenario(8.0), step=0.8)
     assert not result.acceptable
@@ -180,14 +180,14 @@ def test_a_run_that_makes_energy_is_not_acceptable_and_says_so(make):
     assert run(bonded(make), Scenario(1.0), step=0.01).acceptable
 
 
-def test_what_a_component_warned_about_is_in_the_notes(make):
+def test_component_warnings_are_in_the_notes(make):
     part = make.integrator()
     part.messages = ("the ratio looks inverted",)
     result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(1.0), step=0.5)
     assert "a: the ratio looks inverted" in result.notes
 
 
-def test_a_component_of_one_step_size_gets_no_shorter_one(make):
+def test_a_run_that_needs_a_shorter_step_of_a_fixed_step_component_is_refused(make):
     fixed = Capabilities(variable_step=False)
     system = System({"a": make.integrator(capabilities=fixed)}, constants={"a.u": 1.0})
     with pytest.raises(WiringError, match="a accepts steps of one size only"):
@@ -195,7 +195,7 @@ def test_a_component_of_one_step_size_gets_no_shorter_one(make):
     assert run(system, Scenario(0.9), step=0.3).steps == 3
 
 
-def test_ctrl_c_ends_a_run_between_two_steps_and_every_component_is_finished(make):
+def test_ctrl_c_ends_a_run_between_two_steps_and_finishes_every_component(make):
     part = make.integrator()
 
     def press(_state, _start, _end, _step):
@@ -211,14 +211,14 @@ def test_ctrl_c_ends_a_run_between_two_steps_and_every_component_is_finished(mak
     assert part.log[-1] == ("finished",)
 
 
-def test_components_end_also_when_one_fails(make):
+def test_all_components_are_finished_if_one_fails(make):
     parts = {"a": make.integrator(), "b": make.integrator(fails_at=0.5)}
     with pytest.raises(StepError, match=r"failed at 0\.5"):
         run(System(parts, constants={"a.u": 0.0, "b.u": 0.0}), Scenario(1.0), step=0.25)
     assert all(part.log[-1] == ("finished",) for part in parts.values())
 
 
-def test_recording_keeps_what_is_asked_at_the_rate_that_is_asked(make):
+def test_only_the_requested_channels_are_recorded_at_the_requested_rate(make):
     result = run(
         System({"a": make.integrator()}, constants={"a.u": 1.0}),
         Scenario(1.0, record=("a.y",), record_step=0.2),
@@ -237,7 +237,7 @@ def test_progress_reaches_one(make):
     assert seen[-1] == 1.0
 
 
-def test_a_result_is_written_whole(make, tmp_path):
+def test_a_result_is_written_with_its_series_and_metadata(make, tmp_path):
     result = run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=0.1)
     paths = result.write(tmp_path)
     for path in paths[:2]:

@@ -45,9 +45,7 @@ def laid_out(make: Any, wiring: Wiring) -> tuple[Layout, dict[str, str]]:
 
 
 @for_any_wiring
-def test_components_of_a_level_take_nothing_from_those_before_them_and_levels_are_as_large_as_that_allows(
-    make: Any, wiring: Wiring
-) -> None:
+def test_no_component_depends_on_an_earlier_one_of_its_level_and_levels_are_maximal(make: Any, wiring: Wiring) -> None:
     layout, takes = laid_out(make, wiring)
     bounds = list(accumulate((count for counts in layout.levels for count in counts), initial=0))
     assert bounds[-1] == len(NAMES)
@@ -62,7 +60,7 @@ def test_components_of_a_level_take_nothing_from_those_before_them_and_levels_ar
 
 
 @for_any_wiring
-def test_connected_components_are_side_by_side_in_the_order_of_stepping(make: Any, wiring: Wiring) -> None:
+def test_connected_components_are_adjacent_and_keep_the_stepping_order(make: Any, wiring: Wiring) -> None:
     layout, takes = laid_out(make, wiring)
     home = {
         name: g

@@ -22,7 +22,7 @@ def series(time: Any, **channels: Any) -> TimeSeries:
     return TimeSeries.from_channels(np.asarray(time, dtype=float), channels)
 
 
-def test_a_difference_is_in_percent_of_the_finer_runs_standard_deviation() -> None:
+def test_a_difference_is_in_percent_of_the_standard_deviation_of_the_finer_run() -> None:
     """At 0, 2 and 4 s both have values: 1, 1 and 2 m/s apart; the finer one scatters by 2 m/s over all its samples."""
     fine = series([0, 1, 2, 3, 4], v=("m/s", [0.0, 2.0, 3.0, 5.0, 5.0]))
     coarse = series([0, 2, 4], v=("m/s", [1.0, 2.0, 7.0]))
@@ -32,7 +32,7 @@ def test_a_difference_is_in_percent_of_the_finer_runs_standard_deviation() -> No
     assert difference(series([0, 2], w=("m/s", [1.0, 2.0])), fine) == {}
 
 
-def test_times_that_differ_by_rounding_are_the_same_and_no_others() -> None:
+def test_only_times_that_differ_by_rounding_are_treated_as_equal() -> None:
     fine = series([0.0, 0.1 + 1e-14, 0.2], v=("m/s", [0.0, 1.0, 0.0]))
     assert difference(series([0.1], v=("m/s", [1.0])), fine) == {"v": 0.0}
     assert difference(series([0.1 + 1e-10], v=("m/s", [1.0])), fine) == {"v": inf}
@@ -44,11 +44,11 @@ def test_times_that_differ_by_rounding_are_the_same_and_no_others() -> None:
 
 
 @pytest.mark.parametrize(("unit", "floor"), [("m/s", 1e-6), ("m", 1e-8), ("N", 1e-3), ("m/s2", 1e-3), ("rad", 1e-9)])
-def test_a_signal_at_rest_has_the_floor_of_its_unit_for_a_scale(unit: str, floor: float) -> None:
+def test_the_scale_of_a_constant_signal_is_the_floor_of_its_unit(unit: str, floor: float) -> None:
     assert scales(series([0, 1], x=(unit, [3.0, 3.0]))) == {"x": pytest.approx(floor)}
 
 
-def test_a_signal_that_hardly_moves_is_judged_by_a_hundredth_of_the_largest_of_its_unit() -> None:
+def test_the_scale_of_a_signal_is_at_least_a_hundredth_of_the_largest_scale_of_its_unit() -> None:
     found = scales(
         series(
             [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 1e-4]),
@@ -87,13 +87,13 @@ def stated(comparisons: list[Comparison], held: tuple[str, ...] = ()) -> float:
         ((0.5, 0.0), 0.5 / 8.0),  # none at all: by chance
     ],
 )
-def test_the_stated_error_is_the_last_difference_over_what_its_order_leaves(
+def test_the_stated_error_is_extrapolated_from_the_last_difference_and_the_observed_order(
     differences: tuple[float, ...], expected: float
 ) -> None:
     assert stated(seen(*differences)) == pytest.approx(expected, rel=1e-12)
 
 
-def test_local_errors_of_bonds_lower_the_order_and_never_raise_it() -> None:
+def test_local_errors_of_bonds_can_lower_the_observed_order_but_never_raise_it() -> None:
     assert stated(seen(1.2, 0.3, local=1.0)) == pytest.approx(0.3)
     assert stated(seen(1.2, 0.3, local=3.0)) == pytest.approx(0.1)
     # The local order is that of the last two runs.
@@ -106,7 +106,7 @@ def test_local_errors_of_bonds_lower_the_order_and_never_raise_it() -> None:
     assert stated(seen(0.3, local=-1.0)) == pytest.approx(0.3 / (2.0**0.38 - 1.0))
 
 
-def test_runs_whose_bonds_failed_show_no_order() -> None:
+def test_no_order_is_derived_from_unreliable_runs() -> None:
     assert stated(seen(1.2, 0.3, reliable=False, local=2.0)) == pytest.approx(0.3)
     for one in (0, 1):
         mixed = seen(1.2, 0.3, local=2.0)
@@ -114,7 +114,7 @@ def test_runs_whose_bonds_failed_show_no_order() -> None:
         assert stated(mixed) == pytest.approx(0.3 if one else 0.3 / (2.0**1.5 - 1.0))
 
 
-def test_beside_a_component_that_holds_its_inputs_first_order_is_the_most() -> None:
+def test_a_component_that_holds_its_inputs_has_at_most_first_order() -> None:
     assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
     assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
     assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
@@ -122,7 +122,7 @@ def test_beside_a_component_that_holds_its_inputs_first_order_is_the_most() -> N
     assert stated(seen(0.3, local=2.0), held=("car",)) == pytest.approx(0.3 / (2.0**0.5 - 1.0))
 
 
-def test_a_channel_that_only_the_last_runs_have_is_compared_once() -> None:
+def test_a_channel_missing_from_earlier_runs_counts_as_compared_once() -> None:
     comparisons = [Comparison({}, True, None), Comparison({"car.v": 0.3}, True, None)]
     assert stated(comparisons) == pytest.approx(0.3)
 
@@ -136,7 +136,7 @@ def outcome(time: Any, values: Any, *, clean: bool = True, **coupled: Coupled) -
     return SimpleNamespace(settled=lambda: found, is_clean=clean, coupled=coupled)
 
 
-def test_two_runs_are_reliable_where_both_are_and_their_local_order_is_the_least_of_their_bonds() -> None:
+def test_a_comparison_needs_two_reliable_runs_and_takes_the_smallest_local_order_of_the_bonds() -> None:
     time, values = [0, 1, 2], [0.0, 1.0, 0.0]
     coarse = outcome(time, values, lf=bond(0.08), rf=bond(0.04), rr=bond(0.9), gone=bond(5.0))
     fine = outcome(time, values, lf=bond(0.02), rf=bond(0.02), rr=bond(2e-4), new=bond(0.01))
@@ -210,7 +210,7 @@ def true_error(result: Result, damping: float) -> float:
 
 
 @pytest.mark.parametrize("tolerance", [1.0, 0.02, 5e-4])
-def test_the_default_halves_its_step_until_the_tolerance_is_met_and_no_further(make: Any, tolerance: float) -> None:
+def test_the_default_algorithm_halves_its_step_only_until_the_tolerance_is_met(make: Any, tolerance: float) -> None:
     scenario = Scenario(0.4, record_step=0.01)
     result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=tolerance), engine="python")
     assert result.coupling_error is not None
@@ -232,7 +232,7 @@ def test_the_default_halves_its_step_until_the_tolerance_is_met_and_no_further(m
 
 
 @pytest.mark.parametrize(("least", "smallest"), [(6e-4, 1e-3), (5e-4, 5e-4), (4e-4, 5e-4)])
-def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(
+def test_an_unreachable_tolerance_ends_at_the_smallest_step_and_is_reported(
     make: Any, least: float, smallest: float
 ) -> None:
     request = Automatic(tolerance=1e-9, least=least)
@@ -247,7 +247,7 @@ def test_a_tolerance_out_of_reach_ends_at_the_smallest_step_and_says_so(
     ("stop", "record_step", "first"),
     [(0.12, 0.003, 1.5), (0.12, 0.002, 2.0), (0.12, 0.004, 2.0), (0.12, 0.0005, 0.5), (0.0012, None, 1.2)],
 )
-def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds(
+def test_the_first_step_divides_the_record_step_and_is_at_most_two_milliseconds(
     make: Any, stop: float, record_step: float | None, first: float
 ) -> None:
     scenario = Scenario(stop, record_step=record_step)
@@ -256,13 +256,13 @@ def test_the_first_step_is_a_part_of_the_record_step_of_at_most_two_milliseconds
     assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in told
 
 
-def test_a_step_at_which_the_coupling_diverges_is_told_and_halved(make: Any) -> None:
+def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any) -> None:
     result = run(coupled(make, 8000.0), Scenario(0.4), algorithm=Automatic(tolerance=1.0), engine="python")
     assert "comparing runs: 2 ms diverged, 1 ms " in " ".join(result.notes)
     assert result.step < 1e-3
 
 
-def test_gauss_seidel_is_replaced_only_after_two_runs_that_were_not_stable(parts: Any) -> None:
+def test_gauss_seidel_is_replaced_only_after_two_unstable_runs(parts: Any) -> None:
     """Runs that are stable never lead to another scheme, however many are needed for the tolerance."""
 
     def ran(damping: float, tolerance: float) -> Result:
@@ -277,7 +277,7 @@ def test_gauss_seidel_is_replaced_only_after_two_runs_that_were_not_stable(parts
     assert ran(8000.0, 1.0).scheme == "implicit"
 
 
-def test_a_run_at_a_given_step_is_compared_unless_that_is_declined(make: Any) -> None:
+def test_a_run_at_a_given_step_is_compared_unless_the_comparison_is_disabled(make: Any) -> None:
     scenario = Scenario(0.4)
     alone, compared = (
         run(coupled(make, 60.0), scenario, algorithm=GaussSeidel(), step=0.004, engine="python", compared=compared)
@@ -289,17 +289,17 @@ def test_a_run_at_a_given_step_is_compared_unless_that_is_declined(make: Any) ->
     assert alone.series.values.tobytes() == compared.series.values.tobytes()
 
 
-def test_the_default_aims_at_two_thousandths_as_the_documents_say() -> None:
+def test_the_default_tolerance_is_the_documented_value_of_0_2_percent() -> None:
     assert Automatic() == Automatic(tolerance=0.2, least=1e-5)
 
 
 @pytest.mark.parametrize("arguments", [{"tolerance": 0.0}, {"tolerance": -1.0}, {"least": 0.0}, {"tolerance": np.nan}])
-def test_a_request_without_sense_is_refused(arguments: dict[str, float]) -> None:
+def test_a_tolerance_or_minimum_step_that_is_not_positive_is_refused(arguments: dict[str, float]) -> None:
     with pytest.raises(InputError, match="must be positive"):
         Automatic(**arguments)
 
 
-def test_components_that_hold_their_inputs_are_refined_to_the_tolerance_too(make: Any) -> None:
+def test_components_that_hold_their_inputs_are_also_refined_until_the_tolerance_is_met(make: Any) -> None:
     request = Automatic(tolerance=1.0)
     result = run(coupled(make, 60.0, ramps=False), Scenario(0.4), algorithm=request, engine="python")
     assert result.coupling_error <= 1.0
@@ -308,7 +308,7 @@ def test_components_that_hold_their_inputs_are_refined_to_the_tolerance_too(make
 
 
 @pytest.mark.parametrize("step", [0.002, 0.004])
-def test_a_run_at_a_given_step_states_an_error_that_is_not_below_the_true_one(make: Any, step: float) -> None:
+def test_a_run_at_a_given_step_states_at_least_its_true_error(make: Any, step: float) -> None:
     system, scenario = coupled(make, 60.0), Scenario(0.4, record_step=0.02)
     result = run(system, scenario, algorithm=GaussSeidel(values="extrapolated"), step=step, engine="python")
     assert result.step == step
@@ -322,7 +322,7 @@ def test_a_run_at_a_given_step_states_an_error_that_is_not_below_the_true_one(ma
     ("stop", "variable", "steps"),
     [(0.4, False, 100 + 50), (0.4, True, 100 + 50), (0.404, True, 101 + 51), (0.404, False, 101 + 202)],
 )
-def test_components_of_one_step_size_are_compared_at_half_the_step_where_twice_the_step_does_not_fit(
+def test_fixed_step_components_are_compared_at_half_the_step_if_twice_the_step_does_not_fit(
     make: Any, stop: float, variable: bool, steps: int
 ) -> None:
     system = coupled(make, 60.0)
@@ -340,7 +340,7 @@ def test_components_of_one_step_size_are_compared_at_half_the_step_where_twice_t
     ("record_step", "fewest", "every"),
     [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],
 )
-def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that_memory_takes(
+def test_compared_runs_record_every_step_or_the_shortest_interval_that_fits_in_memory(
     make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:
     system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
@@ -351,7 +351,7 @@ def test_runs_to_be_compared_record_every_step_or_a_part_of_the_record_step_that
     assert np.diff(time)[0] == pytest.approx(every)
 
 
-def test_a_run_of_two_steps_keeps_what_is_to_be_recorded(make: Any) -> None:
+def test_a_run_of_two_steps_has_the_requested_record_times(make: Any) -> None:
     scenario = Scenario(0.004, record_step=0.004)
     result = run(coupled(make, 60.0), scenario, algorithm=GaussSeidel(), step=0.002, engine="python")
     assert result.series.time.tolist() == [0.0, 0.004]

@@ -105,7 +105,7 @@ def run(oscillator):
     return replace(result, stated_error=stated, converged=True, models={}), system, scenario
 
 
-def test_the_page_loads_nothing_and_forbids_itself_to(run):
+def test_the_page_loads_no_resources_and_its_security_policy_forbids_loading(run):
     found = _read(*run)
     assert all(address.startswith("#") for address in found.addresses)
     assert "default-src 'none'" in found.content
@@ -113,7 +113,7 @@ def test_the_page_loads_nothing_and_forbids_itself_to(run):
         assert not re.search(r"https?://|@import|\burl\(|\bfetch\(|XMLHttpRequest|\bimport\(", found.scripts[name])
 
 
-def test_every_component_bond_channel_and_unit_is_named(run):
+def test_every_component_bond_channel_and_unit_is_on_the_page(run):
     result, system, scenario = run
     text = _read(result, system, scenario).text
     for name in (*system.components, *(bond.name for bond in system.bonds), *result.series.names, "push"):
@@ -124,12 +124,12 @@ def test_every_component_bond_channel_and_unit_is_named(run):
         assert unit in text
 
 
-def test_links_lead_to_parts_of_the_page(run):
+def test_every_link_points_to_an_element_of_the_page(run):
     found = _read(*run)
     assert found.addresses and {address.removeprefix("#") for address in found.addresses} <= found.ids
 
 
-def test_statistics_are_those_of_numpy_after_settling_in_both_units(run):
+def test_statistics_after_settling_match_numpy_in_both_unit_systems(run):
     result, system, scenario = run
     content = page_module.page(result, system, scenario, title="a run")
     values = result.series["damper.y"][result.series.time >= scenario.settling - 1e-9]
@@ -141,7 +141,7 @@ def test_statistics_are_those_of_numpy_after_settling_in_both_units(run):
     assert ">0.34</td>" in row
 
 
-def test_spectra_are_those_of_scipy(run):
+def test_spectra_match_scipy(run):
     result, system, scenario = run
     found = _read(result, system, scenario)
     settled = result.settled()
@@ -155,14 +155,14 @@ def test_spectra_are_those_of_scipy(run):
         np.testing.assert_allclose(packed, density[row, 1:], rtol=1e-5)
 
 
-def test_traces_are_the_samples_to_a_65535th_of_their_range(run):
+def test_packed_traces_match_the_samples_to_a_65535th_of_their_range(run):
     result, system, scenario = run
     found = _read(result, system, scenario)
     for row, values in enumerate(result.series.values):
         assert np.abs(found.samples(row) - values).max() <= 0.51 * np.ptp(values) / LEVELS
 
 
-def test_decimated_traces_keep_every_peak_near_its_time(monkeypatch, run):
+def test_decimated_traces_keep_the_minimum_and_maximum_of_every_interval(monkeypatch, run):
     result, system, scenario = run
     monkeypatch.setattr(page_module, "traces", lambda series: traces(series, capacity=200))
     found = _read(result, system, scenario)
@@ -176,7 +176,7 @@ def test_decimated_traces_keep_every_peak_near_its_time(monkeypatch, run):
     assert kept.values.size <= 200
 
 
-def test_a_long_run_of_many_channels_stays_small_enough(make):
+def test_the_page_of_a_long_run_with_many_channels_is_below_12_mb(make):
     time, rng = np.arange(120_001) * 1e-3, np.random.default_rng(1)
     channels = {f"part.y{k}": ("N", rng.standard_normal(time.size)) for k in range(60)}
     series = TimeSeries.from_channels(time, channels)
@@ -195,7 +195,7 @@ def _blank(series, **fields):
     return Result(series=series, **empty | fields)
 
 
-def test_names_are_text_whatever_they_are_made_of(oscillator):
+def test_special_characters_in_names_are_escaped(oscillator):
     system, scenario = oscillator(NASTY.replace(".", ""), 'l"<&' + "o" * 120 + "ng", "bond <i>&</i>")
     result = cosim.run(system, scenario, step=4e-3, engine="python")
     content = page_module.page(result, system, scenario, title=NASTY)
@@ -220,7 +220,7 @@ def test_names_are_text_whatever_they_are_made_of(oscillator):
         ({"energy": {"joint": BondEnergy(-9.0, 100.0)}}, "not-usable", r"loses energy .*\(9\.00% .*bond joint\)"),
     ],
 )  # fmt: skip
-def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, change, kind, words):
+def test_the_page_begins_with_one_sentence_that_states_the_verdict(run, change, kind, words):
     result, system, scenario = run
     content = page_module.page(replace(result, **change), system, scenario, title="a run")
     (sentence,) = re.findall(r'<div id="verdict" class="verdict ([a-z-]+)">\s*<p>(.*?)</p>', content, re.S)
@@ -231,7 +231,7 @@ def test_the_head_says_in_one_sentence_whether_the_result_can_be_used(run, chang
     assert content.index('id="verdict"') < content.index("<h2")
 
 
-def test_the_page_shows_every_reason_with_figure_origin_and_remedy(run):
+def test_the_page_shows_every_reason_with_its_figure_origin_and_remedy(run):
     result, system, scenario = run
     found = replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}, partial=True)
     text = _read(found, system, scenario).text
@@ -240,7 +240,7 @@ def test_the_page_shows_every_reason_with_figure_origin_and_remedy(run):
         assert (f"To do: {reason.remedy}" in text) == (reason.grade != "usable")
 
 
-def test_bonds_show_energy_and_local_errors(run):
+def test_the_page_shows_energy_and_local_errors_of_each_bond(run):
     result, system, scenario = run
     result = replace(
         result, energy={"joint": BondEnergy(0.5, 1000.0)}, coupled={"joint": Coupled(1e-3, 0.5, 2.0, 800.0, 0.5, 800.0)}
@@ -250,13 +250,13 @@ def test_bonds_show_energy_and_local_errors(run):
     assert "joint 1000 0.5 0.05 0.039 0.001 19.69 0.5 0.2 0.45 2 179.8 800 0.25 " in text
 
 
-def test_a_bond_that_makes_energy_is_marked(run):
+def test_a_bond_with_a_large_energy_residual_is_marked(run):
     result, system, scenario = run
     text = _read(replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}), system, scenario).text
     assert "joint 100 −9 −9 too large" in text
 
 
-def test_what_is_not_there_is_said(make):
+def test_missing_content_is_reported(make):
     series = TimeSeries.from_channels([0.0, 0.1], {"part.y": ("N", [1.0, 2.0])})
     system = System({"part": make.gain()}, constants={"part.u": 1.0})
     text = _read(_blank(series), system, Scenario(0.1)).text
@@ -273,7 +273,7 @@ def test_a_run_without_channels_still_has_a_page(make):
     assert "No channels were recorded." in _read(_blank(series), system, Scenario(0.1)).text
 
 
-def test_parts_that_are_alike_are_drawn_once_and_all_named(make):
+def test_identical_groups_are_drawn_once_and_all_listed(make):
     components, bonds = {}, []
     for k in range(100):
         components[f"mass{k}"], components[f"damper{k}"] = make.integrator(), make.gain(1.0, "m/s", "N")
@@ -290,7 +290,7 @@ def test_parts_that_are_alike_are_drawn_once_and_all_named(make):
     assert all(f"joint{k} mass{k}.y damper{k}.u 1 0" in found.text for k in range(100))
 
 
-def test_parts_with_other_gains_are_not_alike(make):
+def test_groups_with_different_gains_are_drawn_separately(make):
     components = {name: make.gain() for name in ("a", "b", "c", "d")}
     connections = (Connection("a.y", "b.u"), Connection("c.y", "d.u", -1.0))
     system = System(components, connections=connections, constants={"a.u": 0.0, "c.u": 0.0})
@@ -298,7 +298,7 @@ def test_parts_with_other_gains_are_not_alike(make):
     assert [group.components for group in found] == [("a", "b"), ("c", "d")]
 
 
-def test_a_middle_component_with_hundreds_around_it_is_drawn_in_part(make):
+def test_a_component_with_hundreds_of_neighbours_is_drawn_in_part(make):
     hub = make.component(make.table(make.variable("y", "output", "N")), lambda *_: {"y": 0.0})
     components = {"hub": hub} | {f"leaf{k}": make.gain() for k in range(400)}
     system = System(components, connections=tuple(Connection("hub.y", f"leaf{k}.u") for k in range(400)))
@@ -308,19 +308,19 @@ def test_a_middle_component_with_hundreds_around_it_is_drawn_in_part(make):
     assert "hub.y leaf399.u 1 0" in found.text
 
 
-def test_files_are_known_by_digest_and_by_the_tool_that_made_them(run, fmus):
+def test_files_are_listed_with_their_digest_and_generation_tool(run, fmus):
     result, system, scenario = run
     found = _read(result, system, scenario, files={"mass": fmus["quarter_car"]})
     assert found.text.count("eightpost 0.1.0, version") == 1
     assert re.search(r"\b[0-9a-f]{64}\b", found.text)
 
 
-def test_the_digest_of_a_drive_is_of_what_it_says():
+def test_the_digest_of_a_drive_depends_on_its_content_only():
     first, same, other = _drive(1.0), _drive(1.0), _drive(2.0)
     assert drive_digest(first) == drive_digest(same) != drive_digest(other)
 
 
-def test_a_failure_leaves_the_old_page(run, tmp_path, monkeypatch):
+def test_a_failed_write_leaves_the_old_page_unchanged(run, tmp_path, monkeypatch):
     path = tmp_path / "report.html"
     path.write_text("old")
     monkeypatch.setattr("pathlib.Path.replace", _refuse)
@@ -334,7 +334,7 @@ def _refuse(*_):
     raise OSError("disk full")
 
 
-def test_a_page_is_one_file_in_utf_8(run, tmp_path):
+def test_a_report_is_written_as_one_utf_8_file(run, tmp_path):
     path = write_report(tmp_path / "out" / "report.html", *run, title="Rüttelprüfstand")
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
     assert "<h1>Rüttelprüfstand</h1>" in path.read_text(encoding="utf-8")

@@ -38,7 +38,7 @@ def _ranges(browser):
 
 
 @pytest.mark.slow
-def test_the_page_draws_answers_to_clicks_and_loads_nothing(browser, page, series):
+def test_the_page_draws_its_plots_responds_to_clicks_and_loads_nothing(browser, page, series):
     browser.call("Page.navigate", url=page.as_uri())
     browser.until("document.querySelector('#signals')")
     browser.evaluate("document.querySelector('#signals').scrollIntoView()")  # plots are drawn when they come near

@@ -37,7 +37,7 @@ def only(verdict: Verdict, rule: rules.Rule):
     return reason
 
 
-def test_a_sound_run_is_usable_and_says_by_which_figures():
+def test_a_run_without_faults_is_usable_and_its_verdict_states_the_figures():
     verdict = sound().verdict
     assert verdict.grade is Grade.USABLE
     assert "0.1 % of the scale" in only(verdict, rules.COUPLING_GOOD).figure
@@ -66,13 +66,13 @@ CASES = [
 
 
 @pytest.mark.parametrize(("field", "value", "rule"), CASES)
-def test_each_fault_is_a_reason_of_its_rule_and_the_worst_reason_is_the_grade(field, value, rule):
+def test_each_fault_gives_the_reason_of_its_rule_and_the_worst_reason_sets_the_grade(field, value, rule):
     verdict = sound(**{field: value}).verdict
     assert only(verdict, rule).grade is rule.grade
     assert verdict.grade is rule.grade
 
 
-def test_every_rule_of_a_run_is_tried_here():
+def test_every_rule_of_a_run_is_covered_by_these_cases():
     tried = {rule.name for _, _, rule in CASES}
     for result in (sound(), sound(energy={}, coupled={}, stated_error={})):
         tried |= {reason.rule for reason in result.verdict.reasons}
@@ -87,7 +87,7 @@ def test_every_reason_has_a_figure_an_origin_and_a_remedy(changes):
         assert any(character.isdigit() for character in reason.figure) or reason.rule == rules.NOT_CONVERGED.name
 
 
-def test_a_local_error_has_a_veto_whatever_error_is_stated():
+def test_a_large_local_error_makes_a_run_not_usable_even_if_the_stated_error_is_small():
     """Two runs that alternate from step to step agree at the recorded points."""
     chatter = sound(coupled={BOND: Coupled(1.4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.lf.velocity": 1e-3})
     assert chatter.verdict.grade is Grade.NOT_USABLE
@@ -95,13 +95,13 @@ def test_a_local_error_has_a_veto_whatever_error_is_stated():
     assert "280 %" in only(chatter.verdict, rules.LOCAL_ERROR).figure
 
 
-def test_an_unknown_error_is_acceptable_but_not_called_usable():
+def test_a_run_with_an_unknown_error_is_acceptable_but_graded_unknown():
     result = sound(stated_error={}, tolerance=0.0)
     assert result.acceptable
     assert result.verdict.grade is Grade.UNKNOWN
 
 
-def test_energy_outside_the_fitted_velocities_counts_like_time():
+def test_the_energy_beyond_the_fitted_velocities_is_limited_like_the_time():
     """A shock that is beyond its fit for little time, but dissipates most of its energy then."""
     time = np.linspace(0.0, 10.0, 1001)
     beyond = (time > 9.9).astype(float)
@@ -112,7 +112,7 @@ def test_energy_outside_the_fitted_velocities_counts_like_time():
     assert "99.0% of its energy" in reason.figure
 
 
-def test_the_verdict_of_a_run_is_in_its_json(tmp_path):
+def test_the_verdict_of_a_run_is_written_to_its_json(tmp_path):
     result = sound(converged=False)
     result.write(tmp_path)
     document = json.loads((tmp_path / "result.json").read_text())

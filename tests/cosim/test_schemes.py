@@ -62,7 +62,7 @@ def known(t: np.ndarray, y: np.ndarray, n: int, values: str) -> float:
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
-def test_the_ends_of_a_bond_feel_what_the_formula_of_the_scheme_gives(parts: Any, algorithm: Any) -> None:
+def test_both_ends_of_a_bond_receive_the_coupling_values_of_the_schemes_formula(parts: Any, algorithm: Any) -> None:
     t, v, f, x = columns(ran(parts(), algorithm))
     assert t.size == 12
     velocity = guessed if isinstance(algorithm, Jacobi) else known
@@ -71,7 +71,7 @@ def test_the_ends_of_a_bond_feel_what_the_formula_of_the_scheme_gives(parts: Any
         assert x[n + 1] - x[n] == pytest.approx(velocity(t, v, n, algorithm.values), abs=1e-14)
 
 
-def test_an_implicit_step_feels_the_parabola_through_the_end_that_it_found(parts: Any) -> None:
+def test_an_implicit_step_applies_the_parabola_through_the_converged_end_value(parts: Any) -> None:
     """With a damper at which an exchange without iteration diverges."""
     result = ran(parts(damping=6000.0), Implicit(tolerance=1e-9))
     t, v, f, x = columns(result)
@@ -84,7 +84,7 @@ def test_an_implicit_step_feels_the_parabola_through_the_end_that_it_found(parts
     assert 2 * result.steps <= result.iterations <= 3 * result.steps + 3
 
 
-def test_groups_that_nothing_couples_are_solved_each_as_if_alone(parts: Any) -> None:
+def test_uncoupled_groups_are_solved_independently(parts: Any) -> None:
     one, other = parts(damping=6000.0), parts(damping=2500.0, speed=-0.5)
     both = {f"{name}_{k}": part for k, pair in enumerate((one, other)) for name, part in pair.items()}
     bonds = [Bond.between(f"car_{k}", f"shock_{k}", displacement=False) for k in (0, 1)]
@@ -98,14 +98,16 @@ def test_groups_that_nothing_couples_are_solved_each_as_if_alone(parts: Any) -> 
             assert joined[f"{part}_{k}.{signal}"] == pytest.approx(expected, rel=1e-8, abs=1e-8 * abs(expected).max())
 
 
-def test_the_first_step_holds_what_it_starts_with(parts: Any) -> None:
+def test_the_first_step_holds_the_start_values(parts: Any) -> None:
     for algorithm in EXPLICIT:
         t, v, f, _ = columns(ran(parts(), algorithm))
         assert v[1] - v[0] == pytest.approx(-f[0] * t[1] / MASS, abs=1e-12)
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
-def test_the_energy_of_a_bond_is_what_one_end_gives_less_what_the_other_takes(parts: Any, algorithm: Any) -> None:
+def test_the_energy_residual_of_a_bond_is_the_energy_supplied_minus_the_energy_received(
+    parts: Any, algorithm: Any
+) -> None:
     """Each with the mean of its own motion or force, and with what it was fed."""
     result = ran(parts(), algorithm)
     t, v, f, x = columns(result)
@@ -118,7 +120,7 @@ def test_the_energy_of_a_bond_is_what_one_end_gives_less_what_the_other_takes(pa
 
 
 @pytest.mark.parametrize("values", ["held", "extrapolated", "parabolic"])
-def test_the_local_error_of_a_bond_is_what_its_ends_assumed_wrongly(parts: Any, values: str) -> None:
+def test_the_local_error_of_a_bond_is_the_extrapolation_error_of_its_coupling_values(parts: Any, values: str) -> None:
     """From the third step on; before, there is too little past, and the first steps are taken off by hand."""
     algorithm, worst = Jacobi(values), {}
     for stop in (0.012, 0.04):
@@ -142,7 +144,7 @@ def test_the_local_error_of_a_bond_is_what_its_ends_assumed_wrongly(parts: Any, 
     assert found.force_spread == pytest.approx(float(np.std(f[1:])), rel=1e-9)
 
 
-def test_the_local_error_of_an_implicit_step_is_that_of_a_guess_on_a_parabola(parts: Any) -> None:
+def test_the_local_error_of_an_implicit_step_is_that_of_a_parabolic_predictor(parts: Any) -> None:
     """Of the force, which is guessed; the velocity is known when the damper steps."""
     algorithm, squares = Implicit(tolerance=1e-10), {}
     for stop in (0.012, 0.04):
@@ -163,7 +165,7 @@ def past_of(t: np.ndarray, y: np.ndarray) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.1, 0.1, 0.03), (0.1, 0.03, 0.03), (0.1, 0.03, 0.2)])
-def test_a_parabola_goes_on_exactly_whatever_the_steps(steps: tuple[float, float, float]) -> None:
+def test_a_parabola_is_extrapolated_exactly_for_any_step_sizes(steps: tuple[float, float, float]) -> None:
     t = np.array([0.0, *np.cumsum(steps)])
     y = 3.0 - 2.0 * t + 5.0 * t**2
     past = past_of(t[:3], y[:3])
@@ -175,7 +177,7 @@ def test_a_parabola_goes_on_exactly_whatever_the_steps(steps: tuple[float, float
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
-def test_a_matrix_is_inverted_also_where_its_first_pivot_is_zero(size: int) -> None:
+def test_a_matrix_with_a_zero_first_pivot_is_inverted(size: int) -> None:
     a = np.random.default_rng(size).normal(size=(size, size))
     if size > 1:
         a[0, 0] = 0.0
@@ -190,25 +192,25 @@ def test_a_matrix_of_ones_and_twos_is_inverted() -> None:
     assert found.tolist() == [2.0, -1.0, -1.0, 1.0]
 
 
-def test_a_share_of_a_step_is_counted_from_its_first_point() -> None:
+def test_the_share_of_a_step_is_measured_from_its_first_drive_point() -> None:
     drive = SimpleNamespace(times=np.array([0.0, 1.0, 1.25, 2.0]))
     step = SimpleNamespace(first=1, last=3)
     assert [sweep._share_at(drive, step, j) for j in (1, 2, 3)] == [0.0, 0.25, 1.0]
 
 
-def test_inputs_stand_still_if_they_are_held_and_nothing_drives_them() -> None:
+def test_inputs_are_constant_over_a_step_if_they_are_held_and_not_driven() -> None:
     plan = SimpleNamespace(parts=SimpleNamespace(driven=np.array([0, 2, 2, 5])))
     assert [sweep._stands_still(plan, c, HELD) for c in (0, 1, 2)] == [False, True, False]
     assert not sweep._stands_still(plan, 1, EXTRAPOLATED)
 
 
-def test_a_matrix_without_an_inverse_leaves_numbers() -> None:
+def test_a_zero_matrix_gives_the_identity_as_its_inverse() -> None:
     found = np.empty(4)
     _invert(np.zeros(4), 2, found)
     assert found.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
-def test_an_update_of_the_inverse_fits_the_last_move_and_leaves_what_that_says_nothing_of() -> None:
+def test_a_broyden_update_fits_the_last_move_and_leaves_all_other_directions_unchanged() -> None:
     """H y = s, and H z as before for every z that the move does not meet: s'H z = 0."""
     rng, n = np.random.default_rng(4), 4
     before, move, change = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n)
@@ -224,7 +226,7 @@ def test_an_update_of_the_inverse_fits_the_last_move_and_leaves_what_that_says_n
     assert inverse[0] == 7.0
 
 
-def test_a_force_that_jumps_by_a_little_is_found_well_enough_and_by_a_lot_is_not(parts: Any) -> None:
+def test_an_implicit_step_converges_with_a_small_force_jump_and_not_with_a_large_one(parts: Any) -> None:
     """Dry friction holds the mass, where no velocity has the force that is needed."""
 
     def stiff(jump: float) -> Any:
@@ -243,7 +245,7 @@ def test_a_force_that_jumps_by_a_little_is_found_well_enough_and_by_a_lot_is_not
 
 
 @pytest.mark.parametrize(("settling", "beyond", "off"), [(0.0, 0.5, 0.25), (0.5, 1.0, 0.5)])
-def test_time_beyond_limits_is_counted_from_the_settling_time_on(
+def test_time_beyond_limits_is_counted_after_the_settling_time(
     make: Any, settling: float, beyond: float, off: float
 ) -> None:
     """Beyond its fit in the second half, the tire off the ground in the last quarter; at the end of a step."""

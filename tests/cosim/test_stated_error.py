@@ -37,7 +37,7 @@ def exact(quarter_cars: Join, bumps: Drivefile) -> Result:
     return run(quarter_cars(), Scenario(1.0, bumps, ROAD), step=5e-5, compared=False)
 
 
-def test_the_default_states_between_its_true_error_and_eight_times_it_for_every_channel(
+def test_the_default_algorithm_states_one_to_eight_times_the_true_error_for_every_channel(
     quarter_cars: Join, bumps: Drivefile, exact: Result
 ) -> None:
     result = run(quarter_cars(), Scenario(1.0, bumps, ROAD, record_step=0.002), algorithm=Automatic(tolerance=2.0))
@@ -49,7 +49,7 @@ def test_the_default_states_between_its_true_error_and_eight_times_it_for_every_
 
 @pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi(), Jacobi("interpolated")], ids=str)
 @pytest.mark.parametrize("step", [2e-3, 5e-4])
-def test_a_run_at_a_given_step_states_its_error_too(
+def test_a_run_at_a_given_step_states_its_error(
     quarter_cars: Join, bumps: Drivefile, exact: Result, algorithm: Any, step: float
 ) -> None:
     result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=algorithm, step=step)
@@ -59,7 +59,9 @@ def test_a_run_at_a_given_step_states_its_error_too(
     assert result.acceptable == (result.coupling_error <= 5.0 and result.is_clean)
 
 
-def test_a_step_alone_means_the_defaults_scheme_to_the_bit(quarter_cars: Join, bumps: Drivefile) -> None:
+def test_a_given_step_without_an_algorithm_reproduces_the_default_run_bit_by_bit(
+    quarter_cars: Join, bumps: Drivefile
+) -> None:
     scenario = Scenario(1.0, bumps, ROAD, record_step=0.004)
     chosen = run(quarter_cars(), scenario)
     given_step = run(quarter_cars(), scenario, step=chosen.step)
@@ -72,7 +74,7 @@ def test_a_step_alone_means_the_defaults_scheme_to_the_bit(quarter_cars: Join, b
     assert alone.verdict.grade == Grade.UNKNOWN
 
 
-def test_a_car_at_rest_has_no_error_and_needs_no_small_step(quarter_cars: Join) -> None:
+def test_a_car_at_rest_has_no_coupling_error_and_keeps_a_large_step(quarter_cars: Join) -> None:
     system = quarter_cars()
     still = replace(system, constants=dict(system.constants) | {"car_a.road": 0.0})
     result = run(still, Scenario(0.5))
@@ -84,7 +86,7 @@ def test_a_car_at_rest_has_no_error_and_needs_no_small_step(quarter_cars: Join) 
 
 @pytest.mark.parametrize("compared", [True, False])
 @pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi()], ids=str)
-def test_chatter_between_recorded_points_is_refused(make: Any, algorithm: Any, compared: bool) -> None:
+def test_a_run_that_oscillates_between_recorded_points_is_not_usable(make: Any, algorithm: Any, compared: bool) -> None:
     """2 kg against a force that saturates, 5000 N.s/m at rest: above 0.4 ms it alternates from step to step.
 
     The oscillation is bounded, and every second step it shows nothing.
@@ -105,7 +107,7 @@ def test_chatter_between_recorded_points_is_refused(make: Any, algorithm: Any, c
     assert result.verdict.grade == Grade.NOT_USABLE
 
 
-def test_a_component_that_holds_its_inputs_is_refined_until_the_tolerance_is_met(
+def test_a_run_with_a_component_that_holds_its_inputs_is_refined_until_the_tolerance_is_met(
     quarter_cars: Join, bumps: Drivefile, fmus: Any
 ) -> None:
     """And the other car, which it is not coupled with, keeps its order."""
@@ -119,7 +121,7 @@ def test_a_component_that_holds_its_inputs_is_refined_until_the_tolerance_is_met
     assert result.stated_error["shock_b.force"] > 10.0 * result.stated_error["shock_a.force"]
 
 
-def test_a_car_that_holds_its_road_states_the_error_of_its_tire_force(
+def test_a_car_that_holds_its_road_input_states_the_error_of_its_tire_force(
     quarter_cars: Join, bumps: Drivefile, exact: Result, fmus: Any
 ) -> None:
     """The tire force follows the road, of which such a car gets the mean: half a step late, at any step."""

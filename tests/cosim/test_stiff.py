@@ -134,7 +134,7 @@ def is_marked(result: Result) -> bool:
 
 
 @pytest.mark.parametrize("name", HARD)
-def test_the_default_is_within_its_tolerance_of_the_truth_or_says_that_it_is_not(
+def test_the_default_algorithm_meets_its_tolerance_or_reports_that_it_does_not(
     hard_run: Callable[..., Result], truths: Any, name: str
 ) -> None:
     result = hard_run(name)
@@ -143,7 +143,7 @@ def test_the_default_is_within_its_tolerance_of_the_truth_or_says_that_it_is_not
 
 
 @pytest.mark.parametrize("name", HARD)
-def test_the_default_states_at_least_half_of_its_error_and_at_most_eight_times_it(
+def test_the_default_algorithm_states_between_half_and_eight_times_its_true_error(
     hard_run: Callable[..., Result], truths: Any, name: str
 ) -> None:
     result = hard_run(name)
@@ -154,12 +154,12 @@ def test_the_default_states_at_least_half_of_its_error_and_at_most_eight_times_i
     assert stated <= 8.0 * max(worst, 0.02)  # smaller errors matter to nobody
 
 
-def test_a_tolerance_that_is_not_met_is_said(seven_dof: Join, track: Drivefile) -> None:
+def test_a_tolerance_that_is_not_met_is_reported(seven_dof: Join, track: Drivefile) -> None:
     scenario = Scenario(0.1, track, record_step=RECORD_STEP)
     assert is_marked(run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=1e-4)))
 
 
-def test_no_smaller_step_is_tried_than_the_least(seven_dof: Join, track: Drivefile) -> None:
+def test_no_step_below_the_minimum_is_tried(seven_dof: Join, track: Drivefile) -> None:
     scenario = Scenario(0.1, track, record_step=RECORD_STEP)
     assert run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=4e-4)).step >= 4e-4
 
@@ -181,7 +181,7 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
 @pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
 @pytest.mark.parametrize("algorithm", [Jacobi(), GaussSeidel(), Implicit()], ids=lambda a: str(a.name))
 @pytest.mark.parametrize("step", [0.008, 0.004])
-def test_at_too_large_steps_a_hard_case_diverges_or_is_refused_or_is_right(
+def test_a_hard_case_at_too_large_a_step_diverges_or_is_not_acceptable_or_is_accurate(
     hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
 ) -> None:
     """Never accepted where it is wrong by more than 5 %."""

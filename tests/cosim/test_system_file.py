@@ -52,7 +52,7 @@ def write(folder, text):
     return path
 
 
-def test_a_case_is_read_with_units_converted_and_runs(folder):
+def test_a_case_is_read_with_units_converted_and_can_be_run(folder):
     case = read_case(write(folder, TEXT))
     assert case.name == "quarter car"
     assert case.step == pytest.approx(1e-3)
@@ -68,7 +68,7 @@ def test_a_case_is_read_with_units_converted_and_runs(folder):
     assert set(result.identities) == {"car", "shock"}
 
 
-def test_a_shock_is_swapped_without_touching_the_file(folder, fmus):
+def test_a_shock_is_swapped_without_changing_the_file(folder, fmus):
     swapped = read_case(write(folder, TEXT), fmus={"shock": fmus["polylinear"]})
     assert "time_constant" not in swapped.system.components["shock"].variables
     with pytest.raises(WiringError, match="no component 'damper' to swap"):
@@ -95,14 +95,14 @@ def test_a_shock_is_swapped_without_touching_the_file(folder, fmus):
         ("lpnl2.fmu", "none.fmu", FmuError, "none.fmu: there is no such file"),
     ],
 )
-def test_what_is_wrong_in_a_system_file_is_named(folder, old, new, error, said):
+def test_an_error_in_a_system_file_is_reported_with_the_entry_and_the_file(folder, old, new, error, said):
     assert old in TEXT
     with pytest.raises(error, match=said) as caught:
         read_case(write(folder, TEXT.replace(old, new)))
     assert "case.toml" in str(caught.value) or "none.fmu" in str(caught.value) or "street.csv" in str(caught.value)
 
 
-def test_shares_do_not_depend_on_what_is_recorded(folder):
+def test_shares_of_time_beyond_limits_do_not_depend_on_the_recorded_channels(folder):
     time = np.linspace(0.0, 1.0, 101)
     road = 0.2 * np.sin(2 * np.pi * 3 * time)
     write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")
@@ -115,7 +115,7 @@ def test_shares_do_not_depend_on_what_is_recorded(folder):
     assert shares[0][1]["car.tire_force"] > 0.0
 
 
-def test_a_drivefile_may_take_units_and_a_channel_map(folder):
+def test_units_and_a_channel_map_can_be_given_for_a_drive_file(folder):
     (folder / "road.csv").write_text("t [s],Z1\n0,0\n1,10\n")
     (folder / "map.toml").write_text('[channels.road]\nsource = "Z1"\nunit = "mm"\ngain = -1\n')
     mapped = TEXT.replace('drivefile = "road.csv"', 'drivefile = "road.csv"\nchannel_map = "map.toml"')
@@ -125,24 +125,24 @@ def test_a_drivefile_may_take_units_and_a_channel_map(folder):
     assert read_case(write(folder, named)).scenario.drive.at(1.0) == pytest.approx([0.01])
 
 
-def test_a_sequence_is_refused_where_it_means_nothing(folder):
+def test_a_sequence_is_refused_for_an_algorithm_without_this_option(folder):
     text = TEXT.replace('stop = "0.2 s"', 'stop = "0.2 s"\nalgorithm = "jacobi"\nsequence = ["car", "shock"]')
     with pytest.raises(InputError, match=r"scenario.sequence: jacobi has no such option, only gauss-seidel, implicit"):
         read_case(write(folder, text))
 
 
-def test_an_unknown_recorded_channel_is_named(folder):
+def test_an_unknown_recorded_channel_is_reported(folder):
     case = read_case(write(folder, TEXT.replace("car.tire_force", "car.tyre_force")))
     with pytest.raises(WiringError, match=r"car\.tyre_force.*did you mean tire_force"):
         cosim.run(case.system, case.scenario)
 
 
-def test_a_file_that_is_missing_is_named(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(InputError, match="there is no such file"):
         read_case(tmp_path / "none.toml")
 
 
-def test_beyond_the_fitted_range_and_lift_off_are_counted(folder):
+def test_time_beyond_the_fitted_range_and_tire_lift_off_are_counted(folder):
     time = np.linspace(0.0, 1.0, 101)
     road = 0.2 * np.sin(2 * np.pi * 3 * time)
     write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")

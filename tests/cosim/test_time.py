@@ -44,7 +44,7 @@ def steps_of(part: Any) -> list[tuple[float, float]]:
 @example(step=0.1, steps=3.0, every=1)  # 3 * 0.1 is not 0.3
 @example(step=1e-3, steps=300.0, every=7)
 @example(step=0.03125, steps=1.9999999999999432, every=1)  # two steps, but for rounding
-def test_steps_begin_at_whole_multiples_records_are_among_them_and_the_last_lands_on_the_stop(
+def test_steps_and_records_are_at_multiples_of_the_step_and_the_last_step_ends_at_the_stop_time(
     make: Any, step: float, steps: float, every: int
 ) -> None:
     part, stop = clock(make), steps * step
@@ -66,7 +66,7 @@ def test_steps_begin_at_whole_multiples_records_are_among_them_and_the_last_land
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
-def test_an_output_at_a_recorded_time_is_that_of_this_time(make: Any, algorithm: Algorithm) -> None:
+def test_recorded_outputs_have_their_values_at_the_recorded_times(make: Any, algorithm: Algorithm) -> None:
     """Whether it is on a connection, read in every step, or read at recorded times only."""
     parts = {"follower": make.gain(unit_in="s", unit_out="s"), "source": clock(make), "alone": clock(make)}
     system = System(parts, connections=(Connection("source.y", "follower.u"),))
@@ -82,7 +82,7 @@ def test_an_output_at_a_recorded_time_is_that_of_this_time(make: Any, algorithm:
     ids=lambda a: str(a.name),
 )
 @pytest.mark.parametrize("record_step", [0.002, 0.006, 0.01])
-def test_tire_forces_of_native_cars_fit_the_road_of_the_recorded_time(
+def test_tire_forces_of_native_cars_match_the_road_at_the_recorded_times(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, record_step: float
 ) -> None:
     """F = k (z_R - z_2) with 1300 lbf/in, whether a knot of the drive, 4 ms apart, lies there or not."""
@@ -97,7 +97,7 @@ def test_tire_forces_of_native_cars_fit_the_road_of_the_recorded_time(
 
 
 @pytest.mark.parametrize("record_step", [1e-3, 2.5e-3, 7e-3])
-def test_adaptive_lands_on_records_on_the_drives_points_and_on_the_stop(
+def test_adaptive_steps_end_at_record_times_drive_points_and_the_stop_time(
     quarter_cars: Join, bumps: Drivefile, record_step: float
 ) -> None:
     stop = 0.1
@@ -132,7 +132,7 @@ def integral_errors(make: Any, drive: Drivefile, algorithm: Algorithm, step: flo
     parts=st.sampled_from([0.125, 0.2, 0.5, 1.0, 2.0, 3.0, 7.0]),
     algorithm=st.sampled_from(EXPLICIT),
 )
-def test_a_component_that_ramps_follows_the_drive_between_its_own_points(
+def test_a_component_that_interpolates_its_inputs_follows_the_drive_between_coupling_points(
     make: Any, seed: int, parts: float, algorithm: Algorithm
 ) -> None:
     """Where coupling steps hold whole intervals of the drive, or intervals whole steps: in sub-steps, or in parts."""
@@ -148,7 +148,7 @@ def test_a_component_that_ramps_follows_the_drive_between_its_own_points(
     algorithm=st.sampled_from(EXPLICIT),
     can=st.sampled_from([Capabilities(), Capabilities(variable_step=False)]),
 )
-def test_a_component_that_holds_gets_the_exact_mean_of_any_drive_at_any_step(
+def test_a_component_that_holds_its_inputs_receives_the_exact_mean_of_any_drive_at_any_step(
     make: Any, seed: int, parts: float, spacing: list[float], algorithm: Algorithm, can: Capabilities
 ) -> None:
     drive = rough(seed, spacing)
@@ -157,13 +157,13 @@ def test_a_component_that_holds_gets_the_exact_mean_of_any_drive_at_any_step(
 
 
 @pytest.mark.parametrize("step", [0.003, 0.0013])
-def test_a_component_that_ramps_follows_a_drive_whose_points_lie_within_its_steps(make: Any, step: float) -> None:
+def test_a_component_that_interpolates_its_inputs_follows_drive_points_within_its_steps(make: Any, step: float) -> None:
     assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
 
 
 @same_make
 @given(seed=st.integers(0, 1000), parts=st.floats(0.3, 1.0), algorithm=st.sampled_from(EXPLICIT))
-def test_a_coupled_component_gets_the_drives_exact_mean_in_a_step_no_longer_than_its_intervals(
+def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to_the_drive_interval(
     make: Any, seed: int, parts: float, algorithm: Algorithm
 ) -> None:
     """In one step, on a straight line, wherever the drive's points lie; and the drive's value at the step's end."""
@@ -188,7 +188,7 @@ def test_a_coupled_component_gets_the_drives_exact_mean_in_a_step_no_longer_than
     assert len(steps_of(moved)) == len(series) - 1
 
 
-def test_a_drive_that_starts_later_is_read_from_there(make: Any, bumps: Drivefile) -> None:
+def test_a_drive_is_read_from_the_given_drive_start(make: Any, bumps: Drivefile) -> None:
     part = make.gain(unit_in="m", unit_out="m", capabilities=RAMPS)
     series = run(
         System({"a": part}), Scenario(1.0, bumps, {"a": "a.u"}, drive_start=7.012), step=0.002, compared=False

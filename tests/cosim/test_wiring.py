@@ -13,7 +13,7 @@ def drive(**channels):
     return Drivefile(TimeSeries.from_channels(time, {n: (u, np.full(2, v)) for n, (u, v) in channels.items()}))
 
 
-def test_an_unknown_component_or_variable_is_named_with_what_is_close(make):
+def test_an_unknown_component_or_variable_is_reported_with_a_suggestion(make):
     parts = {"a": make.gain(), "b": make.gain()}
     with pytest.raises(WiringError, match=r"there is no component 'c'"):
         System(parts, connections=[Connection("c.y", "b.u")])
@@ -23,7 +23,7 @@ def test_an_unknown_component_or_variable_is_named_with_what_is_close(make):
         System(parts, connections=[Connection("a.y", "b.y")])
 
 
-def test_two_undeclared_sources_for_one_input_are_an_error_and_declared_ones_add_up(make):
+def test_two_sources_of_one_input_are_an_error_unless_declared_as_a_sum(make):
     def parts():
         return {"a": make.gain(), "b": make.gain(), "sum": make.gain()}
 
@@ -35,13 +35,13 @@ def test_two_undeclared_sources_for_one_input_are_an_error_and_declared_ones_add
     assert result.series["sum.y"].tolist() == [43.0] * 3
 
 
-def test_a_constant_beside_a_connection_is_a_second_source(make):
+def test_a_constant_for_a_connected_input_is_a_second_source(make):
     parts = {"a": make.gain(), "b": make.gain()}
     with pytest.raises(WiringError, match=r"b\.u has 2 sources"):
         System(parts, connections=[Connection("a.y", "b.u")], constants={"b.u": 1.0})
 
 
-def test_units_of_another_dimension_are_refused_and_others_converted(make):
+def test_units_of_different_dimensions_are_refused_and_other_units_are_converted(make):
     parts = {"a": make.gain(unit_out="mm/s"), "b": make.gain(unit_in="m/s")}
     system = System(parts, connections=[Connection("a.y", "b.u", -1.0)], constants={"a.u": 250.0})
     result = run(system, Scenario(0.1), step=0.1)
@@ -52,7 +52,7 @@ def test_units_of_another_dimension_are_refused_and_others_converted(make):
         System({"a": make.gain(), "b": make.gain(unit_in="m/s")}, connections=[Connection("a.y", "b.u")])
 
 
-def test_units_are_those_the_components_define_whatever_they_are_called(make):
+def test_units_are_converted_by_their_definition_not_by_their_name(make):
     parts = {"a": make.gain(), "b": make.gain()}
     odd = UnitDefinition("kilopond", {"kg": 1, "m": 1, "s": -2}, 9.80665)
     parts["a"].variables = make.table(make.variable("u", "input", "N"), Variable("y", "output", unit=odd))
@@ -60,7 +60,7 @@ def test_units_are_those_the_components_define_whatever_they_are_called(make):
     assert run(system, Scenario(0.1), step=0.1).series["b.y"][0] == pytest.approx(19.6133)
 
 
-def test_a_unit_named_but_not_defined_is_read_by_its_name_or_refused(make):
+def test_an_undefined_unit_is_read_by_its_name_or_refused(make):
     parts = {"a": make.gain(), "b": make.gain(unit_in="m/s")}
     parts["a"].variables = make.table(
         make.variable("u", "input", "N"), Variable("y", "output", unit=UnitDefinition("km/h", {"?": 1}))
@@ -72,7 +72,7 @@ def test_a_unit_named_but_not_defined_is_read_by_its_name_or_refused(make):
         System(parts, connections=[Connection("a.y", "b.u")])
 
 
-def test_a_variable_without_unit_is_taken_as_it_is_and_the_result_says_so(make):
+def test_a_variable_without_a_unit_is_used_unconverted_and_reported(make):
     parts = {"a": make.gain(), "b": make.gain()}
     parts["a"].variables = make.table(make.variable("u", "input", "N"), make.variable("y", "output", None))
     system = System(parts, connections=[Connection("a.y", "b.u")], constants={"a.u": 2.0})
@@ -86,7 +86,7 @@ def test_an_input_without_a_source_is_an_error(make):
         run(System({"a": make.gain()}), Scenario(0.1))
 
 
-def test_drive_channels_go_to_the_only_input_of_their_name_or_where_they_are_sent(make):
+def test_drive_channels_go_to_the_only_input_of_their_name_or_to_their_target(make):
     result = run(System({"a": make.gain()}), Scenario(0.1, drive(u=("N", 5.0))), step=0.1)
     assert result.series["a.y"].tolist() == [5.0, 5.0]
     two = {"a": make.gain(), "b": make.gain()}
@@ -98,14 +98,14 @@ def test_drive_channels_go_to_the_only_input_of_their_name_or_where_they_are_sen
         run(System({"a": make.gain()}), Scenario(0.1, drive(push=("N", 5.0)), {"pull": "a.u"}))
 
 
-def test_a_driven_input_has_no_other_source_and_fitting_units(make):
+def test_a_driven_input_with_another_source_or_another_dimension_is_refused(make):
     with pytest.raises(WiringError, match=r"a\.u has two sources"):
         run(System({"a": make.gain()}, constants={"a.u": 1.0}), Scenario(0.1, drive(u=("N", 5.0))))
     with pytest.raises(WiringError, match="dimensions differ"):
         run(System({"a": make.gain()}), Scenario(0.1, drive(u=("m", 5.0))))
 
 
-def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
+def test_two_bonds_at_one_port_must_be_declared_as_a_sum(make):
     ports = make.table(
         make.variable("velocity", "output", "m/s"),
         make.variable("displacement", "output", "m"),
@@ -146,7 +146,7 @@ def test_two_bonds_at_one_port_must_be_declared_a_sum(make):
         ({"gas_stiffness": float("nan")}, "outside its range"),
     ],
 )
-def test_a_parameter_of_the_wrong_kind_or_out_of_its_range_is_refused(fmus, values, said):
+def test_a_parameter_of_the_wrong_type_or_out_of_its_range_is_refused(fmus, values, said):
     name = "car" if "start_at_equilibrium" in values else "shock"
     with pytest.raises(WiringError, match=said):
         System.load(
@@ -156,14 +156,14 @@ def test_a_parameter_of_the_wrong_kind_or_out_of_its_range_is_refused(fmus, valu
         )
 
 
-def test_what_is_no_number_cannot_be_recorded(make):
+def test_a_variable_that_is_not_numeric_cannot_be_recorded(make):
     text = Variable("label", "output", type="String")
     part = make.component(make.table(text), lambda *_: {"label": "a"})
     with pytest.raises(WiringError, match=r"a\.label is a String and cannot be recorded"):
         run(System({"a": part}), Scenario(0.1, record=("a.label",)))
 
 
-def test_a_drive_that_does_not_cover_the_run_is_refused_and_may_be_entered_late():
+def test_a_drive_must_cover_the_run_from_the_given_drive_start():
     time = np.array([5.0, 9.0])
     late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
     with pytest.raises(InputError, match=r"0 to 4 s of the drive file, it holds 5 to 9 s"):
@@ -173,14 +173,14 @@ def test_a_drive_that_does_not_cover_the_run_is_refused_and_may_be_entered_late(
     assert Scenario(4.0, late, drive_start=5.0).drive_start == 5.0
 
 
-def test_a_late_entry_shifts_the_drive(make):
+def test_drive_start_shifts_the_drive(make):
     time = np.array([5.0, 9.0])
     late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
     result = run(System({"a": make.gain()}), Scenario(2.0, late, drive_start=6.0), step=1.0)
     assert result.series["a.y"].tolist() == pytest.approx([6.0, 6.5, 7.5])
 
 
-def test_a_gas_spring_without_its_displacement_is_refused(fmus):
+def test_a_gas_spring_with_a_constant_displacement_is_refused(fmus):
     with pytest.raises(WiringError, match=r"gas spring.*is a constant"):
         System.load(
             {"car": fmus["quarter_car"], "shock": fmus["lpnl2"]},
@@ -189,7 +189,7 @@ def test_a_gas_spring_without_its_displacement_is_refused(fmus):
         )
 
 
-def test_parameters_must_be_parameters(make):
+def test_only_parameters_can_be_set_as_parameters(make):
     with pytest.raises(WiringError, match="not a parameter"):
         System({"a": make.gain()}, parameters={"a": {"u": 1.0}})
     with pytest.raises(WiringError, match="no variable 'mass'"):
@@ -197,7 +197,7 @@ def test_parameters_must_be_parameters(make):
 
 
 @pytest.mark.parametrize("gain", [0.0, float("nan")])
-def test_a_gain_of_nothing_is_refused(make, gain):
+def test_a_gain_of_zero_or_nan_is_refused(make, gain):
     with pytest.raises(WiringError, match="gain"):
         System({"a": make.gain(), "b": make.gain()}, connections=[Connection("a.y", "b.u", gain)])
 
@@ -206,13 +206,13 @@ def test_a_gain_of_nothing_is_refused(make, gain):
     "options",
     [{"stop": 0.0}, {"stop": float("nan")}, {"stop": 1.0, "record_step": -1.0}, {"stop": 1.0, "settling": 2.0}],
 )
-def test_an_impossible_scenario_is_refused(options):
+def test_an_invalid_scenario_is_refused(options):
     with pytest.raises(InputError, match="scenario"):
         Scenario(**options)
 
 
 @pytest.mark.parametrize(("step", "record"), [(0.0, None), (2.0, None), (float("nan"), None), (0.1, 0.25)])
-def test_an_impossible_step_is_refused(make, step, record):
+def test_an_invalid_step_is_refused(make, step, record):
     system = System({"a": make.gain()}, constants={"a.u": 1.0})
     with pytest.raises(InputError, match="step"):
         run(system, Scenario(1.0, record_step=record), step=step)
