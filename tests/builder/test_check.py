@@ -52,7 +52,7 @@ def in_slave(old, new):
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "polylinear", "lpf1", "seven_dof", "quarter_car"])
-def test_our_native_fmus_are_clean_to_the_last_hint(fmus, name):
+def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name):
     report = check(fmus[name], groups=QUICK)
     assert report.findings == ()
     assert [(item.what, item.reason) for item in report.skipped] == [
@@ -62,7 +62,7 @@ def test_our_native_fmus_are_clean_to_the_last_hint(fmus, name):
     assert report.done == tuple(GROUPS[group].title for group in done)
 
 
-def test_the_sources_of_a_native_fmu_rebuild_it(fmus):
+def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
     report = check(fmus["quarter_car"], groups=("rebuild",))
     assert report.findings == ()
 
@@ -148,7 +148,7 @@ NOT_OFFERED = {
 
 
 @pytest.mark.parametrize("name", NOT_OFFERED)
-def test_a_clean_fmu_of_another_maker_passes_the_standard_without_a_false_alarm(name, tmp_path):
+def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name, tmp_path):
     """Check FMUs with features that ours lack: integers, strings, enumerations, aliases, one instance per process."""
     shown = CliRunner().invoke(command, ["--standard", "--json", str(foreign_fmu(name, tmp_path))])
     (report,) = json.loads(shown.stdout)["reports"]
@@ -171,14 +171,14 @@ def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule
 
 
 @pytest.mark.parametrize("fault", ["-DRESET_KEEPS_TIME", "-DRESET_FAILS_AFTER=900"])
-def test_a_reset_that_keeps_the_time_or_fails_late_is_found(fault, tmp_path):
+def test_a_reset_that_keeps_the_time_or_fails_late_is_reported(fault, tmp_path):
     """Check two defects: a reset that keeps the time (20-sim), and one that fails after twice the 500 steps."""
     report = check(foreign_fmu("mass_spring", tmp_path, fault), groups=("simulation", "reset"))
     found = [finding.message for finding in report.findings if finding.rule.identifier == "reset"]
     assert any(message.startswith("after fmi2Reset at 10 s") for message in found)
 
 
-def test_a_category_that_is_declared_nowhere_is_found_in_the_log_of_a_refusal(tmp_path):
+def test_an_undeclared_log_category_of_a_refused_call_is_reported(tmp_path):
     report = check(foreign_fmu("mass_spring", tmp_path), groups=("state_machine",))
     assert [f.message for f in report.findings if f.rule.identifier == "log-undeclared"] == [
         "it uses the category 'refusals'"
@@ -192,7 +192,7 @@ def test_the_full_check_reports_drop_in_findings_but_no_error_for_a_foreign_fmu(
     assert rules(report).isdisjoint({"working-folder", "locale", "standard-output", "step-growth", "growth"})
 
 
-def test_a_foreign_fmu_with_a_defect_of_its_own_does_not_pass(tmp_path):
+def test_a_defect_of_a_foreign_fmu_is_reported(tmp_path):
     def start_elsewhere(members):
         members["modelDescription.xml"] = members["modelDescription.xml"].replace(b'start="1.5"', b'start="1.25"')
 
@@ -243,7 +243,7 @@ class Plain(Fmi2Slave):
 """
 
 
-def test_an_fmu_built_by_pythonfmu_alone_breaks_the_known_rules(tmp_path):
+def test_an_fmu_built_only_with_pythonfmu_breaks_the_known_rules(tmp_path):
     (tmp_path / "plain.py").write_text(PLAIN, encoding="utf-8")
     line = [sys.executable, "-m", "pythonfmu", "build", "-f", "plain.py"]
     subprocess.run(line, cwd=tmp_path, check=True, capture_output=True)
@@ -268,7 +268,7 @@ def test_a_crash_is_a_finding_that_names_the_call(python_fmus, tmp_path, alter, 
     assert any(message in finding.message for finding in report.findings if finding.rule.identifier == rule)
 
 
-def test_an_fmu_that_cannot_simulate_is_not_probed_further(python_fmus, tmp_path):
+def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp_path):
     abort = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        __import__('os').abort()")
     report = check(
         altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", abort), groups=("simulation", "reset", "steps")
@@ -291,7 +291,7 @@ def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("unit", SI_UNITS)
-def test_a_unit_with_its_own_si_exponents_is_right_and_with_others_wrong(unit, fmus, tmp_path):
+def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, fmus, tmp_path):
     def described(exponents):
         base = "".join(f' {name}="{power}"' for name, power in exponents.items())
         text = f'<UnitDefinitions><Unit name="{unit}"><BaseUnit{base}/></Unit></UnitDefinitions>'
@@ -343,7 +343,7 @@ def test_an_unknown_group_is_refused_by_name(fmus):
 @pytest.mark.parametrize(
     "content", [b"", b"<a/>", b"\xff\xfe", b"<fmiModelDescription/>", b"<?xml version='1.0' encoding='x'?><a/>"]
 )
-def test_a_description_of_any_content_gives_findings_not_tracebacks(content, tmp_path):
+def test_a_description_with_arbitrary_content_gives_findings_but_no_traceback(content, tmp_path):
     with zipfile.ZipFile(tmp_path / "x.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", content)
     assert not check(tmp_path / "x.fmu").acceptable

@@ -62,7 +62,7 @@ def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, pyt
 
 
 @pytest.mark.parametrize("place", [0, 1], ids=["first", "last"])
-def test_one_bad_file_hides_no_report_of_the_others(quickly, fmus, tmp_path, place):
+def test_an_invalid_file_does_not_hide_the_reports_of_the_others(quickly, fmus, tmp_path, place):
     given = [fmus["lpf1"]]
     given.insert(place, tmp_path / "missing.fmu")
     shown = quickly(*given)

@@ -278,13 +278,13 @@ def defective(fmu: Path, folder: Path, defect: Defect, *more: Change) -> Path:
     return target
 
 
-def test_there_are_enough_defects():
+def test_the_table_has_enough_defects():
     assert len(ON_FILE) + len(IN_CODE) >= 40
     assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= RULES
 
 
 @pytest.mark.parametrize("name", ON_FILE)
-def test_a_defect_on_file_is_found_by_its_rule(name, fmus, tmp_path):
+def test_a_defect_in_the_files_is_found_by_its_rule(name, fmus, tmp_path):
     defect = ON_FILE[name]
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect), defect)
 

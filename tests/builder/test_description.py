@@ -34,7 +34,7 @@ def test_names_and_value_references_are_frozen_for_this_interface_version(fmus, 
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_real_has_a_unit_with_the_right_si_base_and_display_units_for_people(fmus, name):
+def test_every_real_has_a_unit_with_correct_si_base_and_display_units(fmus, name):
     root = xml_of(fmus[name])
     defined = {u.get("name"): u for u in root.iter("Unit")}
     for real in root.iter("Real"):
@@ -48,7 +48,7 @@ def test_every_real_has_a_unit_with_the_right_si_base_and_display_units_for_peop
             )
 
 
-def test_the_display_units_are_those_that_a_race_engineer_reads(fmus):
+def test_the_display_units_are_those_used_by_race_engineers(fmus):
     displays = {d.get("name"): float(d.get("factor")) for d in xml_of(fmus["seven_dof"]).iter("DisplayUnit")}
     assert displays["in/s"] == pytest.approx(1 / 0.0254)
     assert displays["lbf"] == pytest.approx(1 / 4.4482216152605)
@@ -81,7 +81,7 @@ def depends(fmu, outputs, name, size, time):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_declared_dependencies_are_true(fmus, component, name):
+def test_the_declared_dependencies_are_correct(fmus, component, name):
     """Check that after a step of 1e-12 s an output depends on an input exactly if feedthrough is declared."""
     description = read_model_description(str(fmus[name]))
     extra = {"seal_friction": 20.0, "gas_stiffness": 500.0} if name in LAWS else {}
@@ -120,7 +120,7 @@ def test_the_same_source_gives_the_same_bytes_and_another_source_another_guid(fm
     assert len(guids) == len(fmus)
 
 
-def test_every_folder_of_fmus_holds_the_same_files():
+def test_every_fmu_source_folder_contains_interface_model_and_readme():
     for folder in source_folder().iterdir():
         if folder.is_dir() and folder.name != "common":
             alike = {"interface.toml", "model.c", "README.md"}

@@ -22,7 +22,7 @@ ALL = (*LAWS, "seven_dof", "quarter_car")
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_an_archive_holds_binaries_sources_documents_and_references(fmus, name):
+def test_an_archive_contains_binaries_sources_documents_and_reference_results(fmus, name):
     members = set(read_archive(fmus[name]))
     assert members >= {
         "modelDescription.xml",
@@ -40,7 +40,7 @@ def test_an_archive_holds_binaries_sources_documents_and_references(fmus, name):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_listed_source_is_there_and_every_c_file_is_listed(fmus, name):
+def test_the_listed_sources_are_exactly_the_c_files(fmus, name):
     members = read_archive(fmus[name])
     root = ET.fromstring(members["modelDescription.xml"])
     listed = {f"sources/{f.get('name')}" for f in root.iter("File")}
@@ -113,7 +113,7 @@ def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks,
     assert pictures[0] == pictures[1]
 
 
-def test_a_confidential_fmu_computes_what_the_open_one_does(shocks, fmus, tmp_path):
+def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "front.json")
     (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
     time = np.arange(0.0, 0.3, 1e-3)
@@ -132,7 +132,7 @@ def test_a_python_fmu_cannot_be_confidential(shocks, tmp_path):
         build([tmp_path / "front.json"], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
 
 
-def test_the_target_all_writes_both_side_by_side(shocks, tmp_path):
+def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path):
     write_shock(shocks["lpf1"], tmp_path / "front.json")
     built = build([tmp_path / "front.json"], tmp_path / "out", target="all")
     assert [(item.path.name, item.target) for item in built] == [
@@ -153,7 +153,7 @@ def test_without_zig_the_build_is_for_this_platform_and_reports_that(shocks, tmp
     assert len(result) == 11
 
 
-def test_nothing_is_written_when_one_of_several_cannot_be_built(shocks, tmp_path):
+def test_nothing_is_written_if_one_of_several_fmus_cannot_be_built(shocks, tmp_path):
     write_shock(shocks["lpf1"], tmp_path / "good.json")
     (tmp_path / "bad.json").write_text("{}")
     with pytest.raises(ValueError, match="bad"):
@@ -169,7 +169,7 @@ def test_an_fmu_has_a_name_that_is_valid_for_c_and_windows(stem, identifier):
     assert fmu_identifier(stem) == identifier
 
 
-def test_names_that_differ_in_case_only_are_rejected_because_windows_ignores_case(shocks, tmp_path):
+def test_names_that_differ_only_in_case_are_rejected(shocks, tmp_path):
     for name in ("A", "a"):
         write_shock(shocks["lpf1"], tmp_path / f"{name}.json")
     with pytest.raises(FmuError, match="several sources would be written to"):
@@ -184,7 +184,7 @@ def test_names_that_differ_in_case_only_are_rejected_because_windows_ignores_cas
         ("gone.json", None, "the file does not exist"),
     ],
 )
-def test_files_that_cannot_be_built_are_rejected_with_what_to_do(tmp_path, name, content, advice):
+def test_files_that_cannot_be_built_are_rejected_with_the_remedy(tmp_path, name, content, advice):
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(FmuError, match=advice):

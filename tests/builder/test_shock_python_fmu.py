@@ -96,7 +96,7 @@ def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(name, da
     probe.finish()
 
 
-def test_two_shocks_stepped_in_turn_in_one_process_equal_each_alone(python_component, shocks):
+def test_two_shocks_stepped_alternately_in_one_process_do_not_interact(python_component, shocks):
     moves = [(1e-3, 0.4 * np.sin(0.05 * k), 0.0) for k in range(200)]
     pair = [python_component(name) for name in ("lpf1", "lpnl2")]
     for fmu in pair:
@@ -185,7 +185,7 @@ def test_reset_restores_every_default(python_component, name):
         ("force", 1.0, "output variable and cannot be set"),
     ],
 )
-def test_a_bad_value_fails_the_step_with_its_reason_and_the_next_good_step_is_fine(
+def test_an_invalid_value_fails_the_step_with_the_reason_and_the_next_valid_step_succeeds(
     python_component, variable, value, message
 ):
     fmu = python_component("lpnl2")
@@ -206,12 +206,12 @@ def test_a_step_that_is_not_positive_is_rejected_and_the_next_one_succeeds(pytho
     fmu.step(0.0, 1e-3)
 
 
-def test_a_refused_parameter_ends_the_start_with_the_reason(python_component):
+def test_a_refused_parameter_ends_initialization_with_the_reason(python_component):
     with pytest.raises(StepError, match=r"failed to set motion_ratio = -1.0.*is not between"):
         python_component("lpnl2", motion_ratio=-1.0)
 
 
-def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(python_component):
+def test_an_unknown_value_reference_fails_only_the_next_step(python_component):
     fmu = python_component("lpnl2")
     fmu.end_initialization()
     assert fmu._slave.getReal([999]) == [0.0]
@@ -222,7 +222,7 @@ def test_an_unknown_value_reference_fails_the_next_step_and_nothing_else(python_
     fmu.step(0.0, 1e-3)
 
 
-def test_a_corrupt_serialized_state_is_refused_and_the_old_one_stays(python_component):
+def test_a_corrupt_serialized_state_is_refused_and_the_old_state_is_kept(python_component):
     fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set(("velocity",), (0.2,))
@@ -243,12 +243,12 @@ def test_inconsistent_parameters_end_initialization_with_the_reason(python_compo
         fmu.end_initialization()
 
 
-def test_a_motion_ratio_above_1_5_is_warned_about(python_component, caplog):
+def test_a_motion_ratio_above_1_5_gives_a_warning(python_component, caplog):
     python_component("lpnl2", motion_ratio=1.6).end_initialization()
     assert "motion_ratio = 1.6 is above 1.5" in caplog.text
 
 
-def test_a_tunable_parameter_is_live_and_an_impossible_one_fails_the_step(python_component):
+def test_a_tunable_parameter_takes_effect_at_once_and_an_invalid_one_fails_the_step(python_component):
     fmu = python_component("lpnl2")
     fmu.end_initialization()
     fmu.set(("velocity", "gas_preload"), (0.1, 0.0))

@@ -180,7 +180,7 @@ def test_changing_only_a_setup_file_changes_the_shock_of_one_corner(car, tmp_pat
     assert np.abs(found - jacobi(car)).max() > 1e-3
 
 
-def test_the_verb_writes_the_package_of_a_system_file(fmus, tmp_path):
+def test_the_ssp_command_writes_the_package_of_a_system_file(fmus, tmp_path):
     text = f"""
 [components.car]
 fmu = "{fmus["quarter_car"]}"

@@ -95,7 +95,7 @@ def zig_of(folder):
     return folder
 
 
-def test_one_library_goes_to_each_platforms_folder(binaries):
+def test_each_platforms_folder_contains_one_library(binaries):
     assert set(binaries) == {
         "binaries/linux64/little.so",
         "binaries/win64/little.dll",
@@ -109,7 +109,7 @@ def test_one_library_goes_to_each_platforms_folder(binaries):
 @pytest.mark.parametrize(
     ("platform", "machine"), [("linux64", lief.ELF.ARCH.X86_64), ("aarch64-linux", lief.ELF.ARCH.AARCH64)]
 )
-def test_linux_libraries_run_with_glibc_2_17_and_need_nothing_else(binaries, platform, machine):
+def test_linux_libraries_depend_only_on_glibc_2_17(binaries, platform, machine):
     library = parsed(binaries[f"binaries/{platform}/little.so"])
     assert library.header.machine_type == machine
     assert set(library.libraries) <= {"libc.so.6", "libm.so.6"}
@@ -126,7 +126,7 @@ def test_linux_libraries_run_with_glibc_2_17_and_need_nothing_else(binaries, pla
     ("platform", "machine"),
     [("win64", lief.PE.Header.MACHINE_TYPES.AMD64), ("win32", lief.PE.Header.MACHINE_TYPES.I386)],
 )
-def test_windows_libraries_import_windows_own_run_time_only(binaries, platform, machine):
+def test_windows_libraries_import_only_the_windows_runtime(binaries, platform, machine):
     library = parsed(binaries[f"binaries/{platform}/little.dll"])
     assert library.header.machine == machine
     assert all(i.name.lower().startswith("api-ms-win-crt-") for i in library.imports)
@@ -167,7 +167,7 @@ def code_directory(content):
     return there, [hashlib.sha256(p).digest() for p in pages]
 
 
-def test_apples_processor_gets_a_signature_that_fits_every_page(binaries):
+def test_the_signature_for_apple_processors_matches_every_page(binaries):
     fat = binaries["binaries/darwin64/little.dylib"]
     offset, size = struct.unpack_from(">II", fat, 8 + 20 + 8)
     thin = binaries["binaries/aarch64-darwin/little.dylib"]
@@ -201,7 +201,7 @@ def system_compiler():
     return SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
 
 
-def test_a_damaged_or_cut_cache_entry_is_compiled_again(tmp_path, monkeypatch):
+def test_a_damaged_or_truncated_cache_entry_is_recompiled(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
     (first,) = compile_libraries([LIBRARY], toolchain=system_compiler())
     (entry,) = (tmp_path / "binaries").iterdir()
@@ -254,17 +254,17 @@ def test_machines_that_share_a_cache_folder_do_not_share_binaries_of_different_c
     assert len({toolchain._key(system, LIBRARY, name, command) for name in ("linux64", "aarch64-linux")}) == 2
 
 
-def test_libraries_of_one_name_stay_apart(tmp_path, monkeypatch):
+def test_libraries_with_the_same_name_have_separate_cache_entries(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
     other = Library("little", {"little.c": SOURCE.replace("3.0", "5.0").encode()})
     first, second = compile_libraries([LIBRARY, other], toolchain=system_compiler())
     assert set(first) == set(second) and first != second
 
 
-def test_progress_counts_to_the_number_of_binaries(binaries, zig):
-    told = []
-    compile_libraries([LIBRARY], toolchain=zig, progress=lambda done, of: told.append((done, of)))
-    assert told == [(done, 6) for done in range(1, 7)]
+def test_progress_is_reported_up_to_the_number_of_binaries(binaries, zig):
+    progress_calls = []
+    compile_libraries([LIBRARY], toolchain=zig, progress=lambda done, of: progress_calls.append((done, of)))
+    assert progress_calls == [(done, 6) for done in range(1, 7)]
 
 
 def test_the_systems_compiler_builds_for_this_platform_and_reports_that(tmp_path):
@@ -300,6 +300,6 @@ def test_without_any_compiler_the_error_message_names_the_package_to_install(mon
         find_toolchain()
 
 
-def test_a_universal_file_takes_mach_o_slices_only():
+def test_a_universal_file_accepts_only_mach_o_slices():
     with pytest.raises(ValueError, match="not a 64-bit Mach-O"):
         universal([struct.pack("<Iii", 0x7F454C46, 0, 0)])

@@ -61,7 +61,7 @@ def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(python_compo
     np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
 
 
-def test_start_at_equilibrium_can_be_switched_off(python_component):
+def test_the_equilibrium_start_can_be_disabled(python_component):
     fmu = python_component("quarter_car", start_at_equilibrium=False)
     fmu.set(("aero_force",), (1000.0,))
     fmu.end_initialization()
@@ -114,7 +114,7 @@ def ports_of(name, stepper):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_friction_is_the_librarys_and_tunable_during_the_run(python_component, name):
+def test_friction_equals_the_librarys_and_is_tunable_during_the_run(python_component, name):
     model, rng = model_of(name), np.random.default_rng(7)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     ports, count = ports_of(name, stepper), len(PORTS[name])
@@ -138,7 +138,7 @@ def test_friction_is_the_librarys_and_tunable_during_the_run(python_component, n
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_without_friction_the_fmu_is_the_linear_one_bit_for_bit(python_component, name):
+def test_an_fmu_without_friction_equals_the_linear_one_bit_for_bit(python_component, name):
     model, rng = model_of(name), np.random.default_rng(3)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     fmu = python_component(name, **dict.fromkeys(at_ports(name, "friction_velocity"), 1e-4))
@@ -188,7 +188,7 @@ def test_a_restored_state_with_friction_continues_bit_for_bit(python_component, 
     ("variable", "value"),
     [("friction_force", -1.0), ("friction_force", np.inf), ("friction_velocity", 0.0), ("friction_velocity", np.nan)],
 )
-def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(python_component, variable, value):
+def test_a_friction_out_of_range_is_refused_by_name_and_the_old_value_is_kept(python_component, variable, value):
     fmu = python_component("seven_dof", **{"rr.friction_force": 100.0})
     fmu.end_initialization()
     fmu.set((f"rr.{variable}",), (value,))
@@ -198,7 +198,7 @@ def test_a_friction_out_of_range_is_refused_by_name_and_the_old_one_stays(python
     fmu.step(0.0, 1e-3)
 
 
-def test_a_step_too_long_for_the_friction_is_refused_with_the_reason_and_changes_nothing(python_component):
+def test_a_step_too_long_for_the_friction_is_refused_without_effect(python_component):
     fmu = python_component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
     fmu.end_initialization()
     fmu.set(("force",), (500.0,))
@@ -227,7 +227,7 @@ def test_every_port_has_tunable_friction_with_display_units(python_fmus, name):
             assert (found.displayUnit, float(found.start), float(found.min)) == (display, start, least)
 
 
-def test_only_a_port_with_a_force_and_a_velocity_has_friction(tmp_path):
+def test_only_ports_with_a_force_and_a_velocity_have_friction(tmp_path):
     model = model_of("seven_dof").select(outputs=("heave", "lf.velocity"))
     write_vehicle(tmp_path / "some.json", IdentifiedVehicle("some", model))
     (built,) = build([tmp_path / "some.json"], tmp_path)
@@ -249,7 +249,7 @@ def free_mass() -> StateSpace:
     )
 
 
-def test_a_model_without_a_steady_state_refuses_to_start_in_one(tmp_path):
+def test_a_model_without_a_steady_state_refuses_an_equilibrium_start(tmp_path):
     write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", free_mass()))
     (built,) = build([tmp_path / "free.json"], tmp_path, target="python")
     fmu = FmuComponent(built.path, "free")

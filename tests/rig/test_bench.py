@@ -1,4 +1,4 @@
-"""The virtual rig and the virtual dynamometer by names, as their verbs use them."""
+"""The virtual rig and the virtual dynamometer are configured by names, as in their commands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_shock_that_does_not_exist_is_refused(name: str, error: type[Exception
         shocks_named([name])
 
 
-def test_one_shock_is_at_every_corner() -> None:
+def test_a_single_shock_is_used_at_every_corner() -> None:
     bench = Bench.of("seven_dof", noise=False, seed=7)
     assert bench.shocks(["demo:A"]) == ("demo:A",) * 4
     assert bench.shocks(["a", "b", "c", "d"]) == ("a", "b", "c", "d")
@@ -48,6 +48,6 @@ def test_a_specimen_writes_its_record_and_describes_it(tmp_path: Path) -> None:
     assert {"displacement", "velocity", "force", "temperature"} <= set(read_series(tmp_path / "sine.csv").names)
 
 
-def test_a_random_test_is_half_a_second_to_ten_minutes_long() -> None:
+def test_a_random_tests_duration_must_be_half_a_second_to_ten_minutes() -> None:
     with pytest.raises(ParameterError, match=r"--duration must be 0\.5 to 600 s, not 0\.1 s"):
         drivefile_of("random", 1, duration=0.1)

@@ -23,14 +23,14 @@ def test_a_dynamometer_file_reads_without_notes(build):
     assert test.series.sample_rate == pytest.approx(2000.0)
 
 
-def test_a_dynamometer_file_is_its_generators_output_to_the_last_digit_but_one():
+def test_a_dynamometer_file_equals_its_generators_output_within_rounding():
     made = measure(demo_damper("A"), random_multisine(1, duration=12.0), seed=1)
     read = read_dyno_test(DATA / "dyno_A.csv").series
     np.testing.assert_allclose(read["force"], made["force"], atol=convert(0.1, "lbf", "N") * 1.01)
     np.testing.assert_allclose(read["displacement"], made["displacement"], atol=convert(1e-4, "in", "m") * 1.01)
 
 
-def test_the_track_file_is_its_generators_output_in_float32():
+def test_the_track_file_equals_its_generators_output_in_float32():
     path = DATA / "track.parquet"
     assert parquet_header(path)["note"].startswith("SYNTHETIC")
     assert path.stat().st_size < 600_000

@@ -1,4 +1,4 @@
-"""The sines are Table 3.3's and start softly; the static profile and the bump are those of Fig 3.12 and 3.13."""
+"""The sines have the values of Table 3.3 and start smoothly; the static profile and bump follow Fig 3.12 and 3.13."""
 
 import numpy as np
 import pytest
@@ -17,13 +17,13 @@ PRINTED = (
 )  # fmt: skip
 
 
-def test_the_sines_are_those_of_table_3_3():
+def test_the_sines_have_the_values_of_table_3_3():
     found = [(s.amplitude / INCH, s.speed / INCH, s.frequency) for s in sine_tests()]
     np.testing.assert_allclose(found, PRINTED, atol=0.005)
 
 
 @pytest.mark.parametrize("test", sine_tests(), ids=lambda test: test.name)
-def test_a_sine_starts_from_rest_never_exceeds_its_speed_and_then_is_steady(test):
+def test_a_sine_starts_from_rest_never_exceeds_its_peak_velocity_and_becomes_steady(test):
     series = test.drivefile.series
     x, time = series["displacement"], series.time
     velocity = np.gradient(x, time)
@@ -38,12 +38,12 @@ def test_a_sine_starts_from_rest_never_exceeds_its_speed_and_then_is_steady(test
 @pytest.mark.parametrize(
     ("amplitude", "speed", "rate"), [(0.0, 0.1, 2000.0), (0.01, -1.0, 2000.0), (0.001, 1.0, 500.0)]
 )
-def test_a_sine_that_cannot_be_is_refused(amplitude, speed, rate):
+def test_a_sine_with_invalid_amplitude_speed_or_rate_is_refused(amplitude, speed, rate):
     with pytest.raises(ParameterError):
         sine_test(amplitude, speed, rate=rate)
 
 
-def test_the_static_profile_goes_up_three_inches_and_down_with_20_s_holds():
+def test_the_static_profile_rises_and_falls_by_three_inches_with_20_s_holds():
     series = static_steps(rate=200.0).series
     x = series["displacement"] / INCH + 3.0
     assert series.duration == pytest.approx(7 * 20.0 + 6 * 5.0)
@@ -52,7 +52,7 @@ def test_the_static_profile_goes_up_three_inches_and_down_with_20_s_holds():
     assert np.abs(np.diff(x) * 200).max() == pytest.approx(0.2, rel=1e-3)
 
 
-def test_the_bump_is_half_an_inch_at_30_inches_a_second():
+def test_the_bump_has_a_height_of_half_an_inch_and_a_speed_of_30_inches_per_second():
     series = bump().series
     x = series["displacement"] / INCH
     velocity = np.gradient(x, series.time)

@@ -98,8 +98,8 @@ def test_a_file_of_several_tests_is_not_read_as_one(tmp_path):
 
 
 def test_arguments_take_precedence_over_the_preamble(tmp_path):
-    said = DynoConditions(build="C", gas_pressure=1e5)
-    test = read_dyno_test(written(tmp_path, COLONS + table(10.0)), conditions=said)
+    conditions_given = DynoConditions(build="C", gas_pressure=1e5)
+    test = read_dyno_test(written(tmp_path, COLONS + table(10.0)), conditions=conditions_given)
     assert (test.conditions.build, test.conditions.gas_pressure) == ("C", 1e5)
     assert test.conditions.clicks is not None
 

@@ -14,7 +14,7 @@ SPEED, COMPRESSION, REBOUND = (
     np.array([-200.0, -330.0, -500.0]),
 )
 
-#: The same table in every layout: at 3 clicks as above, at 6 clicks half of it (where the layout has clicks).
+#: The same table in every layout: at 3 clicks as above; at 6 clicks half of it, if the layout has clicks.
 LAYOUTS = {
     "one setting": "speed [m/s],compression [N],rebound [N]\n.05,100,-200\n.1,180,-330\n.25,300,-500\n",
     "magnitudes": "speed [m/s],comp force [N],reb force [N]\n.05,100,200\n.1,180,330\n.25,300,500\n",
@@ -84,8 +84,8 @@ BROKEN = {
 
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_broken_table_is_refused_with_its_place(tmp_path, case):
-    content, error, said = BROKEN[case]
-    with pytest.raises(error, match=r"table\.csv.*" + said):
+    content, error, message = BROKEN[case]
+    with pytest.raises(error, match=r"table\.csv.*" + message):
         read_peak_velocity(written(tmp_path, content))
 
 

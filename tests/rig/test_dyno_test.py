@@ -40,7 +40,7 @@ def test_the_usual_names_are_recognised(tmp_path, header):
     np.testing.assert_allclose(test.series["velocity"], V, atol=1e-9)
 
 
-def test_the_file_its_digest_and_the_conditions_are_kept(tmp_path):
+def test_file_digest_and_conditions_are_stored(tmp_path):
     path = dyno_file(tmp_path, "t [s],x [m],v [m/s],F [N],T [degC]", TIME, X, V, F, TIME + 20.0)
     conditions = DynoConditions(build="1", clicks="1 from closed", gas_pressure=3.4e5)
     test = read_dyno_test(path, conditions=conditions)
@@ -61,7 +61,7 @@ def test_a_missing_velocity_is_derived_and_reported(tmp_path):
     np.testing.assert_allclose(test.series["velocity"][50:-50], V[50:-50], atol=1e-3 * V.max())
 
 
-def test_the_cut_off_follows_a_slow_record_and_the_caller(tmp_path):
+def test_the_cut_off_frequency_depends_on_the_sample_rate_and_can_be_given(tmp_path):
     path = dyno_file(tmp_path, "t_s,x_m,F_N", 5.0 * TIME, X, F)
     assert "low-pass 40 Hz" in read_dyno_test(path).derived[0]
     assert "low-pass 12 Hz" in read_dyno_test(path, cutoff=12.0).derived[0]
@@ -88,7 +88,7 @@ def test_two_columns_for_one_channel_are_refused(tmp_path):
         read_dyno_test(path)
 
 
-def test_a_wrong_sign_is_refused_and_accepted_when_flipped(tmp_path):
+def test_a_channel_with_the_wrong_sign_is_refused_and_accepted_if_flipped(tmp_path):
     path = dyno_file(tmp_path, "t [s],v [m/s],F [N]", TIME, V, -F)
     with pytest.raises(errors.WrongSignError, match=r"run\.csv, line 1, channel 'force'.*-1\.000.*--flip force"):
         read_dyno_test(path)
@@ -147,7 +147,7 @@ def test_a_fault_has_its_own_error_with_file_place_and_advice(tmp_path, fault):
     assert type(caught.value) is error
 
 
-def test_a_test_without_force_cannot_be_made():
+def test_a_test_without_force_is_refused():
     with pytest.raises(errors.MissingChannelError, match="'force'"):
         DynoTest(TimeSeries.from_channels(TIME, {"velocity": ("m/s", V)}))
 

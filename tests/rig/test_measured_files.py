@@ -29,7 +29,7 @@ def measured(folder: str, name: str) -> Path:
 
 
 @pytest.mark.parametrize("name", OHLINS)
-def test_the_18_18_runs_have_the_wrong_sign_and_read_when_flipped(name):
+def test_the_18_18_runs_have_the_wrong_sign_and_are_read_if_flipped(name):
     path = measured("ohlins", name)
     with pytest.raises(WrongSignError, match=rf"{name}.*is -0\.9\d\d"):
         read_dyno_test(path)
@@ -46,7 +46,7 @@ def test_the_24_24_run_has_the_right_sign():
 
 
 @pytest.mark.parametrize("name", ["ensaio.vali.1", "ensaio1", "ensaio8.2"])
-def test_the_magneto_rheological_damper_reads_with_its_own_velocity(name):
+def test_the_magneto_rheological_damper_is_read_with_its_measured_velocity(name):
     test = read_dyno_test(measured("labcontrol", f"labcontrol_{name}.csv"))
     assert test.derived == ()
     assert test.series.sample_rate == pytest.approx(100.0)
@@ -70,7 +70,7 @@ def test_a_steady_sine_of_a_hundred_cycles_is_one_run():
     assert split_runs(test) == (test,)
 
 
-def test_the_manufacturers_curves_are_a_table_per_setting():
+def test_the_manufacturers_curves_are_read_as_a_table_per_setting():
     tables = read_peak_velocity(measured("ohlins", "ohlins_vendor_FV_curves_digitised.csv"))
     assert len(tables) == 11
     stiffest = next(table for table in tables if table.clicks == "LS0_HS4")

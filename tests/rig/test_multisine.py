@@ -6,7 +6,7 @@ import pytest
 from eightpost.rig.excitations import TABLE_3_2, crest_factor, multisine_spectrum, random_multisine
 
 
-def test_the_spectrum_is_table_3_2_every_tenth_of_a_hertz():
+def test_the_spectrum_has_the_lines_of_table_3_2_every_tenth_of_a_hertz():
     drivefile = random_multisine(3, rate=500.0)
     lines = np.abs(np.fft.rfft(drivefile.series["displacement"][:5000]))
     relative = lines / lines[1]
@@ -18,7 +18,7 @@ def test_the_spectrum_is_table_3_2_every_tenth_of_a_hertz():
     np.testing.assert_allclose(np.delete(relative, slice(1, 301)), 0.0, atol=1e-9)
 
 
-def test_it_repeats_every_10_s_and_has_its_length_and_peak():
+def test_the_multisine_has_a_period_of_10_s_and_the_requested_duration_and_peak():
     series = random_multisine(4).series
     values = series["displacement"]
     assert (series.duration, series.sample_rate) == (pytest.approx(30.0), pytest.approx(2000.0))
@@ -26,8 +26,8 @@ def test_it_repeats_every_10_s_and_has_its_length_and_peak():
     assert np.abs(values).max() == pytest.approx(0.0254)
 
 
-def test_it_is_the_sum_of_sines_that_the_equation_says():
-    # Any real signal on these lines is such a sum; the check is that the lines were placed at 0.1 Hz.
+def test_the_multisine_is_the_sum_of_sines_of_equation_3_26():
+    # Any real signal with these lines is such a sum; this checks that the lines are multiples of 0.1 Hz.
     values = random_multisine(5, duration=10.0, rate=200.0).series["displacement"][:2000]
     lines = np.fft.rfft(values) / 1000.0
     time = np.arange(2000) / 200.0
@@ -46,6 +46,6 @@ def test_more_draws_never_raise_the_crest_factor_and_seeds_differ():
 
 
 @pytest.mark.parametrize("rate", [60.0, 333.33])
-def test_a_rate_that_cannot_carry_it_is_refused(rate):
+def test_a_sample_rate_that_cannot_represent_the_multisine_is_refused(rate):
     with pytest.raises(ValueError, match=r"multiple of 0\.1 Hz"):
         random_multisine(1, rate=rate)

@@ -1,4 +1,4 @@
-"""The physical damper conserves its fluid, follows its valves when slow, dissipates, cavitates, and converges."""
+"""The physical damper conserves its fluid, follows its valves at low speed, dissipates, cavitates, and converges."""
 
 import math
 
@@ -65,7 +65,7 @@ def test_the_gain_of_the_rebound_chamber_is_the_flow_through_the_main_piston():
 
 @pytest.mark.parametrize("build", ["AA/AA", "C/B"])
 @pytest.mark.parametrize("speed", [4.0, -12.0])
-def test_at_a_steady_speed_the_force_is_the_valves_law_and_the_gas_force(build, speed):
+def test_the_force_at_a_steady_speed_is_the_sum_of_valve_and_gas_force(build, speed):
     damper = shim_build(build)
     v = speed * INCH
     run = damper.respond(motion(lambda t: v * (t - 0.1), 0.2), rate=2000.0)
@@ -77,7 +77,7 @@ def test_at_a_steady_speed_the_force_is_the_valves_law_and_the_gas_force(build, 
 
 @pytest.mark.parametrize("x", [-1.0, 0.0, 2.0])
 @pytest.mark.parametrize("psi", [50.0, 150.0])
-def test_at_rest_the_force_is_the_gas_by_the_polytropic_law(x, psi):
+def test_the_force_at_rest_is_the_gas_force_of_the_polytropic_law(x, psi):
     damper = shim_build("B/B", gas_pressure=psi * PSI)
     run = damper.respond(motion(lambda t: np.full(t.size, x * INCH), 0.01), rate=1000.0)
     rod = math.pi / 4 * damper.cylinder.rod**2
@@ -95,7 +95,7 @@ def test_the_gas_rate_at_150_psi_is_about_4_pounds_per_inch():
 
 @pytest.mark.parametrize("build", BUILDS)
 def test_the_seven_builds_have_their_nominal_damping(build):
-    # Mixed builds lie between their sides': the slope is over both directions.
+    # Mixed builds lie between the builds of their two sides, because the slope is fitted over both directions.
     nominal = {"AA": 9.0, "B": 20.0, "C": 30.0}
     sides = [nominal[code] for code in build.split("/")]
     slope = convert(shim_build(build).nominal_damping(), "N.s/m", "lbf.s/in")
@@ -124,13 +124,13 @@ def test_only_the_soft_head_valve_at_low_gas_pressure_cavitates():
     assert found == {1: False, 5: True, 7: False}
 
 
-def test_a_finer_tolerance_changes_the_force_by_less_than_a_load_cell_resolves():
+def test_a_finer_tolerance_changes_the_force_by_less_than_the_resolution_of_a_load_cell():
     command = random_multisine(4, duration=1.0).series
     usual, fine = (configuration(5).respond(command, rate=2000.0, tolerance=tol)["force"] for tol in (1e-6, 1e-9))
     assert np.abs(usual - fine).max() < 0.2 * POUND
 
 
-def test_the_jacobian_is_that_of_the_rates():
+def test_the_jacobian_equals_finite_differences_of_the_rates():
     plant = configuration(6).plant
     rates, jacobian = (make(lambda t: (0.004, 0.3 * t)) for make in (plant.rates, plant.jacobian))
     for a, b, w, t in ((1.2, 1.0, 1.0, 0.4), (3.0, -2.0, 0.9, 1.0), (-1.0, 3.5, 1.2, -1.5), (2.0, 2.5, 1.1, 0.0)):
@@ -141,7 +141,7 @@ def test_the_jacobian_is_that_of_the_rates():
 
 
 @pytest.mark.parametrize("pressure", [1e4, 1e5, 5e5, 5e6])
-def test_the_effective_modulus_is_the_slope_of_the_fluids_formula(pressure):
+def test_the_effective_modulus_equals_the_slope_of_the_fluids_formula(pressure):
     fluid = Fluid(gas_fraction=0.01)
     step = 1e-4 * pressure
     slope = np.log(content(fluid, pressure + step) / content(fluid, pressure - step)) / (2 * step)
@@ -157,7 +157,7 @@ def test_the_effective_modulus_is_the_slope_of_the_fluids_formula(pressure):
     frequency=st.floats(2.0, 12.0),
     speed=st.floats(1.0, 25.0),
 )
-def test_any_build_dissipates_over_a_cycle_and_stays_above_vapour_pressure(
+def test_every_build_dissipates_energy_over_a_cycle_and_stays_above_vapour_pressure(
     compression, rebound, clicks, psi, frequency, speed
 ):
     damper = shim_build(f"{compression}/{rebound}", clicks=clicks, gas_pressure=psi * PSI)
@@ -170,22 +170,22 @@ def test_any_build_dissipates_over_a_cycle_and_stays_above_vapour_pressure(
     assert run["warming"][-1] == pytest.approx(work[-1] / damper.heat_capacity)
 
 
-def test_clicks_close_the_bleed_and_so_stiffen_rebound_alone():
+def test_clicks_close_the_bleed_and_stiffen_only_the_rebound_side():
     few, many, most = (shim_build("B/B", clicks=clicks) for clicks in (1, 14, 28))
     assert most.piston.bleed.area == 0.0
     assert 1.05 * abs(few.static_force(-0.05)) < abs(many.static_force(-0.05)) < abs(most.static_force(-0.05))
     assert many.static_force(0.05) == pytest.approx(few.static_force(0.05))
 
 
-def test_the_19_stacks_stiffen_down_the_table_with_the_cubes_of_their_shims():
+def test_the_stiffness_of_the_19_stacks_rises_with_the_cubes_of_the_shim_thicknesses():
     stiffness = [ShimStack(code, backing=0.0).stiffness for code in SHIM_SETS]
     assert len(stiffness) == 19
-    # AA+ and A- hold the same four shims, as all such pairs do: the table never falls.
+    # AA+ and A- have the same four shims, as all such pairs do, so the stiffness is never decreasing.
     assert (np.diff(stiffness) > -1e-9 * stiffness[-1]).all()
     assert stiffness[-1] / stiffness[0] == pytest.approx((0.020 / 0.004) ** 3)
 
 
-def test_the_seal_drag_stays_when_the_rod_rests_and_turns_with_it():
+def test_the_seal_drag_is_kept_at_rest_and_reverses_with_the_rod():
     path = np.concatenate([np.linspace(0, 1e-3, 200), np.full(50, 1e-3), np.linspace(1e-3, 0, 200)])
     drag = Seals().force(path)
     assert 3.0 * POUND <= drag[225] <= 5.0 * POUND
@@ -193,7 +193,7 @@ def test_the_seal_drag_stays_when_the_rod_rests_and_turns_with_it():
     assert drag[-1] == pytest.approx(-drag[225], rel=1e-6)
 
 
-def test_table_3_1_has_its_twelve_rows_in_order():
+def test_the_configurations_have_the_order_of_the_twelve_rows_of_table_3_1():
     rows = [(s.build, round(s.gas_pressure / PSI), s.clicks) for s in CONFIGURATIONS.values()]
     assert rows[:4] == [(1, 50, 1), (1, 50, 14), (1, 150, 1), (1, 150, 14)]
     assert [row[0] for row in rows] == [1] * 4 + [2] * 4 + [4] * 4

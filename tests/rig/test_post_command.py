@@ -16,8 +16,8 @@ def rig(*arguments):
 
 
 @pytest.mark.slow
-def test_a_test_is_written_and_says_that_it_is_synthetic(tmp_path, monkeypatch):
-    """Also on systems that do not report the usable processors (Windows, macOS)."""
+def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
+    """This includes systems that do not report the usable processors (Windows, macOS)."""
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     path = tmp_path / "quarter.parquet"
     result = rig(
@@ -36,13 +36,13 @@ def test_a_single_test_without_its_actuator_is_refused(tmp_path):
     assert "--only" in result.output
 
 
-def test_shocks_are_one_for_all_or_one_per_corner(tmp_path):
+def test_one_shock_or_one_per_corner_is_required(tmp_path):
     result = rig("--shock", "demo:A", "--shock", "demo:B", "-o", str(tmp_path / "x.parquet"))
     assert result.exit_code == 2
     assert "once or 4 times" in result.output
 
 
-def test_an_unknown_shock_is_named(tmp_path):
+def test_the_error_names_an_unknown_shock(tmp_path):
     result = rig("--shock", "demo:Z", "-o", str(tmp_path / "x.parquet"))
     assert result.exit_code == 2
     assert "demo:Z" in result.output
@@ -54,7 +54,7 @@ def test_shocks_are_reported_by_their_names(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_identification_is_a_baseline_and_an_alternate_at_each_corner(tmp_path):
+def test_an_identification_has_a_baseline_and_an_alternate_test_for_each_corner(tmp_path):
     folder = tmp_path / "rig"
     result = rig("--program", "identification", "--duration", "5 s", "--shock", "20 lbf.s/in",
                  "--alternate", "9 lbf.s/in", "-o", str(folder))  # fmt: skip
@@ -65,7 +65,7 @@ def test_an_identification_is_a_baseline_and_an_alternate_at_each_corner(tmp_pat
     assert tests["alternate_rf"].conditions.shocks == ("20 lbf.s/in", "9 lbf.s/in", "20 lbf.s/in", "20 lbf.s/in")
     commands = [tests[name].series["lr.road_command"] for name in ("baseline", "alternate_lf")]
     assert (commands[0] == commands[1]).all()
-    # Noise and drift are each test's own.
+    # Every test has its own noise and drift.
     seeds = {test.conditions.seed for test in tests.values()}
     assert len(seeds) == len(tests)
 
@@ -78,7 +78,7 @@ def test_a_program_does_not_start_with_a_missing_shock(tmp_path):
     assert not folder.exists()
 
 
-def test_a_program_does_not_replace_a_file_by_a_folder(tmp_path):
+def test_a_program_does_not_replace_a_file_with_a_folder(tmp_path):
     path = tmp_path / "rig"
     path.write_text("mine")
     result = rig("--program", "bump", "-o", str(path))
@@ -87,7 +87,7 @@ def test_a_program_does_not_replace_a_file_by_a_folder(tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_a_single_test_needs_the_name_of_a_file(tmp_path):
+def test_a_single_test_needs_a_file_name(tmp_path):
     result = rig("--test", "bump", "-o", str(tmp_path / "rig"))
     assert result.exit_code == 2
     assert "--program" in result.output

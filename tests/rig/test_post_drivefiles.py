@@ -30,7 +30,7 @@ INCH, POUND = convert(1.0, "in", "m"), convert(1.0, "lbf", "N")
 CAR = stand_in_truth()
 
 
-def test_the_random_test_has_the_peaks_and_sizes_that_the_text_prints():
+def test_the_random_test_has_the_peaks_and_rms_values_of_the_text():
     series = random_drive(CAR, 3, duration=400.0).series
     assert np.abs(series["lf.road"]).max() == pytest.approx(0.4 * INCH)
     assert series["lf.road"].std() == pytest.approx(0.11 * INCH, rel=0.2)
@@ -40,7 +40,7 @@ def test_the_random_test_has_the_peaks_and_sizes_that_the_text_prints():
     assert series["rr.aero"].mean() > 0.0  # downforce
 
 
-def test_the_random_tests_spectrum_is_table_6_3s():
+def test_the_random_tests_spectrum_is_that_of_table_6_3():
     series = random_drive(CAR, 3, duration=800.0).series
     frequency, power = welch(series["rf.road"], 1250.0, nperseg=2**14)
     amplitude = np.sqrt(power)
@@ -57,7 +57,7 @@ def test_the_eight_inputs_are_independent():
     assert np.abs(likeness).max() < 0.1
 
 
-def test_a_single_input_test_moves_one_actuator_alone():
+def test_a_single_input_test_moves_only_one_actuator():
     series = random_drive(CAR, 1, duration=5.0, active=["lr.aero"]).series
     assert [name for name in series.names if np.ptp(series[name]) > 0.0] == ["lr.aero"]
     both = random_drive(CAR, 1, duration=5.0).series
@@ -84,7 +84,7 @@ def test_sines_move_the_wheelloaders_in_their_mode():
         sine_drive(CAR, 2.0, 0.01, mode="yaw")
 
 
-def test_the_bump_is_a_square_wave_of_its_height_and_period():
+def test_the_bump_is_a_square_wave_of_the_specified_height_and_period():
     road = bump_drive(CAR).series["rr.road"]
     assert np.ptp(road) == pytest.approx(0.4 * INCH)
     assert np.count_nonzero(np.diff(np.sign(road))) >= 9
@@ -92,7 +92,7 @@ def test_the_bump_is_a_square_wave_of_its_height_and_period():
 
 
 @pytest.mark.parametrize("kind", ["heave", "pitch", "roll", "warp"])
-def test_static_loading_loads_its_mode_alone(kind):
+def test_static_loading_loads_only_its_mode(kind):
     series = static_drive(CAR, kind).series
     forces = -np.stack([series[f"{c}.aero"] for c in CAR.corners])
     modes = np.abs(np.diag([1.0, 1.5, 0.5, 0.5]) @ force_modes(CAR.geometry) @ forces).max(axis=1)
@@ -125,7 +125,7 @@ def test_a_track_lap_gives_the_aeroloaders_the_laps_downforce():
         track_drive(quarter_truth(), 1)
 
 
-def test_a_lap_is_quieter_than_the_identification_about_the_same_mean():
+def test_a_lap_has_a_lower_rms_than_the_identification_about_the_same_mean():
     lap, random = track_drive(CAR, 1).series, random_drive(CAR, 1, duration=30.0).series
     roads = np.stack([lap[name] for name in CAR.named("road")])
     assert np.sqrt(np.mean(roads**2)) == pytest.approx(0.07 * INCH)
@@ -146,7 +146,7 @@ def test_heave_pitch_and_roll_are_recovered_from_the_mounts():
     assert displacement_modes(g) @ heights == pytest.approx([0.01, 0.002, 0.003, 0.0], abs=1e-12)
 
 
-def test_an_aeroloader_attenuates_above_its_bandwidth_and_a_wheelloader_barely():
+def test_an_aeroloader_attenuates_above_its_bandwidth_and_a_wheelloader_hardly_does():
     sine = sine_drive(CAR, 9.0, 0.01, duration=5.0)
     command = sine.series.with_channel("lf.aero", "N", 1000.0 * np.sin(2 * np.pi * 9.0 * sine.series.time))
     drive = Actuators().follow(command, CAR)

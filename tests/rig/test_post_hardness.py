@@ -1,4 +1,4 @@
-"""Linear models predict the 8-post stand-in badly because of its friction, and for no other reason."""
+"""Linear models predict the 8-post stand-in inaccurately, and only because of its friction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _beside(name):
 
 best_linear = _beside("best_linear")
 
-#: From soft to hard all round and front against rear; baseline and alternate are 20 and 9 lbf.s/in.
+#: From soft to hard at all corners, and front against rear; baseline and alternate are 20 and 9 lbf.s/in.
 SETUPS = [(20, 20, 20, 20), (9, 9, 9, 9), (30, 30, 30, 30), (12, 12, 25, 25), (28, 28, 12, 12), (10, 30, 10, 30)]
 
 
@@ -46,12 +46,12 @@ def error_of(friction, *, lap_seed, duration, record):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
-def test_the_best_linear_model_is_wrong_with_friction_and_right_without(friction, least, most):
+def test_the_best_linear_model_is_inaccurate_with_friction_and_accurate_without(friction, least, most):
     assert least <= error_of(friction, lap_seed=1, duration=12.0, record=100.0) < most
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("lap_seed", [1, 2, 3])
 @pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
-def test_the_same_holds_with_longer_records_on_whole_laps(friction, least, most, lap_seed):
+def test_longer_records_on_whole_laps_give_the_same_conclusion(friction, least, most, lap_seed):
     assert least <= error_of(friction, lap_seed=lap_seed, duration=33.0, record=300.0) < most

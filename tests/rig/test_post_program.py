@@ -1,4 +1,4 @@
-"""The rig's programs hold the tests of 4.5.1, 6.1.3 and 6.1.5."""
+"""The rig's programs contain the tests of 4.5.1, 6.1.3 and 6.1.5."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def names_of(name, car=CAR):
     return [test.name for test in program(name, car, 1)]
 
 
-def test_an_identification_changes_one_shock_after_the_other():
+def test_an_identification_changes_one_shock_at_a_time():
     planned = identification_program(CAR, 1)
     assert [test.name for test in planned] == ["baseline", *(f"alternate_{c}" for c in CORNERS)]
     assert [test.alternate for test in planned] == [None, "lf", "rf", "lr", "rr"]
     assert [test.name for test in identification_program(QUARTER, 1)] == ["baseline", "alternate"]
 
 
-def test_its_tests_repeat_one_drivefile_of_the_printed_length_unless_draws_is_other():
+def test_identification_tests_share_one_drive_file_unless_draws_is_other():
     assert (random_length(CAR), random_length(QUARTER)) == (800.0, 120.0)
     same = [test.draw() for test in identification_program(CAR, 1, duration=2.0)]
     assert all(drivefile is same[0] for drivefile in same)
@@ -41,7 +41,7 @@ def test_its_tests_repeat_one_drivefile_of_the_printed_length_unless_draws_is_ot
     assert not any(np.array_equal(a, b) for i, a in enumerate(other) for b in other[:i])
 
 
-def test_every_input_is_tested_alone():
+def test_every_input_has_its_own_test():
     planned = program("single", CAR, 1)
     assert len(planned) == 8
     assert planned[5].name == "single_rf_aero"
@@ -50,7 +50,7 @@ def test_every_input_is_tested_alone():
     assert [name for name in series.names if np.ptp(series[name]) > 0.0] == ["rf.aero"]
 
 
-def test_sines_are_those_of_table_6_2_and_of_table_4_4():
+def test_the_sines_have_the_values_of_tables_6_2_and_4_4():
     printed = {"heave": (1, 2, 4, 6, 8, 10, 15, 20), "pitch": (1, 2, 3, 5, 6), "roll": (1, 2, 3, 5, 6)}
     assert names_of("sine") == [f"sine_{mode}_{f}hz" for mode, row in printed.items() for f in row]
     assert names_of("sine", QUARTER) == [f"sine_heave_{f}hz" for f in ("1", "2.8", "3.5", "5", "9", "12")]
@@ -58,7 +58,7 @@ def test_sines_are_those_of_table_6_2_and_of_table_4_4():
     assert np.abs(road).max() == pytest.approx(0.7 * INCH, rel=1e-3)
 
 
-def test_the_bump_is_each_rigs_own():
+def test_each_rig_has_its_own_bump():
     for car, height, period, duration in ((CAR, 0.4, 10.0, 50.0), (QUARTER, 1.0, 20.0, 60.0)):
         series = bump_test(car).series
         road = series[car.named("road")[0]]

@@ -49,7 +49,7 @@ dampings = st.sampled_from([0.0, 5.0, 9.0, 20.74, 60.0])
     damping=dampings,
     noise=st.booleans(),
 )
-def test_a_clean_sine_of_any_frequency_size_and_mode_passes(car, mode, frequency, speed, damping, noise):
+def test_a_correct_sine_of_any_frequency_amplitude_and_mode_passes(car, mode, frequency, speed, damping, noise):
     amplitude = min(1.0, speed / (2.0 * np.pi * frequency)) * INCH
     test = recorded(car, sine_drive(car, frequency, amplitude, mode=mode, duration=5.0), damping=damping, noise=noise)
     check_rig_record(test.series, test.corners)
@@ -57,7 +57,7 @@ def test_a_clean_sine_of_any_frequency_size_and_mode_passes(car, mode, frequency
 
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(car=cars, which=st.integers(0, 7), damping=dampings, noise=st.booleans(), seed=st.integers(0, 99))
-def test_a_clean_test_of_one_input_or_of_all_passes(car, which, damping, noise, seed):
+def test_a_correct_test_of_one_input_or_of_all_passes(car, which, damping, noise, seed):
     active = (car.inputs[which],) if which < len(car.corners) else ()
     drive = random_drive(car, seed, duration=6.0, active=active)
     test = recorded(car, drive, damping=damping, noise=noise, seed=seed)
@@ -65,7 +65,7 @@ def test_a_clean_test_of_one_input_or_of_all_passes(car, which, damping, noise, 
 
 
 @pytest.mark.parametrize("truth", TRUTHS)
-def test_a_clean_bump_passes(truth):
+def test_a_correct_bump_passes(truth):
     car = TRUTHS[truth]()
     test = recorded(car, bump_drive(car, period=3.0, duration=6.0), damping=20.74, noise=True)
     check_rig_record(test.series, test.corners)
@@ -91,7 +91,7 @@ def shaken(truth):
 
 @pytest.mark.parametrize("quantity", CHECKED)
 @pytest.mark.parametrize("truth", TRUTHS)
-def test_a_channel_with_the_wrong_sign_is_named_at_every_corner(truth, quantity):
+def test_a_channel_with_the_wrong_sign_is_reported_at_every_corner(truth, quantity):
     test = shaken(truth)
     for corner in test.corners:
         channel = f"{corner}.{quantity}" if corner else quantity
@@ -104,7 +104,7 @@ def test_a_channel_with_the_wrong_sign_is_named_at_every_corner(truth, quantity)
 
 @pytest.mark.parametrize("quantity", ["hub_acceleration", "tire_force", "road", "force"])
 @pytest.mark.parametrize("truth", ["seven_dof", "eight_post"])
-def test_swapped_corners_are_found_on_every_axle_and_side(truth, quantity):
+def test_swapped_corners_are_reported_on_every_axle_and_side(truth, quantity):
     test = shaken(truth)
     for pair in (("lf", "rf"), ("lr", "rr"), ("lf", "lr")):
         one, other = (f"{corner}.{quantity}" for corner in pair)
@@ -114,7 +114,7 @@ def test_swapped_corners_are_found_on_every_axle_and_side(truth, quantity):
             check_rig_record(swapped, test.corners)
 
 
-def test_a_tire_in_the_air_is_not_checked():
+def test_a_tire_without_ground_contact_is_not_checked():
     """At 4 Hz, in resonance, the front wheels leave the pans for a third of the time (6.1.3: 0.7 in)."""
     car = TRUTHS["eight_post"]()
     test = recorded(car, sine_drive(car, 4.0, 0.7 * INCH, duration=5.0), damping=9.0, noise=False)

@@ -43,7 +43,7 @@ def record():
 
 
 def changed(record, tmp_path, changes, *, keep=slice(None)):
-    """Write the record with some channels replaced and samples left out."""
+    """Write the record with some channels replaced and samples omitted."""
     series = record.series
     channels = {n: (u, row) for n, u, row in zip(series.names, series.units, series.values, strict=True)}
     for name, values in changes.items():
@@ -67,7 +67,7 @@ def test_a_record_has_the_62_channels_of_table_6_1(record):
     assert record.series.sample_rate == pytest.approx(1250.0)
 
 
-def test_a_record_reads_back_from_its_file_with_conditions_and_digest(record, tmp_path):
+def test_a_record_is_read_back_from_its_file_with_conditions_and_digest(record, tmp_path):
     path = tmp_path / "rig.parquet"
     record.write(path)
     again = read_rig_test(path)
@@ -77,7 +77,7 @@ def test_a_record_reads_back_from_its_file_with_conditions_and_digest(record, tm
     assert again.series["lf.tire_force"] == pytest.approx(record.series["lf.tire_force"], rel=1e-6)
 
 
-def test_a_csv_reads_back_too(record, tmp_path):
+def test_a_record_is_read_back_from_csv(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)
     assert read_rig_test(path).series["rr.force"] == pytest.approx(record.series["rr.force"])
@@ -99,7 +99,7 @@ def test_the_derived_shock_velocity_is_the_slope_of_the_potentiometer(record):
     assert np.std(moved - moved.mean() - pot + pot.mean()) < 0.05 * np.std(pot)
 
 
-def test_without_noise_and_drift_every_run_is_the_same_and_with_them_none_is():
+def test_runs_are_identical_without_noise_and_drift_and_differ_with_them():
     car = stand_in_truth()
     drive = random_drive(car, 1, duration=0.2)
 
@@ -127,14 +127,14 @@ def test_a_file_of_another_program_is_read_with_a_short_channel_map(record, tmp_
     assert any(text.startswith("lf.velocity from lf.displacement") for text in test.derived)
 
 
-def test_a_missing_channel_is_named_with_the_existing_ones(record, tmp_path):
+def test_the_error_lists_a_missing_channel_and_the_existing_ones(record, tmp_path):
     path = tmp_path / "rig.parquet"
     RigTest(record.series.select([n for n in record.series.names if n != "rf.force"])).write(path)
     with pytest.raises(MissingChannelError, match=r"rf\.force.*name its column"):
         read_rig_test(path)
 
 
-def test_a_dead_channel_is_named(record, tmp_path):
+def test_the_error_names_a_constant_channel(record, tmp_path):
     path = changed(record, tmp_path, {"rf.hub_acceleration": np.full(len(record.series), 0.1)})
     with pytest.raises(ConstantChannelError, match=r"rf\.hub_acceleration.*cable"):
         read_rig_test(path)

@@ -33,7 +33,7 @@ def test_each_corner_has_its_own_shock():
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_law_gives_its_own_force(shocks, name):
+def test_a_shock_law_gives_the_same_force_as_outside_the_rig(shocks, name):
     law = shocks[name].law
     lagged, expected = 0.0, [0.0]
     for k in range(1, TIME.size):

@@ -118,7 +118,7 @@ def test_friction_holds_the_car_against_a_load_below_it():
     assert np.abs((car.shock @ held.velocity)[:, -50:]).max() < 1e-4
 
 
-def test_friction_is_elastic_before_it_slides_and_never_exceeds_its_breakaway_force():
+def test_friction_is_elastic_before_sliding_and_never_exceeds_its_breakaway_force():
     friction, step = stand_in_truth().friction, 2e-4
     bend, forces = np.zeros((4, 1)), []
     reach = float((friction.coulomb / friction.stiffness).min())
@@ -145,7 +145,7 @@ def test_a_wheel_leaves_the_ground_and_its_tire_does_not_pull():
     assert (whole == 0.0).any(axis=1).all()
 
 
-def test_a_stop_stiffens_the_spring_beyond_its_gap_only():
+def test_a_stop_stiffens_the_spring_only_beyond_its_gap():
     springs = stand_in_truth().springs
     inside, beyond = springs.stop_gap - 1e-3, springs.stop_gap + 10e-3
     plain = replace(springs, stop_rate=0.0 * springs.stop_rate)
@@ -190,7 +190,7 @@ def test_the_integration_is_of_second_order(kind):
     assert 3.0 < errors[1] / errors[2] < 5.0
 
 
-def test_many_setups_give_the_same_results_as_each_alone():
+def test_many_setups_together_give_the_same_results_as_single_ones():
     car = stand_in_truth()
     drive = drive_of(car, 0.2)
     dampers = [LinearDamper(c * DAMPING_UNIT) for c in (9, 20, 30)]

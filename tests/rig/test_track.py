@@ -36,7 +36,7 @@ def test_the_loads_have_the_aeroloader_spectrum(load):
     assert amplitude[frequency > 6.0].max() < 0.01
 
 
-def test_left_and_right_are_coherent_at_long_wavelengths_only():
+def test_left_and_right_are_coherent_only_at_long_wavelengths():
     left, right = LONG["lf.road"], LONG["rf.road"]
     frequency, cross = csd(left, right, 200.0, nperseg=SEGMENT)
     powers = [welch(side, 200.0, nperseg=SEGMENT)[1] for side in (left, right)]
@@ -48,7 +48,7 @@ def test_left_and_right_are_coherent_at_long_wavelengths_only():
 
 
 @pytest.mark.parametrize("side", ["l", "r"])
-def test_the_rear_axle_meets_the_road_of_the_front_a_wheelbase_later(side):
+def test_the_rear_axle_follows_the_front_axles_road_with_the_delay_of_the_wheelbase(side):
     assert TRACK.delay == pytest.approx(110 * 0.0254 / 45.0)
     front = CubicSpline(SHORT.time, SHORT[f"{side}f.road"])
     later = SHORT.time > 1.0 + TRACK.delay
@@ -66,13 +66,13 @@ def test_peaks_and_means_are_those_of_the_dissertation():
     assert heave.std() == pytest.approx(160.0, rel=0.02)
 
 
-def test_it_starts_smoothly_from_its_mean():
+def test_the_track_starts_smoothly_from_its_mean():
     np.testing.assert_allclose(SHORT.values[:4, 0], 0.0)
     np.testing.assert_allclose(SHORT.values[4:, 0], [-TRACK.downforce, 0.0, 0.0])
     np.testing.assert_allclose(np.diff(SHORT.values[:4, :2]), 0.0, atol=1e-4 * TRACK.road_peak)
 
 
-def test_seeds_repeat_and_a_slow_rate_is_refused():
+def test_a_seed_is_reproducible_and_a_low_sample_rate_is_refused():
     np.testing.assert_array_equal(track_drivefile(2).series.values, SHORT.values)
     assert not np.allclose(track_drivefile(3).series.values, SHORT.values)
     with pytest.raises(ValueError, match="above 60 Hz"):

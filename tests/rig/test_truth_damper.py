@@ -19,7 +19,7 @@ def sine(amplitude: float, frequency: float, duration: float, rate: float = 2000
 
 
 def valve_force(damper: TruthDamper, run: TimeSeries) -> np.ndarray:
-    """The port's force without gas spring and seal drag, by their formulas."""
+    """Return the port's force minus gas spring and seal drag, which follow from their formulas."""
     gas = damper.gas_stiffness * run["displacement"] + damper.gas_preload
     return run["force"] - gas - damper.seal_drag * np.tanh(run["velocity"] / damper.seal_velocity)
 
@@ -35,7 +35,7 @@ def test_the_valve_is_monotone_zero_at_rest_and_inverted_by_the_static_force(bui
 
 
 @pytest.mark.parametrize("build", BUILDS)
-def test_a_slow_sine_shows_the_static_curve(build):
+def test_a_slow_sine_follows_the_static_curve(build):
     damper = demo_damper(build)
     run = damper.respond(sine(0.0254, 0.1, 10.0), rate=50.0)
     static = np.array([damper.static_force(v) for v in run["velocity"]])
@@ -43,7 +43,7 @@ def test_a_slow_sine_shows_the_static_curve(build):
 
 
 @pytest.mark.parametrize("build", BUILDS)
-def test_it_is_passive(build):
+def test_the_damper_is_passive(build):
     """The work done is always at least the energy stored in the fluid spring: integral F dF / k(F)."""
     damper = demo_damper(build)
     run = damper.respond(random_multisine(2, duration=2.0).series, rate=20_000.0)
@@ -86,7 +86,7 @@ def test_an_unknown_build_and_an_uneven_command_are_refused():
         demo_damper("A").respond(uneven, rate=100.0)
 
 
-def test_the_sensors_round_and_add_their_noise():
+def test_the_sensors_quantize_and_add_noise():
     drivefile = Drivefile(sine(0.01, 2.0, 1.0))
     damper, sensors = demo_damper("C"), Sensors()
     run, truth = measure(damper, drivefile, seed=1), damper.respond(drivefile.series, rate=2000.0)

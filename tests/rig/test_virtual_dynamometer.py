@@ -68,7 +68,7 @@ def test_a_softer_head_valve_lowers_the_static_error_at_150_psi_and_raises_it_at
     assert error[5] > 1.2 * error[1]
 
 
-def test_build_1_is_near_table_3_4():
+def test_the_errors_of_build_1_are_near_those_of_table_3_4():
     static, lagged = (fit(1, law) for law in ("polylinear", "lpf1"))
     assert static.deviation / 4.4482216 == pytest.approx(366.5, rel=0.03)
     assert static.percent == pytest.approx(8.0, abs=1.5)
@@ -80,7 +80,7 @@ def run(*arguments):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_a_file_reads_back_as_a_dynamometer_test(tmp_path, suffix):
+def test_a_file_is_read_back_as_a_dynamometer_test(tmp_path, suffix):
     path = tmp_path / f"sub/dyno{suffix}"
     result = run(
         "--build", "C/B", "--gas", "150 psi", "--clicks", "14", "--duration", "2 s", "--seed", "7", "-o", str(path)
@@ -96,7 +96,7 @@ def test_a_file_reads_back_as_a_dynamometer_test(tmp_path, suffix):
     assert "seed 7" in note
 
 
-def test_the_same_seed_gives_the_same_file_and_it_is_what_the_library_makes(tmp_path):
+def test_the_same_seed_gives_the_same_file_and_the_librarys_result(tmp_path):
     paths = [tmp_path / f"{i}.parquet" for i in range(2)]
     for path in paths:
         asked = ("--configuration", "5", "--test", "sine", "--amplitude", "0.5 in", "--speed", "20 in/s", "--seed", "3")

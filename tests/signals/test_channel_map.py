@@ -78,7 +78,7 @@ def test_a_missing_column_is_reported_with_file_key_and_existing_columns(tmp_pat
         read_series(data, channel_map=ChannelMap.read(toml))
 
 
-def test_a_map_can_be_made_without_a_file(tmp_path):
+def test_a_map_can_be_created_without_a_file(tmp_path):
     data, _ = files(tmp_path, "")
     channel_map = ChannelMap({"force": MappedChannel("Load", gain=0.5)}, MappedChannel("clock"))
     np.testing.assert_allclose(read_series(data, channel_map=channel_map)["force"], [5.0, 10.0])

@@ -38,7 +38,7 @@ def test_each_table_has_the_preamble_above_it(tmp_path):
     assert [record.preamble for record in records] == [(("Dyno 7",), ("Gas", "50", "psi")), (("Gas", "150", "psi"),)]
 
 
-def test_a_fault_in_a_later_table_has_its_line_of_the_file(tmp_path):
+def test_the_message_on_a_fault_in_a_later_table_has_its_line_in_the_file(tmp_path):
     path = written(tmp_path, TABLE + "Test,2\n" + TABLE.replace("0.1,2", "0.1,x"))
     second = read_records(path)[1]
     assert [second.origin.line(i) for i in range(3)] == [7, 8, 9]
@@ -46,13 +46,13 @@ def test_a_fault_in_a_later_table_has_its_line_of_the_file(tmp_path):
         second.numbers(1, channel="F")
 
 
-def test_a_line_that_is_cut_in_a_later_table_has_its_line_of_the_file(tmp_path):
+def test_the_message_on_a_truncated_line_in_a_later_table_has_its_line_in_the_file(tmp_path):
     path = written(tmp_path, TABLE + TABLE.replace("0.1,2", "0.1"))
     with pytest.raises(errors.FileFormatError, match="line 7: the line has 1 columns instead of 2"):
         read_records(path)
 
 
-def test_texts_among_the_numbers_do_not_begin_a_table(tmp_path):
+def test_text_among_the_numbers_does_not_begin_a_table(tmp_path):
     assert len(read_records(written(tmp_path, TABLE + "bad,cell\n0.4,5\n"))) == 1
 
 

@@ -85,7 +85,7 @@ def test_units_may_be_given_for_a_header_without_units(tmp_path):
         read_series(path, units={"time": "ms", "F": "lbf", "Force": "N"})
 
 
-def test_it_is_written_in_the_requested_units_and_digits(tmp_path):
+def test_a_file_is_written_with_the_requested_units_and_digits(tmp_path):
     series = TimeSeries.from_channels([0.0, 0.1], {"x": ("m", [0.0254, -1e-9]), "y": ("m", [1.0, 2.0])})
     path = tmp_path / "out.csv"
     write_csv(series, path, units={"x": "in"}, decimals={"x": 3}, titles={"x": "Position, raw"}, preamble=["made up"])
@@ -99,9 +99,9 @@ def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
         read_series(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize(("row", "said"), [("," * 300_000, "has 300000 characters"), ("1,\0", "has a zero byte")])
-def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row, said):
+@pytest.mark.parametrize(("row", "message"), [("," * 300_000, "has 300000 characters"), ("1,\0", "has a zero byte")])
+def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row, message):
     path = tmp_path / "run.csv"
     path.write_text(f"time [s],force [N]\n0,1\n{row}\n2,3\n")
-    with pytest.raises(errors.FileFormatError, match=rf"run\.csv, line 3: .*{said}"):
+    with pytest.raises(errors.FileFormatError, match=rf"run\.csv, line 3: .*{message}"):
         read_series(path)

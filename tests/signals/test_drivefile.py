@@ -14,7 +14,7 @@ RAMP = Drivefile(
 )
 
 
-def test_it_is_linear_between_samples_and_holds_its_ends():
+def test_a_drive_file_is_linear_between_samples_and_constant_beyond_its_ends():
     np.testing.assert_allclose(RAMP.at(0.5), [1.0, 1.0])
     np.testing.assert_allclose(RAMP.at(2.0), [1.0, 3.0])
     np.testing.assert_allclose(RAMP.at(-7.0), [0.0, 1.0])
@@ -35,7 +35,7 @@ def test_it_is_linear_between_samples_and_holds_its_ends():
         (0.25, 0.25, 0.5),
     ],
 )
-def test_a_mean_is_the_area_by_hand(start, stop, road):
+def test_a_mean_equals_the_area_computed_by_hand(start, stop, road):
     assert RAMP.mean(start, stop)[0] == pytest.approx(road, abs=1e-15)
 
 
@@ -62,7 +62,7 @@ def test_times_of_means_must_increase():
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mat"])
-def test_it_reads_back_from_its_file(tmp_path, suffix):
+def test_a_drive_file_is_read_back_from_its_file(tmp_path, suffix):
     RAMP.write(tmp_path / f"drive{suffix}")
     back = Drivefile.read(tmp_path / f"drive{suffix}")
     np.testing.assert_array_equal(back.series.values, RAMP.series.values)

@@ -91,7 +91,7 @@ def test_a_fault_raises_its_own_error_with_its_location(name):
         check()
 
 
-def test_a_sound_record_passes_every_check():
+def test_a_correct_record_passes_every_check():
     faults.check_finite(SINE, channel="force")
     faults.check_time(TIME)
     faults.check_gaps(TIME)

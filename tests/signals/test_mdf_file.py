@@ -54,7 +54,7 @@ def test_a_file_that_is_not_mdf_is_refused(asammdf, tmp_path):
         read_record(tmp_path / "run.mf4")
 
 
-def test_without_asammdf_the_extra_is_named(tmp_path, monkeypatch):
+def test_the_error_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     (tmp_path / "run.mf4").write_bytes(b"MDF     ")
     with pytest.raises(FileFormatError, match=r"run\.mf4: .*pip install 'eightpost\[mdf\]'"):

@@ -37,7 +37,7 @@ def any_series(draw) -> TimeSeries:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(max_examples=40, deadline=None)
 @given(series=any_series())
-def test_a_series_reads_back_to_the_last_bit(suffix, series):
+def test_a_series_is_read_back_bit_for_bit(suffix, series):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"series{suffix}"
         write_series(series, path)
@@ -53,7 +53,7 @@ def a_series() -> TimeSeries:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_writer_leaves_one_file(tmp_path, suffix):
+def test_a_writer_creates_exactly_one_file(tmp_path, suffix):
     write_series(a_series(), tmp_path / f"a{suffix}")
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
@@ -73,7 +73,7 @@ def test_incomplete_output_never_replaces_an_existing_file(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_digest_is_that_of_the_bytes(tmp_path):
+def test_the_digest_is_the_sha256_of_the_files_bytes(tmp_path):
     path = tmp_path / "abc"
     path.write_bytes(b"abc")
     # FIPS 180-2, appendix B.1.

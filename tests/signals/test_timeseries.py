@@ -52,7 +52,7 @@ def test_time_must_increase(time, error, message):
         TimeSeries.from_channels(time, {"x": ("m", [1.0, 2.0, 3.0])})
 
 
-def test_every_sample_is_finite():
+def test_a_sample_that_is_not_finite_is_refused():
     with pytest.raises(NotANumberError, match=r"line 2, channel 'x'.*inf"):
         TimeSeries.from_channels([0.0, 1.0], {"x": ("m", [0.0, np.inf])})
 

@@ -1,4 +1,4 @@
-"""An assembly in a host's loop, and its parts in the master and in a host that holds their inputs."""
+"""Simulate an assembly in a host's loop, and its parts in the master and in a host that holds their inputs."""
 
 from dataclasses import replace
 

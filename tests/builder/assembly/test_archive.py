@@ -9,7 +9,7 @@ from builder.check import GROUPS, Level, check
 from eightpost.archive import read_archive
 
 
-def test_check_finds_no_error_and_nothing_that_breaks_an_import(corner):
+def test_check_reports_no_error_and_no_warning_for_an_assembly(corner):
     not_for_it = {"ports", "model_exchange"} | (set() if shutil.which("cmake") else {"rebuild"})
     groups = tuple(group for group in GROUPS if group not in not_for_it)
     report = check(corner, groups=groups)
@@ -18,7 +18,7 @@ def test_check_finds_no_error_and_nothing_that_breaks_an_import(corner):
     assert report.done == tuple(GROUPS[group].title for group in groups)
 
 
-def test_the_reference_results_are_what_the_fmu_gives(car):
+def test_the_reference_results_equal_the_fmus_output(car):
     """Compare the results of the whole car; those of the quarter car are compared by the check."""
     report = check(car, groups=("reference",))
     assert report.findings == ()
@@ -32,7 +32,7 @@ def test_the_same_assembly_gives_the_same_bytes(case, toolchain, tmp_path, car):
     assert again.path.read_bytes() == car.read_bytes()
 
 
-def test_paths_of_archives_stay_those_of_a_native_fmu(car):
+def test_the_paths_in_the_archive_are_those_of_a_native_fmu(car):
     members = set(read_archive(car))
     assert {"model.png", "documentation/index.html", "documentation/licenses/license.txt"} <= members
     listed = {f"sources/{f.get('name')}" for f in ET.fromstring(read_archive(car)["modelDescription.xml"]).iter("File")}

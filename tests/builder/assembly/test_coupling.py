@@ -11,13 +11,13 @@ from .hosts import CORNERS, difference, held_separately, host, master, observed,
 
 
 @pytest.mark.parametrize("step", [0.0005, 0.001, 0.004, 0.02])
-def test_it_equals_the_masters_result_at_communication_steps_of_whole_micro_steps(car, case, step):
+def test_an_assembly_equals_the_master_for_communication_steps_of_whole_micro_steps(car, case, step):
     outputs = observed(FmuComponent(car, "car"))
     expected, _ = master(case, 0.0005, drive_step=step, outputs=outputs)
     assert difference(host(car, step), expected).max() < 1e-9
 
 
-def test_its_error_estimates_are_those_of_the_masters_result(car, case):
+def test_an_assemblys_error_estimates_equal_those_of_the_master(car, case):
     names = [f"{corner}.coupling_error" for corner in CORNERS]
     found = host(car, 0.001, outputs=[*names, "coupling_error"])[:, -1]
     _, result = master(case, 0.0005, drive_step=0.001, outputs=["lf.force"])
@@ -26,7 +26,7 @@ def test_its_error_estimates_are_those_of_the_masters_result(car, case):
     assert found[4] == pytest.approx(max(c.percent for c in result.coupled.values()), rel=1e-6)
 
 
-def test_a_communication_step_that_is_not_a_multiple_of_the_micro_step_is_divided_into_equal_ones(car, case):
+def test_a_communication_step_is_divided_into_equal_micro_steps_if_it_is_not_a_multiple(car, case):
     outputs = observed(FmuComponent(car, "car"))
     expected, _ = master(case, 0.0004, drive_step=0.002, outputs=outputs)
     assert difference(host(car, 0.002, parameters={"coupling_step": 0.00045}), expected).max() < 1e-9
@@ -41,9 +41,7 @@ def test_the_error_is_of_second_order_in_the_coupling_step(car, measured):
     assert errors[-1].max() < 0.2
 
 
-def test_in_a_host_that_holds_inputs_at_125_hz_it_is_a_hundred_times_more_accurate_than_separate_fmus(
-    car, case, fmus, measured
-):
+def test_an_assembly_is_a_hundred_times_more_accurate_than_separate_fmus_with_held_inputs(car, case, fmus, measured):
     """Compare with the exact response to the held roads, so that only the error of the coupling remains."""
     names, _ = measured
     exact = host(car, 0.008, ramped=False, parameters={"coupling_step": 1e-5}, outputs=names)

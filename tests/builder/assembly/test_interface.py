@@ -12,7 +12,7 @@ from eightpost.archive import read_archive
 from .hosts import ROADS
 
 
-def test_its_interface_is_that_of_its_parts_by_component(car, case):
+def test_the_interface_consists_of_the_parts_variables_by_component(car, case):
     variables = FmuComponent(car, "car").variables
     inputs = {n for n, v in variables.items() if v.causality == "input"}
     assert inputs == {*ROADS, "car.heave_force", "car.roll_moment", "car.pitch_moment", "car.lr.force"}

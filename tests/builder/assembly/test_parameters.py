@@ -15,7 +15,7 @@ from eightpost.shock import write_shock
 from .hosts import difference, host, master, observed
 
 
-def test_setting_the_parameters_of_one_corner_is_the_same_as_another_fmu_there(
+def test_setting_the_parameters_of_one_corner_equals_using_another_fmu_there(
     car, made, system_file, shocks, build_here, tmp_path
 ):
     law = shocks["lpnl2"].law
@@ -34,7 +34,7 @@ def test_setting_the_parameters_of_one_corner_is_the_same_as_another_fmu_there(
     assert difference(found, expected).max() < 1e-9
 
 
-def test_a_tunable_parameter_set_between_steps_has_an_effect_from_then_on(car):
+def test_a_tunable_parameter_set_between_steps_takes_effect_in_the_next_step(car):
     names = ["lf.force", "car.lf.velocity"]
     at_once = host(car, 0.004, parameters={"lf.rebound_scale": 1.5}, outputs=names)
     later = host(car, 0.004, later={"lf.rebound_scale": 1.5}, outputs=names)

@@ -1,4 +1,4 @@
-"""Systems that cannot be assembled are rejected with the reason and what to do."""
+"""Systems that cannot be assembled are rejected with the reason and the remedy."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from eightpost.errors import FmuError
 from eightpost.wiring import Wire
 
 
-def test_every_component_that_cannot_be_a_part_is_listed_with_what_to_do(
+def test_every_component_that_cannot_be_a_part_is_listed_with_the_remedy(
     fmus, python_fmus, model_files, build_here, tmp_path
 ):
     shock = next(path for path in model_files if path.stem == "lpnl2")
@@ -54,6 +54,6 @@ def test_systems_other_than_a_vehicle_with_its_shocks_are_rejected_with_the_reas
         _plan(case, parts=(replace(vehicle, name="race-car"), *plan.shocks), links=())
 
 
-def test_a_file_name_that_is_no_identifier_is_refused_with_one_that_is(case, tmp_path):
+def test_a_file_name_that_is_not_an_identifier_is_refused_with_a_valid_suggestion(case, tmp_path):
     with pytest.raises(FmuError, match=r"'race-car' is not a valid C identifier; .* e\.g\. race_car\.fmu"):
         assemble(case.wiring, tmp_path / "race-car.fmu")

@@ -1,4 +1,4 @@
-"""A system of Python becomes a package or one FMU by the code of the documentation."""
+"""The documentation's code turns a system defined in Python into a package or a single FMU."""
 
 import re
 import shutil
@@ -31,7 +31,7 @@ def names_after(page):
     return names
 
 
-def test_the_code_that_writes_a_package(dist):
+def test_the_documented_code_writes_a_package(dist):
     names = names_after("ssp.md")
     assert names["open_inputs"] == ("car.road",)
     case = read_case(dist / "corner.ssp")
@@ -41,7 +41,7 @@ def test_the_code_that_writes_a_package(dist):
     assert written.constants.items() <= read.constants.items()
 
 
-def test_the_code_that_assembles_an_fmu(dist, toolchain, monkeypatch):
+def test_the_documented_code_assembles_an_fmu(dist, toolchain, monkeypatch):
     monkeypatch.setattr("builder.assembly.assembled.find_toolchain", lambda: toolchain)
     path = names_after("assembly.md")["assembled"].path
     assert path == Path("dist/corner.fmu") and fmu_identifier(path.stem) == "corner"

@@ -17,14 +17,14 @@ from .members import ALL, PICTURE, members_of
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_pictures_are_reproducible_whatever_the_users_style(archives, products, name):
+def test_the_pictures_do_not_depend_on_the_users_matplotlib_style(archives, products, name):
     with matplotlib.rc_context({"lines.linewidth": 9.0, "font.size": 30.0, "axes.grid": True, "savefig.dpi": 30}):
         again = members_of(products[name])
     assert again == archives[name]
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_picture_is_legible_and_the_icon_square_and_neither_names_its_software(archives, name):
+def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metadata(archives, name):
     for member, size in ((PICTURE, (900, 600)), ("terminalsAndIcons/icon.png", (256, 256))):
         image = Image.open(io.BytesIO(archives[name][member]))
         assert image.size == size
@@ -33,7 +33,7 @@ def test_the_picture_is_legible_and_the_icon_square_and_neither_names_its_softwa
         assert len(colours) > 20
 
 
-def test_the_curve_in_the_picture_is_the_shocks_own(shocks):
+def test_the_picture_shows_the_shocks_own_curve(shocks):
     shock = shocks["polylinear"]
     stiffer = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, compression_scale=2.0)))  # fmt: skip # noqa: E501
     gassed = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, gas_preload=400.0)))  # fmt: skip # noqa: E501
@@ -42,7 +42,7 @@ def test_the_curve_in_the_picture_is_the_shocks_own(shocks):
     assert first == third  # the gas force is not drawn
 
 
-def test_a_model_without_roads_and_tires_has_a_picture_too():
+def test_a_model_without_roads_and_tires_has_a_picture():
     model = StateSpace([[0.0, 1.0], [-100.0, -1.0]], [[0.0], [1.0]], [[0.0, 1.0]], [[0.0]],
                        (Channel("force", "N"),), (Channel("velocity", "m/s"),))  # fmt: skip
     product = vehicle_product(IdentifiedVehicle("bare", model), "bare")

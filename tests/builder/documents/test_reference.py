@@ -100,7 +100,7 @@ def test_a_shocks_reference_equals_an_independent_implementation(archives, shock
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_a_vehicles_reference_is_scipys_zero_order_hold(archives, name):
+def test_a_vehicles_reference_equals_scipys_zero_order_hold_simulation(archives, name):
     model, (inputs, outputs) = read_vehicle(shipped(name)).coupled(), reference_of(archives[name], name)
     Ad, Bd, *_ = cont2discrete((model.A, model.B, model.C, model.D), 1e-3)
     u = np.array([inputs[channel.name] for channel in model.inputs])
@@ -112,7 +112,7 @@ def test_a_vehicles_reference_is_scipys_zero_order_hold(archives, name):
         assert_close(outputs[channel.name], row)
 
 
-def test_friction_at_the_ports_is_part_of_an_identified_vehicles_reference():
+def test_an_identified_vehicles_reference_includes_friction_at_the_ports():
     """Check that a car with friction moves less than the same car without friction."""
     model = read_vehicle(shipped("quarter_car")).coupled()
     smooth = IdentifiedVehicle("car", model)
@@ -123,7 +123,7 @@ def test_friction_at_the_ports_is_part_of_an_identified_vehicles_reference():
     assert sizes[1] < 0.9 * sizes[0]
 
 
-def test_static_values_are_part_of_a_vehicles_reference():
+def test_a_vehicles_reference_includes_static_values():
     vehicle = read_vehicle(shipped("quarter_car"))
     assert isinstance(vehicle, StructuralVehicle)
     moved = dataclasses.replace(vehicle, static={"tire_force": 3000.0})
@@ -141,7 +141,7 @@ def test_a_vehicle_without_an_equilibrium_has_no_reference_results_and_does_not_
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("target", ["python_fmus", "fmus"])
-def test_fmpy_reads_the_reference_files_and_gets_these_results_from_the_fmu(request, tmp_path, target, name):
+def test_fmpy_reads_the_reference_files_and_reproduces_the_results_with_the_fmu(request, tmp_path, target, name):
     fmu = request.getfixturevalue(target)[name]
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(tmp_path, [m for m in archive.namelist() if m.startswith(EXTRA)])

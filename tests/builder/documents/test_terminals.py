@@ -70,7 +70,7 @@ def test_fmutool_connects_a_shock_to_a_corner(archives):
     assert set(corner.connect(shock)) == {(f"rr.{name}", name) for name in ("velocity", "displacement", "force")}
 
 
-def test_a_vehicle_without_displacements_has_ports_without_them():
+def test_a_vehicle_without_displacements_has_ports_without_displacements():
     model = StateSpace(
         [[0.0]], [[1.0]], [[1.0]], [[0.0]], (Channel("lf.force", "N"),), (Channel("lf.velocity", "m/s"),)
     )
