@@ -1,4 +1,4 @@
-"""A component built from functions: coupling is tested without any FMU."""
+"""Components built from functions, to test the coupling without any FMU, and systems of native FMUs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -79,7 +79,7 @@ def table(*variables):
 
 @pytest.fixture
 def make():
-    """What tests build components from."""
+    """Builders of components and their variables."""
 
     class Make:
         component = FunctionComponent
@@ -88,13 +88,13 @@ def make():
 
         @staticmethod
         def gain(factor=1.0, unit_in="N", unit_out="N", **options):
-            """y = factor * u, with a direct term."""
+            """y = factor * u, with feedthrough."""
             ports = table(variable("u", "input", unit_in), variable("y", "output", unit_out, ["u"]))
             return FunctionComponent(ports, lambda _, u: {"y": factor * u["u"]}, **options)
 
         @staticmethod
         def integrator(unit_in="N", unit_out="m/s", **options):
-            """x' = u, y = x: no direct term."""
+            """x' = u, y = x: no feedthrough."""
             ports = table(variable("u", "input", unit_in), variable("y", "output", unit_out))
 
             def advance(x, start, end, step):
@@ -107,13 +107,13 @@ def make():
 
 @pytest.fixture
 def parts(make):
-    """Make the mass and the damper of tests/cosim/mass_and_damper.py: parts(damping, law, speed)."""
+    """Builder of the mass and the damper of tests/cosim/mass_and_damper.py: parts(damping, law, speed)."""
     return restorable_parts(make)
 
 
 @pytest.fixture(scope="session")
 def track() -> Drivefile:
-    """The demo's drivefile: wheelloaders and loads of the whole car, 500 points a second."""
+    """The demo's drive file: wheelloader positions and loads of the whole car, 500 points a second."""
     return Drivefile.read(Path(__file__).resolve().parents[2] / "examples" / "data" / "track.parquet")
 
 
@@ -133,7 +133,7 @@ def bumps() -> Drivefile:
 
 @pytest.fixture
 def seven_dof(fmus):
-    """Join a seven-DOF car and its shocks: seven_dof(law, car=, parts=, **parameters of every shock FMU)."""
+    """Builder of a seven-DOF car with its shocks: seven_dof(law, car=, parts=, **parameters of every shock FMU)."""
 
     def join(law: str = "lpnl2", *, car: Path | None = None, parts=None, **parameters: float) -> System:
         given = dict(parts or {})
@@ -148,7 +148,7 @@ def seven_dof(fmus):
 
 @pytest.fixture
 def quarter_cars(fmus):
-    """Quarter cars on the roads of `bumps`, not connected with each other: quarter_cars("ab") or of one of them."""
+    """Builder of unconnected quarter cars on the roads of `bumps`: quarter_cars("ab") for both or "a" for one."""
 
     def join(names: str = "a", components=None, **parameters: float) -> System:
         made = components or {}

@@ -1,4 +1,4 @@
-"""A mass on a spring and damper, without any FMU: both can go back to earlier states."""
+"""A mass on a spring and damper, without any FMU; both components support rollback."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,7 @@ MASS, STIFFNESS, DAMPING = 10.0, 4000.0, 60.0
 
 
 def restorable_parts(make: Any) -> Any:
-    """Return a function that makes the mass and the damper; both can go back to earlier states."""
+    """Return a function that builds the mass and the damper; both support rollback."""
 
     class Restorable(make.component):
         longest = np.inf
@@ -63,6 +63,6 @@ def restorable_parts(make: Any) -> Any:
 
 
 def ran(parts: dict[str, Any], algorithm: Algorithm, *, step: float = 0.004, stop: float = 0.043) -> Result:
-    """Steps of 4 ms, the last one of 3 ms."""
+    """Run the mass and the damper; by default in steps of 4 ms, with a last step of 3 ms."""
     system = System(parts, [Bond.between("car", "shock", displacement=False)])
     return run(system, Scenario(stop), algorithm=algorithm, step=step, engine="python")

@@ -18,7 +18,7 @@ from eightpost.vehicle import read_vehicle
 ROOT = Path(__file__).resolve().parents[2]
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 STEPS = (0.002, 0.001, 0.0005)
-#: Those of the linear table in docs/coupling.md.
+#: Coupling steps of the linear table in docs/coupling.md [s].
 LINEAR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 
 
@@ -52,7 +52,7 @@ def drive():
 
 @pytest.fixture(scope="module")
 def damped(bench, build_fmus, drive, shocks, tmp_path_factory):
-    """All damping in LPNL2 shocks with a gas spring, on 4 s of the track: the case, and the folder of its FMUs."""
+    """A case with all damping in LPNL2 shocks with gas springs, on 4 s of the track, and the folder of its FMUs."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=50.0, gas_stiffness=700.0))
     assert isinstance(law, Lpnl2)
     folder = tmp_path_factory.mktemp("accuracy")
@@ -99,7 +99,7 @@ def test_jacobi_is_first_order_with_more_than_five_times_the_error_of_gauss_seid
 
 @pytest.mark.slow
 def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(bench, damped):
-    """docs/import.md: at 1 kHz such a host is some percent wrong."""
+    """docs/import.md: at 1 kHz the error of such a host is several percent."""
     host = benchmark("plain_host")
     at_1_khz, at_2_khz = (np.array(host.errors(*damped, rate)) for rate in (1000.0, 2000.0))
     assert (at_1_khz > 2.0).all()
@@ -108,7 +108,7 @@ def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(benc
 
 
 def load_system(folder):
-    """The car with a shock on every corner, from the folder of their FMUs."""
+    """Load the car with a shock on every corner from the folder of their FMUs."""
     files = {"car": folder / "car.fmu"} | dict.fromkeys(CORNERS, folder / "shock.fmu")
     return cosim.System.load(files, [cosim.Bond.between(f"car.{c}", c) for c in CORNERS])
 
@@ -131,7 +131,7 @@ def linear_curve(rate):
 
 
 def closed_loop(car, damper, drive, stop):
-    """python-control's answer: the car's state space with a linear damper in feedback; outputs by name."""
+    """Outputs by name of python-control's closed loop: the car's state space with a linear damper in feedback."""
     ports = [car.input_names.index(f"{c}.force") for c in CORNERS]
     velocities = [car.output_names.index(f"{c}.velocity") for c in CORNERS]
     pick, place = np.eye(len(car.outputs))[velocities], np.eye(len(car.inputs))[:, ports]
@@ -155,16 +155,16 @@ def linear_errors(build_fmus, drive, law, damper, folder, steps):
     errors = {"velocity": [], "tire_force": []}
     for step in steps:
         scenario = cosim.Scenario(4.0, drive, record=channels, record_step=0.002)
-        found = cosim.run(load_system(folder), scenario, step=step, compared=False).series
+        series = cosim.run(load_system(folder), scenario, step=step, compared=False).series
         for quantity, rows in errors.items():
             names = [f"{c}.{quantity}" for c in CORNERS]
-            rows.append(max(100 * np.std(found[f"car.{n}"] - expected[n]) / np.std(expected[n]) for n in names))
+            rows.append(max(100 * np.std(series[f"car.{n}"] - expected[n]) / np.std(expected[n]) for n in names))
     return {quantity: np.array(rows) for quantity, rows in errors.items()}
 
 
 @pytest.mark.slow
 def test_coupled_fmus_with_linear_shocks_match_the_closed_loop_of_python_control(build_fmus, drive, tmp_path):
-    """Table 5.1's front damper without any lag: 1 % and better at 1 ms, of third order."""
+    """The front damper of Table 5.1 without lag: errors below 1 % at 1 ms, third order."""
     rate = 16.67 * 175.12683524647636
     law, damper = Polylinear(linear_curve(rate)), control.ss([], [], [], rate * np.eye(4))
     check_linear(linear_errors(build_fmus, drive, law, damper, tmp_path, LINEAR_STEPS))

@@ -1,4 +1,4 @@
-"""Steps whose size the error chooses, on a mass with a spring and damper."""
+"""Error-controlled step sizes, on a mass with a spring and damper."""
 
 from math import inf, nan
 from types import SimpleNamespace
@@ -34,7 +34,7 @@ def test_the_next_step_is_at_most_four_times_the_last_and_within_its_limits() ->
     assert chosen(control(), 0.01, 1e9, 1.0) == pytest.approx(0.002)
     assert chosen(control(largest=0.015), 0.01, 0.0, 1.0) == 0.015
     assert chosen(control(least=0.005), 0.01, 1e9, 1.0) == 0.005
-    # No error at all counts as one of 1e-8.
+    # An error of zero is treated as 1e-8.
     factor = 1e-3 ** (-0.7 / 3.0) * 1e-8 ** (0.4 / 3.0)
     assert chosen(control(), 0.01, 1e-3, 0.0) == pytest.approx(0.009 * factor, rel=1e-12)
 
@@ -43,12 +43,12 @@ def test_the_next_step_is_at_most_four_times_the_last_and_within_its_limits() ->
 def test_the_error_of_two_half_steps_is_estimated_from_their_difference_to_one_whole_step(
     order: int, divisor: float
 ) -> None:
-    """Of what is allowed: 0.01, and a thousandth of the largest value so far."""
+    """Relative to the allowed error: 0.01 plus a thousandth of the largest value so far."""
     m = SimpleNamespace(now=np.array([9.0, -4.0]))
     once = np.array([0.0, -4.07])
     for scale, allowed in ((2.0, 0.014), (20.0, 0.03)):
-        found = march._difference(m, once, control(order), np.array([scale]))
-        assert found == pytest.approx(0.07 / (divisor * allowed), rel=1e-12)
+        error = march._difference(m, once, control(order), np.array([scale]))
+        assert error == pytest.approx(0.07 / (divisor * allowed), rel=1e-12)
     assert np.isnan(march._difference(m, np.array([0.0, np.nan]), control(order), np.array([2.0])))
 
 
@@ -56,7 +56,7 @@ def test_the_error_of_two_half_steps_is_estimated_from_their_difference_to_one_w
 def test_an_adaptive_run_matches_the_exact_solution_and_takes_larger_steps_as_the_motion_decays(
     parts: Any, scheme: Any
 ) -> None:
-    """m v' = -c v, a velocity of exp(-6 t)."""
+    """m v' = -c v has the solution v = exp(-6 t)."""
     law = lambda x, v: 60.0 * v  # noqa: E731
     result = ran(parts(law=law), Adaptive(scheme, relative=1e-4, largest=0.2), step=0.05, stop=2.0)
     series = result.series
@@ -84,17 +84,17 @@ def test_an_adaptive_run_is_compared_at_eight_times_its_tolerance_and_if_needed_
 
 
 def test_rejected_steps_do_not_change_the_accumulated_time_energy_and_spread(parts: Any) -> None:
-    """The first step is far too large; time, energy and spread are those of the steps that stayed."""
+    """The first step is far too large; time, energy and spread are those of the accepted steps."""
     result = ran(parts(), Adaptive(relative=1e-3, largest=0.2), step=0.15, stop=0.3)
     assert result.rejected_steps > 0
-    (energy,), (found,) = result.energy.values(), result.coupled.values()
-    # The damper and spring take from the mass what it lost, less what is wrong with the coupling.
+    (energy,), (bond,) = result.energy.values(), result.coupled.values()
+    # The damper and spring receive the energy that the mass lost, except for the coupling error.
     velocity = result.series["car.velocity"][-1]
     x, f = (result.series[name][-1] for name in ("shock.travel", "shock.force"))
     assert abs(energy.residual) < 0.05
     assert energy.transferred > 0.5 * MASS * (1.0 - velocity**2)
     assert f == pytest.approx(STIFFNESS * x + DAMPING * velocity, abs=1.0)
-    assert 0.1 < found.velocity_spread < 1.0
+    assert 0.1 < bond.velocity_spread < 1.0
 
 
 def test_a_step_discarded_by_a_component_is_retried_smaller_and_a_failed_step_ends_the_run(parts: Any) -> None:
@@ -138,7 +138,7 @@ def test_an_adaptive_run_ends_if_its_minimum_step_does_not_meet_the_tolerance(pa
 
 
 def test_an_adaptive_run_interpolates_the_drive_linearly_between_its_points(make: Any, parts: Any) -> None:
-    """The mass is pushed by a drive with unequal points, through an input beside that of the bond."""
+    """A drive with unequal intervals pushes the mass through an input of its own, beside that of the bond."""
     time = np.array([0.0, 0.03, 0.05, 0.2])
     drive = Drivefile(TimeSeries.from_channels(time, {"push": ("N", np.array([0.0, 30.0, -20.0, 10.0]))}))
     made = parts(law=lambda x, v: 0.0, speed=0.0)

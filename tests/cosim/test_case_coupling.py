@@ -1,4 +1,4 @@
-"""A case takes another coupling than that of its file."""
+"""The coupling of a case file can be overridden."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def test_without_options_the_coupling_of_the_file_is_used() -> None:
 
 
 def test_an_algorithm_that_chooses_its_own_step_ignores_the_step_of_the_file() -> None:
-    found = case().with_coupling("default")
-    assert found.algorithm == cosim.SCHEMES["default"] and found.step is None
+    chosen = case().with_coupling("default")
+    assert chosen.algorithm == cosim.SCHEMES["default"] and chosen.step is None
     assert case().with_coupling("default", step=2e-3).step == 2e-3
     assert case().with_coupling("jacobi").step == 1e-3
 

@@ -1,4 +1,4 @@
-"""Only a coupling that diverges is made finer or implicit: a component's own failure is never taken for that."""
+"""Only a diverging coupling is retried with a smaller step or an implicit scheme, never a component that failed."""
 
 import pytest
 

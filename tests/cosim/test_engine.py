@@ -1,4 +1,4 @@
-"""The loop, compiled and interpreted: the same bits; it lets other threads run, and can be interrupted."""
+"""The compiled and the interpreted loop agree bit by bit, release the GIL, and can be interrupted."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from eightpost.signals import Drivefile
 
 Join = Callable[..., System]
 
-#: Of quarter car a: an adaptive run allows nothing besides the relative error.
+#: Absolute tolerances of quarter car a that leave only the relative tolerance of an adaptive run in effect.
 NOTHING = dict.fromkeys(("car_a.velocity", "car_a.displacement", "shock_a.force"), 1e-12)
 
 EXPLICIT = [scheme(values=values) for scheme in (Jacobi, GaussSeidel) for values in VALUES]
@@ -53,7 +53,7 @@ REPEATING = [
     Adaptive(Implicit(), relative=1e-3),
 ]
 
-#: Everything of a result but the series, the wall times, and what is the same by construction.
+#: All fields of a result except the series, the wall times, and fields that are equal by construction.
 FIELDS = (
     "converged", "notes", "order", "step", "steps", "iterations", "rejected_steps", "largest_step", "partial", "energy",
     "coupled", "share_beyond_fit", "share_tire_off", "stated_error", "scheme", "held_direct", "equilibrium_sweeps",
@@ -70,7 +70,7 @@ def series_bits(result: Result) -> tuple[tuple[str, ...], bytes, bytes]:
 
 
 def check_equal(one: Result, other: Result) -> None:
-    """Equal to the bit in all that is computed."""
+    """Check that all computed values of two results are bit-identical."""
     for name in FIELDS:
         assert getattr(one, name) == getattr(other, name), name
     assert np.isfinite(one.series.values).all()
@@ -78,7 +78,7 @@ def check_equal(one: Result, other: Result) -> None:
 
 
 def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, step: float | None = None) -> Result:
-    """Run in both loops; they must agree to the bit."""
+    """Run in both loops and check that the results are bit-identical."""
     compiled, plain = (
         run(system, scenario, algorithm=algorithm, step=step, engine=e, compared=False) for e in ("compiled", "python")
     )
@@ -90,7 +90,7 @@ def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, s
 def test_the_compiled_and_the_interpreted_loop_give_bit_identical_results(
     seven_dof: Join, track: Drivefile, algorithm: Algorithm
 ) -> None:
-    """At 4 ms the car takes two steps for one of its shocks: the drive has 500 points a second."""
+    """At 4 ms the car takes two steps per step of its shocks: the drive has 500 points a second."""
     system = seven_dof(compression_scale=0.3, rebound_scale=0.3)
     result = both(system, Scenario(0.12, track, drive_start=2.0, settling=0.02), algorithm, 0.004)
     assert np.ptp(result.series["car.lf.velocity"]) > 0.01
@@ -118,8 +118,8 @@ def test_input_derivatives_are_set_only_if_coupling_values_change_over_a_step(
     seven_dof: Join, track: Drivefile, make: Any, algorithm: Algorithm, engine: str
 ) -> None:
     damper = linear_damper(make, ramps=True)
-    told: list[float] = []
-    damper.set_derivatives = lambda _, values: told.extend(values)
+    slopes: list[float] = []
+    damper.set_derivatives = lambda _, values: slopes.extend(values)
     run(
         seven_dof(parts={"rr": damper}),
         Scenario(0.05, track),
@@ -128,8 +128,8 @@ def test_input_derivatives_are_set_only_if_coupling_values_change_over_a_step(
         engine=engine,
         compared=False,
     )
-    assert len(told) == (0 if algorithm.values == "held" else 50)
-    assert any(told) == bool(told)
+    assert len(slopes) == (0 if algorithm.values == "held" else 50)
+    assert any(slopes) == bool(slopes)
 
 
 def test_the_default_algorithm_gives_bit_identical_results_in_both_loops(quarter_cars: Join, bumps: Drivefile) -> None:
@@ -173,7 +173,7 @@ def test_runs_without_numba_give_bit_identical_results(
 def test_a_system_runs_again_from_the_start_without_new_fmu_instances(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm
 ) -> None:
-    """Between both runs the same components run elsewhere, with other parameters and another scheme."""
+    """Between the two runs, the same components run in another system with other parameters and another step."""
     made: list[str] = []
     new = FmuInstance._new
 
@@ -213,7 +213,7 @@ def test_runs_in_two_threads_are_bit_identical_to_sequential_runs(quarter_cars: 
 def test_the_compiled_loop_releases_the_gil(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In one call of the loop, which would stop a counting thread for all its time if it kept the GIL."""
+    """One call of the loop covers the whole run; if it held the GIL, the counting thread would stop meanwhile."""
     monkeypatch.setattr(loop, "COMPILED_CHUNK", 10**9)
     system, scenario = (
         quarter_cars(),
@@ -262,24 +262,24 @@ def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_secon
         )
     seconds = clock.perf_counter() - pressed[0]
     thread.join()
-    found = raised.value.result
+    result = raised.value.result
     assert pressed[0] > 0.0
     assert seconds < 1.0
-    assert found.partial
-    assert not found.acceptable
-    assert any("interrupted" in note for note in found.notes)
-    reached = float(found.series.time[-1])
+    assert result.partial
+    assert not result.acceptable
+    assert any("interrupted" in note for note in result.notes)
+    reached = float(result.series.time[-1])
     assert 0.0 < reached < 30.0
-    # Further than that: a run's end is a point of its drive, and what is interpolated towards it is rounded otherwise.
+    # The longer run stops later: a stop time is a point of the drive, and interpolation towards it rounds differently.
     further = Scenario(reached + 0.02, bumps, {"a": "car_a.road"}, record_step=0.01)
-    longer, count = run(system, further, algorithm=algorithm, step=1e-5).series, found.series.time.size
-    assert longer.time[:count].tobytes() == found.series.time.tobytes()
-    assert longer.values[:, :count].tobytes() == found.series.values.tobytes()
+    longer, count = run(system, further, algorithm=algorithm, step=1e-5).series, result.series.time.size
+    assert longer.time[:count].tobytes() == result.series.time.tobytes()
+    assert longer.values[:, :count].tobytes() == result.series.values.tobytes()
 
 
 @pytest.fixture(scope="module")
 def shared_parts() -> dict[str, Any]:
-    """Components that the examples of a property take turns with."""
+    """Components that all examples of a property reuse."""
     return {}
 
 
@@ -310,7 +310,7 @@ def test_unconnected_systems_in_one_run_are_bit_identical_to_separate_runs(
 
     try:
         alone = [go(name) for name in "ab"]
-    except StepError:  # too large a step diverges in company too
+    except StepError:  # a step too large for one system is too large for both together
         with pytest.raises(StepError, match="diverged"):
             go("ab")
         return

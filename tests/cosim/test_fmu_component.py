@@ -1,4 +1,4 @@
-"""What is no usable FMU is refused with the reason before anything is loaded or left on disk."""
+"""An unusable FMU is refused with the reason before anything is loaded or left on disk."""
 
 import re
 import struct
@@ -80,15 +80,15 @@ def test_an_fmu_without_a_binary_for_this_platform_is_refused_and_its_platforms_
 
 
 @pytest.mark.parametrize(
-    ("member", "value", "said"),
+    ("member", "value", "message"),
     [
         ("modelDescription.xml", None, "no modelDescription.xml"),
         ("modelDescription.xml", b"<fmiModel", "cannot be read"),
         ("modelDescription.xml", b'<fmiModelDescription fmiVersion="3.0"/>', "cannot be read|FMI 3.0"),
     ],
 )
-def test_a_zip_that_is_not_an_fmi_2_fmu_is_refused(tmp_path, fmus, member, value, said):
-    with pytest.raises(FmuError, match=said):
+def test_a_zip_that_is_not_an_fmi_2_fmu_is_refused(tmp_path, fmus, member, value, message):
+    with pytest.raises(FmuError, match=message):
         FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{member: value}), "x")
 
 

@@ -1,4 +1,4 @@
-"""What a run says of itself: local errors, energies, iterations, rejected steps, steps that did not converge."""
+"""What a run reports: local errors, energies, iterations, rejected steps, and steps that did not converge."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eightpost.signals import Drivefile
 Join = Callable[..., System]
 
 ROAD = {"a": "car_a.road"}
-#: Nothing is allowed besides the relative error.
+#: Absolute tolerances that leave only the relative tolerance in effect.
 NOTHING = dict.fromkeys(("car_a.velocity", "car_a.displacement", "shock_a.force"), 1e-12)
 STEPS = (5e-4, 2.5e-4, 1.25e-4, 6.25e-5)
 
@@ -43,24 +43,24 @@ def refined(join: Join, bumps: Drivefile, algorithm: Algorithm) -> list[Result]:
 def test_the_local_error_of_a_bond_falls_with_the_order_of_its_coupling_values(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
 ) -> None:
-    """A value that is held is wrong by its slope times the step at its end; one that goes on straight, by its bend."""
+    """At the end of a step a held value has an error of h y', a linearly extrapolated one of h^2 y''."""
     coupled = [result.coupled["car_a"] for result in refined(quarter_cars, bumps, algorithm)]
     assert orders([bond.force_error for bond in coupled]) == pytest.approx(order, abs=0.15)
     assert all(bond.force_spread == pytest.approx(coupled[-1].force_spread, rel=0.02) for bond in coupled)
     if isinstance(algorithm, Jacobi):
         assert orders([bond.velocity_error for bond in coupled]) == pytest.approx(order, abs=0.15)
-    else:  # the car has stepped: its velocity at the end is known
+    else:  # the car has stepped first, so its velocity at the end is known
         assert [bond.velocity_error for bond in coupled] == [0.0] * len(STEPS)
 
 
 def test_local_errors_match_the_exact_ones_of_a_shock_with_a_known_force(make: Any) -> None:
-    """F = sin w t, held: wrong at the step's end by F(t + h) - F(t), of mean square 2 sin(w h/2)^2; its mean, half."""
+    """F = sin w t, held: the error at a step's end is F(t + h) - F(t), mean square 2 sin(w h/2)^2; half on average."""
     omega, h = 2.0 * np.pi, 1e-2
     moving = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
     shock = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N"))
-    giver = make.component(shock, lambda t, _: {"force": np.sin(omega * t)}, lambda t, _a, _b, step: t + step)
-    taker = make.component(moving, lambda _t, _u: {"velocity": 0.0})
-    system = System({"car": taker, "shock": giver}, (Bond.between("car", "shock", displacement=False),))
+    damper = make.component(shock, lambda t, _: {"force": np.sin(omega * t)}, lambda t, _a, _b, step: t + step)
+    body = make.component(moving, lambda _t, _u: {"velocity": 0.0})
+    system = System({"car": body, "shock": damper}, (Bond.between("car", "shock", displacement=False),))
     bond = run(system, Scenario(5.0), algorithm=Jacobi(), step=h).coupled["car"]
     assert bond.force_error == pytest.approx(0.5 * np.sqrt(2.0) * np.sin(omega * h / 2.0), rel=1e-6)
     assert bond.force_spread == pytest.approx(np.sqrt(0.5), rel=1e-6)
@@ -104,12 +104,12 @@ def test_iterations_rejected_steps_and_the_largest_step_are_counted(quarter_cars
     chosen = run(system, scenario, algorithm=Adaptive(relative=1e-3), step=4e-3)
     assert chosen.rejected_steps > 0
     assert 0.0 < chosen.step < chosen.largest_step <= 0.004
-    assert 2 * 250 <= chosen.steps < 2000  # in halves, at least one for each interval of the drive
+    assert 2 * 250 <= chosen.steps < 2000  # two half steps, at least one pair for each interval of the drive
 
 
 def test_steps_that_did_not_converge_are_counted_and_reported(quarter_cars: Join, bumps: Drivefile) -> None:
-    hasty = Implicit(tolerance=1e-13, iterations=1)
-    result = run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=hasty, step=4e-3)
+    one_iteration = Implicit(tolerance=1e-13, iterations=1)
+    result = run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=one_iteration, step=4e-3)
     assert not result.converged
     assert not result.acceptable
     assert not result.partial
@@ -137,7 +137,7 @@ def test_an_adaptive_run_that_reaches_its_minimum_step_ends_there_and_reports_it
 def test_a_rejected_step_does_not_change_the_result(
     quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi
 ) -> None:
-    """A first step that is far too large is made again at a fifth: beginning with that gives the same bits."""
+    """A first step that is far too large is retried at a fifth; a run that starts with that step is bit-identical."""
     system, adaptive = (
         quarter_cars(compression_scale=5.0, rebound_scale=5.0),
         Adaptive(scheme, relative=1e-6, absolute=NOTHING),
@@ -151,7 +151,7 @@ def test_a_rejected_step_does_not_change_the_result(
 
 
 def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bumps: Drivefile) -> None:
-    """One iteration does at the steps that the tolerance asks for, not at 4 ms."""
+    """One iteration is sufficient at the steps that meet the tolerance, but not at 4 ms."""
     system, scenario = quarter_cars(), Scenario(0.4, bumps, ROAD, record_step=0.4)
     few = Implicit(tolerance=1e-8, iterations=1)
     assert not run(system, scenario, algorithm=few, step=0.004).converged
@@ -170,8 +170,8 @@ def test_an_adaptive_run_with_rejected_steps_agrees_with_a_run_at_a_small_fixed_
     fine = run(system, scenario, algorithm=GaussSeidel(), step=2e-6)
     assert chosen.rejected_steps > 3
     for name in ("car_a.velocity", "car_a.tire_force", "shock_a.force"):
-        apart = np.abs(chosen.series[name] - fine.series[name]).max()
-        assert apart < 2e-5 * np.abs(fine.series[name]).max()
+        deviation = np.abs(chosen.series[name] - fine.series[name]).max()
+        assert deviation < 2e-5 * np.abs(fine.series[name]).max()
 
 
 def test_a_diverging_coupling_raises_an_error_with_advice(quarter_cars: Join, bumps: Drivefile) -> None:

@@ -18,7 +18,7 @@ from cosim.engine.compiled import compiled
 from cosim.engine.machine_code import Request, object_file
 from eightpost.cache import keep, recall
 
-#: Of numba's convention: the result goes where the first argument points.
+#: Code with numba's calling convention: the result is stored where the first argument points.
 CODE = """
 target triple = "{triple}"
 define i32 @double(i64* %result, i8** %raised, i64 %x) {{

@@ -1,4 +1,4 @@
-"""The master steps, lands, records and reports as it says."""
+"""The master: step times, coupling values, equilibrium start, recording and reporting."""
 
 import json
 import os
@@ -119,7 +119,7 @@ def test_a_run_starts_in_the_coupled_equilibrium(make):
 
 
 def test_an_equilibrium_start_at_which_sweeps_diverge_is_solved(make):
-    """The same with a spring of 30 N/m: sweeps diverge (30 / 3 > 1), the solve gives 12 / 33 m."""
+    """With a spring of 30 N/m sweeps diverge (30 / 3 > 1); the solver gives 12 / 33 m."""
     spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
     mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
     system = System(
@@ -146,7 +146,7 @@ def test_a_start_without_an_equilibrium_is_reported_in_status_and_notes(make):
 
 
 def bonded(make, gain=1.0):
-    """A mass of 2 kg at 3 m/s against a damper of 4 N.s/m; the mass feels the force as it is."""
+    """A mass of 2 kg at 3 m/s against a damper of 4 N.s/m; the mass holds the force over a step."""
     ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
     damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
     mass = make.component(ports, lambda v, _: {"velocity": v}, lambda v, u, _, h: v - u["force"] / 2.0 * h, state=3.0)
@@ -173,7 +173,7 @@ def test_a_diverging_coupling_is_stopped_with_advice(make):
 
 
 def test_a_run_that_creates_energy_is_not_acceptable_and_its_verdict_names_energy(make):
-    """2 kg against 4 N.s/m: an explicit step of 0.8 s is stable, but far from right."""
+    """2 kg against 4 N.s/m: an explicit step of 0.8 s is stable, but inaccurate."""
     result = run(bonded(make), Scenario(8.0), step=0.8)
     assert not result.acceptable
     assert "energy" in {reason.about for reason in result.verdict.decisive}

@@ -1,4 +1,4 @@
-"""The order of every scheme at full damping in the shocks, by refinement, against answers of the whole car at once."""
+"""Order of every scheme with all damping in the shocks, by refinement, against monolithic solutions of the car."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ Join = Callable[..., System]
 Signals = Mapping[str, np.ndarray[Any, Any]]
 
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
-#: Within the asymptotic range of every scheme: an eighth and less of what a wheel's fastest motion takes [s].
+#: Within the asymptotic range of every scheme: at most an eighth of the time constant of a wheel's fastest mode [s].
 STEPS = (0.0005, 0.00025, 0.000125, 0.0000625)
 STOP, SETTLING, RECORD_STEP = 0.5, 0.1, 0.004
 #: 30 lbf/(in/s), as in Table 5.1 [N.s/m]; the lag of the linear shocks [s].
 RATE, LAG = 30.0 * 175.12683524647636, 0.0013
 
-#: Schemes, and their orders with linear lagged shocks and with LPNL2 ones; 0: kinks of the curve leave no clean order.
-#: A shock that follows its velocity with a lag only, and a car that follows its force so, are staggered by held values
-#: like leapfrog's.
+#: Schemes and their orders with linear lagged shocks and with LPNL2 shocks; 0: knees of the curve leave no clean order.
+#: With linear lagged shocks, held Gauss-Seidel is a staggered (leapfrog) scheme: neither side has feedthrough.
 ORDERS: dict[str, tuple[Algorithm, int, int]] = {
     "jacobi held": (Jacobi(), 1, 1),
     "jacobi interpolated": (Jacobi("interpolated"), 1, 1),
@@ -43,7 +42,7 @@ ORDERS: dict[str, tuple[Algorithm, int, int]] = {
 
 @pytest.fixture(scope="module")
 def smooth() -> Drivefile:
-    """Roads and loads of 2 to 15 Hz, 250 points a second, straight between them."""
+    """Roads and loads of 2 to 15 Hz, 250 points a second, linear in between."""
     time = 0.004 * np.arange(int(STOP / 0.004) + 1)
     rows = {
         f"{corner}.road": ("m", (0.012 - 0.001 * k) * np.sin(2 * np.pi * (2.0 + 3.7 * k) * time + k))
@@ -66,7 +65,7 @@ def by_name(velocity: Any, tire_force: Any) -> Signals:
 
 @pytest.fixture(scope="module")
 def closed_form(monolithic: Any, smooth: Drivefile) -> Signals:
-    """The car with linear lagged dampers, x' = A x + B u, exactly from point to point of the drive.
+    """Exact solution of the car with linear lagged dampers, x' = A x + B u, from point to point of the drive.
 
     tau F' = R v - F; from an interval's start, z = (x, u, u') obeys z' = (A x + B u, u', 0): a matrix exponential.
     """
@@ -88,7 +87,7 @@ def closed_form(monolithic: Any, smooth: Drivefile) -> Signals:
 
 @pytest.fixture(scope="module")
 def nonlinear(monolithic: Any, smooth: Drivefile, shocks: dict[str, Shock]) -> Signals:
-    """The car with LPNL2 shocks as one set of equations, by scipy."""
+    """Solution of the car with LPNL2 shocks as one set of equations, by scipy."""
     law = shocks["lpnl2"].law
     assert isinstance(law, Lpnl2)
     shock = monolithic.Shock(
@@ -99,8 +98,8 @@ def nonlinear(monolithic: Any, smooth: Drivefile, shocks: dict[str, Shock]) -> S
         law.port.gas_preload,
     )
     u = inputs(smooth)
-    found = monolithic.coupled_run(monolithic.Car(), shock, smooth.series.time, u[:4], u[4:], rtol=1e-10)
-    return by_name(found.shock_velocity, found.tire_force)
+    solution = monolithic.coupled_run(monolithic.Car(), shock, smooth.series.time, u[:4], u[4:], rtol=1e-10)
+    return by_name(solution.shock_velocity, solution.tire_force)
 
 
 @pytest.fixture
@@ -121,10 +120,10 @@ def errors(system: System, drive: Drivefile, truth: Signals, algorithm: Algorith
     scenario = Scenario(STOP, drive, record=tuple(truth), record_step=RECORD_STEP)
     series = run(system, scenario, algorithm=algorithm, step=step).series
     after = series.time >= SETTLING - 1e-9
-    found = {
+    percent = {
         n: 100 * np.sqrt(np.mean((series[n] - true)[after] ** 2)) / np.std(true[after]) for n, true in truth.items()
     }
-    return [max(value for n, value in found.items() if n.endswith(what)) for what in ("velocity", "tire_force")]
+    return [max(value for n, value in percent.items() if n.endswith(what)) for what in ("velocity", "tire_force")]
 
 
 def order(rows: Sequence[Any]) -> Any:
@@ -155,19 +154,19 @@ def test_extrapolated_gauss_seidel_has_under_a_tenth_of_the_error_of_held_jacobi
     linear_car: System, smooth: Drivefile, closed_form: Signals
 ) -> None:
     for step in STEPS:
-        better, usual = (errors(linear_car, smooth, closed_form, a, step) for a in (GaussSeidel(), Jacobi()))
-        assert 10.0 * max(better) < min(usual)
+        extrapolated, held = (errors(linear_car, smooth, closed_form, a, step) for a in (GaussSeidel(), Jacobi()))
+        assert 10.0 * max(extrapolated) < min(held)
 
 
 def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
     linear_car: System, smooth: Drivefile, closed_form: Signals
 ) -> None:
-    """Of an order p + 1 = 3 locally: the error goes with the tolerance to the power of 2/3."""
+    """The local error has order p + 1 = 3, so the global error is proportional to the tolerance to the power 2/3."""
     coupled = [
         f"{p}{c}.{v}" for c in CORNERS for p, v in (("car.", "velocity"), ("car.", "displacement"), ("", "force"))
     ]
-    wishes = [Adaptive(relative=r, absolute=dict.fromkeys(coupled, 1e-12)) for r in (1e-4, 1e-5, 1e-6, 1e-7)]
-    rows = [errors(linear_car, smooth, closed_form, wish, 0.001) for wish in wishes]
+    algorithms = [Adaptive(relative=r, absolute=dict.fromkeys(coupled, 1e-12)) for r in (1e-4, 1e-5, 1e-6, 1e-7)]
+    rows = [errors(linear_car, smooth, closed_form, algorithm, 0.001) for algorithm in algorithms]
     slopes = np.polyfit(np.arange(4), np.log10(np.array(rows)), 1)[0]
     assert slopes == pytest.approx([-2.0 / 3.0] * 2, abs=0.15)
     assert max(rows[0]) < 0.2

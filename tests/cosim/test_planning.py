@@ -1,4 +1,4 @@
-"""How components are numbered for the loop: any wiring, any order of stepping."""
+"""Numbering of the components for the loop, for any wiring and any stepping order."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from cosim.systems.system import Connection
 
 NAMES = "abcdefg"
 
-#: `make` only builds: one serves all examples.
+#: `make` has no state, so all examples can share it.
 same_make = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 Wiring = tuple[list[int | None], list[str]]
 
-#: Per component the one that feeds it, or none; and the order of stepping.
+#: For each component the index of its source or None; and the stepping order.
 wirings = st.tuples(
     st.lists(st.none() | st.integers(0, len(NAMES) - 1), min_size=len(NAMES), max_size=len(NAMES)),
     st.permutations(NAMES),
 )
 
 
-def for_any_wiring(claim: Any) -> Any:
-    """Check a claim for many of them."""
-    return same_make(given(wiring=wirings)(claim))
+def for_any_wiring(test: Any) -> Any:
+    """Run a test for many wirings."""
+    return same_make(given(wiring=wirings)(test))
 
 
 def laid_out(make: Any, wiring: Wiring) -> tuple[Layout, dict[str, str]]:
-    """The layout, and which component each takes its input from."""
+    """Layout, and the source of each component's input."""
     sources, order = wiring
     takes = {name: NAMES[k] for name, k in zip(NAMES, sources, strict=True) if k is not None}
     system = System(

@@ -1,4 +1,4 @@
-"""Differences and stated errors by hand, and the steps that the default and its companions take."""
+"""Differences and stated errors against hand calculations, and the steps of the default and of comparison runs."""
 
 from dataclasses import replace
 from math import inf
@@ -23,7 +23,7 @@ def series(time: Any, **channels: Any) -> TimeSeries:
 
 
 def test_a_difference_is_in_percent_of_the_standard_deviation_of_the_finer_run() -> None:
-    """At 0, 2 and 4 s both have values: 1, 1 and 2 m/s apart; the finer one scatters by 2 m/s over all its samples."""
+    """The values at 0, 2 and 4 s differ by 1, 1 and 2 m/s; the standard deviation is that of all fine samples."""
     fine = series([0, 1, 2, 3, 4], v=("m/s", [0.0, 2.0, 3.0, 5.0, 5.0]))
     coarse = series([0, 2, 4], v=("m/s", [1.0, 2.0, 7.0]))
     spread = float(np.std([0.0, 2.0, 3.0, 5.0, 5.0]))
@@ -36,7 +36,7 @@ def test_only_times_that_differ_by_rounding_are_treated_as_equal() -> None:
     fine = series([0.0, 0.1 + 1e-14, 0.2], v=("m/s", [0.0, 1.0, 0.0]))
     assert difference(series([0.1], v=("m/s", [1.0])), fine) == {"v": 0.0}
     assert difference(series([0.1 + 1e-10], v=("m/s", [1.0])), fine) == {"v": inf}
-    # Of a step that is no decimal fraction, added up on one side and multiplied on the other.
+    # Times of a step that is not a decimal fraction: summed in one series and multiplied in the other.
     thirds = np.cumsum([1.0 / 3000.0] * 300)
     same = series(thirds, v=("m/s", np.arange(300.0)))
     multiplied = series(np.arange(1, 301) / 3000.0, v=("m/s", np.arange(300.0) + 1.0))
@@ -49,13 +49,13 @@ def test_the_scale_of_a_constant_signal_is_the_floor_of_its_unit(unit: str, floo
 
 
 def test_the_scale_of_a_signal_is_at_least_a_hundredth_of_the_largest_scale_of_its_unit() -> None:
-    found = scales(
+    result = scales(
         series(
             [0, 1], small=("N", [0.0, 0.2]), large=("N", [0.0, 100.0]), calm=("m", [0.0, 1e-4]), a=("1", [0.0, 1e-4]),
             b=("1", [0.0, 100.0]),
         )
     )  # fmt: skip
-    assert found == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 5e-5, "b": 50.0})
+    assert result == pytest.approx({"small": 0.5, "large": 50.0, "calm": 5e-5, "a": 5e-5, "b": 50.0})
 
 
 # ---- Stated errors ------------------------------------------------------------------------------
@@ -72,19 +72,19 @@ def stated(comparisons: list[Comparison], held: tuple[str, ...] = ()) -> float:
 @pytest.mark.parametrize(
     ("differences", "expected"),
     [
-        ((0.6,), 0.6),  # nothing seen: first order
+        ((0.6,), 0.6),  # no order observed: first order
         ((1.2, 0.6), 0.6),  # halves: first order
-        ((1.2, 0.3), 0.1),  # quarters: second order, over three
-        ((1.6, 0.2), 0.2 / 3.0),  # eighths, but no more than second order is assumed
-        ((1.6, 0.1), 0.2 / 3.0),  # sixteenths: an eighth counts at least
-        ((0.6, 0.5), 0.5 / (2.0**0.38 - 1.0)),  # hardly falls: order 0.38
+        ((1.2, 0.3), 0.1),  # quarters: second order, divided by three
+        ((1.6, 0.2), 0.2 / 3.0),  # eighths, but at most second order is assumed
+        ((1.6, 0.1), 0.2 / 3.0),  # sixteenths: treated as eighths
+        ((0.6, 0.5), 0.5 / (2.0**0.38 - 1.0)),  # almost constant: order 0.38
         ((0.5, 0.6), 0.6 / (2.0**0.38 - 1.0)),  # rises
         ((4.0, 2.0, 0.5), 0.5),  # the smaller order of the last two pairs
         ((4.0, 1.0, 0.5), 0.5),
-        ((9.0, 8.0, 2.0, 0.5), 0.5 / 3.0),  # what was seen before is past
+        ((9.0, 8.0, 2.0, 0.5), 0.5 / 3.0),  # earlier differences are not used
         ((0.0, 0.5), 0.5),
         ((inf, 0.5), 0.5),
-        ((0.5, 0.0), 0.5 / 8.0),  # none at all: by chance
+        ((0.5, 0.0), 0.5 / 8.0),  # zero by chance
     ],
 )
 def test_the_stated_error_is_extrapolated_from_the_last_difference_and_the_observed_order(
@@ -100,7 +100,7 @@ def test_local_errors_of_bonds_can_lower_the_observed_order_but_never_raise_it()
     both = [*seen(1.2, local=1.0), *seen(0.3, local=2.0)]
     assert stated(both) == pytest.approx(0.1)
     assert stated(both[::-1]) == pytest.approx(stated(seen(0.3, 1.2, local=1.0)))
-    # Without two differences to compare, at most order 1.5 is believed.
+    # Without two differences to compare, at most order 1.5 is assumed.
     assert stated(seen(0.3, local=1.2)) == pytest.approx(0.3 / (2.0**1.2 - 1.0))
     assert stated(seen(0.3, local=3.0)) == pytest.approx(0.3 / (2.0**1.5 - 1.0))
     assert stated(seen(0.3, local=-1.0)) == pytest.approx(0.3 / (2.0**0.38 - 1.0))
@@ -118,7 +118,7 @@ def test_a_component_that_holds_its_inputs_has_at_most_first_order() -> None:
     assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
     assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
     assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
-    # Without two differences to compare, order 0.5.
+    # Without two differences to compare, at most order 0.5 is assumed.
     assert stated(seen(0.3, local=2.0), held=("car",)) == pytest.approx(0.3 / (2.0**0.5 - 1.0))
 
 
@@ -132,25 +132,25 @@ def bond(velocity: float, force: float = 0.0) -> Coupled:
 
 
 def outcome(time: Any, values: Any, *, clean: bool = True, **coupled: Coupled) -> Any:
-    found = series(time, v=("m/s", values))
-    return SimpleNamespace(settled=lambda: found, is_clean=clean, coupled=coupled)
+    settled = series(time, v=("m/s", values))
+    return SimpleNamespace(settled=lambda: settled, is_clean=clean, coupled=coupled)
 
 
 def test_a_comparison_needs_two_reliable_runs_and_takes_the_smallest_local_order_of_the_bonds() -> None:
     time, values = [0, 1, 2], [0.0, 1.0, 0.0]
     coarse = outcome(time, values, lf=bond(0.08), rf=bond(0.04), rr=bond(0.9), gone=bond(5.0))
     fine = outcome(time, values, lf=bond(0.02), rf=bond(0.02), rr=bond(2e-4), new=bond(0.01))
-    found = compare(coarse, fine)
-    assert found.difference == {"v": 0.0}
-    assert found.reliable
-    assert found.local_order == pytest.approx(1.0)
+    comparison = compare(coarse, fine)
+    assert comparison.difference == {"v": 0.0}
+    assert comparison.reliable
+    assert comparison.local_order == pytest.approx(1.0)
     for pair in ((coarse, fine), (fine, coarse)):
         one, other = pair
         unclean = outcome(time, values, clean=False)
         assert not compare(one, unclean).reliable
         assert not compare(unclean, other).reliable
     assert compare(outcome(time, values), outcome(time, values)).local_order is None
-    # One that vanished, and one below a hundredth of the largest, tell nothing.
+    # A local error of zero, or one below a hundredth of the largest, is not used.
     assert compare(outcome(time, values, a=bond(0.0)), outcome(time, values, a=bond(0.1))).local_order is None
     negligible = compare(
         outcome(time, values, a=bond(0.4), b=bond(1.01e-3)), outcome(time, values, a=bond(0.1), b=bond(1.005e-3))
@@ -168,7 +168,7 @@ MASS, STIFFNESS = 10.0, 4000.0
 
 
 def coupled(make: Any, damping: float, *, ramps: bool = True) -> System:
-    """A mass of 1 m/s on a spring and a damper; neither can go back to an earlier state."""
+    """A mass at 1 m/s on a spring and a damper; neither component supports rollback."""
     can = Capabilities(interpolates_inputs=ramps)
     push = make.table(make.variable("force", "input", "N"), make.variable("velocity", "output", "m/s"))
     pull = make.table(
@@ -220,7 +220,7 @@ def test_the_default_algorithm_halves_its_step_only_until_the_tolerance_is_met(m
     halvings = round(np.log2(0.002 / result.step))
     assert result.step == pytest.approx(0.002 / 2**halvings)
     assert halvings >= 1
-    # Every run counts: steps of 2 ms, of 1 ms, and so on.
+    # Steps of all runs are counted: at 2 ms, at 1 ms, and so on.
     assert result.steps_of_all_runs == 200 * (2 ** (halvings + 1) - 1)
     assert result.steps == 200 * 2**halvings
     if halvings > 1:
@@ -238,9 +238,9 @@ def test_an_unreachable_tolerance_ends_at_the_smallest_step_and_is_reported(
     request = Automatic(tolerance=1e-9, least=least)
     result = run(coupled(make, 60.0), Scenario(0.1), algorithm=request, engine="python")
     assert result.step == pytest.approx(smallest)
-    told = " ".join(result.notes)
-    assert f"does not meet the tolerance of 1e-09 %, and steps below {1e3 * least:g} ms were not tried" in told
-    assert "2 ms not compared" in told
+    notes = " ".join(result.notes)
+    assert f"does not meet the tolerance of 1e-09 %, and steps below {1e3 * least:g} ms were not tried" in notes
+    assert "2 ms not compared" in notes
 
 
 @pytest.mark.parametrize(
@@ -252,8 +252,8 @@ def test_the_first_step_divides_the_record_step_and_is_at_most_two_milliseconds(
 ) -> None:
     scenario = Scenario(stop, record_step=record_step)
     result = run(coupled(make, 60.0), scenario, algorithm=Automatic(tolerance=50.0), engine="python")
-    told = " ".join(result.notes).replace(", not settled", "")
-    assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in told
+    notes = " ".join(result.notes).replace(", not settled", "")
+    assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in notes
 
 
 def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any) -> None:
@@ -263,7 +263,7 @@ def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any)
 
 
 def test_gauss_seidel_is_replaced_only_after_two_unstable_runs(parts: Any) -> None:
-    """Runs that are stable never lead to another scheme, however many are needed for the tolerance."""
+    """Stable runs never cause a change of scheme, however many of them the tolerance needs."""
 
     def ran(damping: float, tolerance: float) -> Result:
         system = System(parts(damping), [Bond.between("car", "shock", displacement=False)])
@@ -314,7 +314,7 @@ def test_a_run_at_a_given_step_states_at_least_its_true_error(make: Any, step: f
     assert result.step == step
     assert true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
     assert result.series.time.tolist() == pytest.approx([0.02 * k for k in range(21)])
-    # One companion at twice the step.
+    # One comparison run at twice the step.
     assert result.steps_of_all_runs == round(1.5 * 0.4 / step)
 
 
@@ -345,7 +345,7 @@ def test_compared_runs_record_every_step_or_the_shortest_interval_that_fits_in_m
 ) -> None:
     system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
     runs = given_step.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
-    # Two channels decide; at 1 ms there are 2400 values.
+    # There are two decisive channels, i.e. 2400 values at 1 ms.
     monkeypatch.setattr(given_step, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
     time = runs.run(GaussSeidel(), 0.001).series.time
     assert np.diff(time)[0] == pytest.approx(every)

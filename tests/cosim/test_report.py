@@ -1,4 +1,4 @@
-"""The report page: it says whether a run can be used, and its numbers are those of the run."""
+"""The report page: it states whether a run can be used, and its numbers match the run."""
 
 import base64
 import gzip
@@ -24,11 +24,11 @@ from eightpost.report.numbers import figure
 from eightpost.report.packing import LEVELS, traces
 from eightpost.signals import Drivefile, TimeSeries
 
-NASTY = 'a <b>&"quoted"\'</script>'
+SPECIAL = 'a <b>&"quoted"\'</script>'
 
 
 class _Page(HTMLParser):
-    """What a browser would make of a page: its text, its addresses, its script elements."""
+    """The text, addresses and script elements of a page, as a browser would parse them."""
 
     def __init__(self, content):
         super().__init__()
@@ -64,11 +64,11 @@ class _Page(HTMLParser):
         return gzip.decompress(base64.b64decode(self.scripts["numbers"]))
 
     def samples(self, row):
-        """The samples of a channel, as page.js unpacks them."""
-        found = self.manifest["channels"][row]
-        steps = np.frombuffer(self.numbers, "<u2", self.manifest["time"]["count"], found["at"])
+        """Samples of a channel, unpacked as in page.js."""
+        channel = self.manifest["channels"][row]
+        steps = np.frombuffer(self.numbers, "<u2", self.manifest["time"]["count"], channel["at"])
         levels = np.cumsum(steps.astype(np.int64)) % (LEVELS + 1)
-        return found["low"] + (found["high"] - found["low"]) * levels / LEVELS
+        return channel["low"] + (channel["high"] - channel["low"]) * levels / LEVELS
 
 
 def _read(result, system, scenario, **options):
@@ -98,7 +98,7 @@ def oscillator(make):
 
 @pytest.fixture
 def run(oscillator):
-    """That system, its scenario, and its run with a stated error."""
+    """Result with a stated error, system and scenario of the oscillator."""
     system, scenario = oscillator()
     result = cosim.run(system, scenario, step=4e-3, engine="python")
     stated = {"mass.y": 0.12, "damper.y": 0.34}
@@ -106,11 +106,11 @@ def run(oscillator):
 
 
 def test_the_page_loads_no_resources_and_its_security_policy_forbids_loading(run):
-    found = _read(*run)
-    assert all(address.startswith("#") for address in found.addresses)
-    assert "default-src 'none'" in found.content
+    page = _read(*run)
+    assert all(address.startswith("#") for address in page.addresses)
+    assert "default-src 'none'" in page.content
     for name in ("style", "code"):
-        assert not re.search(r"https?://|@import|\burl\(|\bfetch\(|XMLHttpRequest|\bimport\(", found.scripts[name])
+        assert not re.search(r"https?://|@import|\burl\(|\bfetch\(|XMLHttpRequest|\bimport\(", page.scripts[name])
 
 
 def test_every_component_bond_channel_and_unit_is_on_the_page(run):
@@ -125,8 +125,8 @@ def test_every_component_bond_channel_and_unit_is_on_the_page(run):
 
 
 def test_every_link_points_to_an_element_of_the_page(run):
-    found = _read(*run)
-    assert found.addresses and {address.removeprefix("#") for address in found.addresses} <= found.ids
+    page = _read(*run)
+    assert page.addresses and {address.removeprefix("#") for address in page.addresses} <= page.ids
 
 
 def test_statistics_after_settling_match_numpy_in_both_unit_systems(run):
@@ -143,31 +143,31 @@ def test_statistics_after_settling_match_numpy_in_both_unit_systems(run):
 
 def test_spectra_match_scipy(run):
     result, system, scenario = run
-    found = _read(result, system, scenario)
+    page = _read(result, system, scenario)
     settled = result.settled()
     frequency, density = welch(settled.values, fs=250.0, window="hann", nperseg=len(settled), detrend="constant")
-    place = found.manifest["frequency"]
+    place = page.manifest["frequency"]
     np.testing.assert_allclose(
-        np.frombuffer(found.numbers, "<f8", place["count"], place["at"]), frequency[1:], rtol=1e-6
+        np.frombuffer(page.numbers, "<f8", place["count"], place["at"]), frequency[1:], rtol=1e-6
     )
-    for row, channel in enumerate(found.manifest["channels"]):
-        packed = np.frombuffer(found.numbers, "<f4", place["count"], channel["density"])
+    for row, channel in enumerate(page.manifest["channels"]):
+        packed = np.frombuffer(page.numbers, "<f4", place["count"], channel["density"])
         np.testing.assert_allclose(packed, density[row, 1:], rtol=1e-5)
 
 
 def test_packed_traces_match_the_samples_to_a_65535th_of_their_range(run):
     result, system, scenario = run
-    found = _read(result, system, scenario)
+    page = _read(result, system, scenario)
     for row, values in enumerate(result.series.values):
-        assert np.abs(found.samples(row) - values).max() <= 0.51 * np.ptp(values) / LEVELS
+        assert np.abs(page.samples(row) - values).max() <= 0.51 * np.ptp(values) / LEVELS
 
 
 def test_decimated_traces_keep_the_minimum_and_maximum_of_every_interval(monkeypatch, run):
     result, system, scenario = run
     monkeypatch.setattr(page_module, "traces", lambda series: traces(series, capacity=200))
-    found = _read(result, system, scenario)
+    page = _read(result, system, scenario)
     kept = traces(result.series, capacity=200)
-    assert f"Decimated: this page holds the minimum and the maximum of every {kept.samples} samples" in found.text
+    assert f"Decimated: this page holds the minimum and the maximum of every {kept.samples} samples" in page.text
     time, values = result.series.time, result.series["damper.y"]
     row = result.series.names.index("damper.y")
     for first in range(0, time.size, kept.samples):
@@ -187,7 +187,7 @@ def test_the_page_of_a_long_run_with_many_channels_is_below_12_mb(make):
 
 
 def _blank(series, **fields):
-    """A result with nothing but a series."""
+    """Result that has only a series."""
     empty = {
         "converged": True, "notes": (), "algorithm": "gauss-seidel", "order": ("part",), "step": 1e-3, "steps": 1,
         "seconds": 0.1, "equilibrium_sweeps": 1, "energy": {}, "held_direct": (), "identities": {"part": "guid"},
@@ -196,13 +196,13 @@ def _blank(series, **fields):
 
 
 def test_special_characters_in_names_are_escaped(oscillator):
-    system, scenario = oscillator(NASTY.replace(".", ""), 'l"<&' + "o" * 120 + "ng", "bond <i>&</i>")
+    system, scenario = oscillator(SPECIAL.replace(".", ""), 'l"<&' + "o" * 120 + "ng", "bond <i>&</i>")
     result = cosim.run(system, scenario, step=4e-3, engine="python")
-    content = page_module.page(result, system, scenario, title=NASTY)
-    found = _Page(content)
-    assert [c["name"] for c in found.manifest["channels"]] == list(result.series.names)
-    for name in (NASTY, *system.components, *(bond.name for bond in system.bonds), *result.series.names):
-        assert " ".join(name.split()) in found.text
+    content = page_module.page(result, system, scenario, title=SPECIAL)
+    page = _Page(content)
+    assert [c["name"] for c in page.manifest["channels"]] == list(result.series.names)
+    for name in (SPECIAL, *system.components, *(bond.name for bond in system.bonds), *result.series.names):
+        assert " ".join(name.split()) in page.text
         assert name not in content
     assert content.count("</script>") == content.count("<script")
 
@@ -224,18 +224,18 @@ def test_the_page_begins_with_one_sentence_that_states_the_verdict(run, change, 
     result, system, scenario = run
     content = page_module.page(replace(result, **change), system, scenario, title="a run")
     (sentence,) = re.findall(r'<div id="verdict" class="verdict ([a-z-]+)">\s*<p>(.*?)</p>', content, re.S)
-    said = html.unescape(re.sub(r"<.*?>", "", sentence[1])).replace("\N{NO-BREAK SPACE}", " ")
+    summary = html.unescape(re.sub(r"<.*?>", "", sentence[1])).replace("\N{NO-BREAK SPACE}", " ")
     assert sentence[0] == kind
-    assert re.search(words, said), said
-    assert said == replace(result, **change).verdict.summary()
+    assert re.search(words, summary), summary
+    assert summary == replace(result, **change).verdict.summary()
     assert content.index('id="verdict"') < content.index("<h2")
 
 
 def test_the_page_shows_every_reason_with_its_figure_origin_and_remedy(run):
     result, system, scenario = run
-    found = replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}, partial=True)
-    text = _read(found, system, scenario).text
-    for reason in found.verdict.reasons:
+    faulty = replace(result, energy={"joint": BondEnergy(-9.0, 100.0)}, partial=True)
+    text = _read(faulty, system, scenario).text
+    for reason in faulty.verdict.reasons:
         assert f"{reason.statement}: {reason.figure} ({reason.origin})" in text
         assert (f"To do: {reason.remedy}" in text) == (reason.grade != "usable")
 
@@ -246,7 +246,7 @@ def test_the_page_shows_energy_and_local_errors_of_each_bond(run):
         result, energy={"joint": BondEnergy(0.5, 1000.0)}, coupled={"joint": Coupled(1e-3, 0.5, 2.0, 800.0, 0.5, 800.0)}
     )
     text = _read(result, system, scenario).text
-    # transferred, residual, share; then error and deviation in in/s and m/s, percent; lbf and N, percent
+    # transferred, residual, share; then error and deviation in in/s and m/s, percent; in lbf and N, percent
     assert "joint 1000 0.5 0.05 0.039 0.001 19.69 0.5 0.2 0.45 2 179.8 800 0.25 " in text
 
 
@@ -260,11 +260,11 @@ def test_missing_content_is_reported(make):
     series = TimeSeries.from_channels([0.0, 0.1], {"part.y": ("N", [1.0, 2.0])})
     system = System({"part": make.gain()}, constants={"part.u": 1.0})
     text = _read(_blank(series), system, Scenario(0.1)).text
-    for said in (
+    for message in (
         "There are no notes.", "The system has no bonds", "No component is connected with another.",
         "There are too few samples for spectra.", "The run states no coupling error", "1 component, 0 bonds",
     ):  # fmt: skip
-        assert said in text
+        assert message in text
 
 
 def test_a_run_without_channels_still_has_a_page(make):
@@ -284,18 +284,18 @@ def test_identical_groups_are_drawn_once_and_all_listed(make):
     assert group.components == ("mass0", "damper0")
     assert len(group.alike) == 99
     series = TimeSeries.from_channels([0.0, 1.0], {"mass0.y": ("m/s", [0.0, 1.0])})
-    found = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
-    assert found.content.count("<svg") == 1
-    assert "Drawn once for 100 groups that are alike" in found.text
-    assert all(f"joint{k} mass{k}.y damper{k}.u 1 0" in found.text for k in range(100))
+    page = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
+    assert page.content.count("<svg") == 1
+    assert "Drawn once for 100 groups that are alike" in page.text
+    assert all(f"joint{k} mass{k}.y damper{k}.u 1 0" in page.text for k in range(100))
 
 
 def test_groups_with_different_gains_are_drawn_separately(make):
     components = {name: make.gain() for name in ("a", "b", "c", "d")}
     connections = (Connection("a.y", "b.u"), Connection("c.y", "d.u", -1.0))
     system = System(components, connections=connections, constants={"a.u": 0.0, "c.u": 0.0})
-    found = groups(tuple(components), arrows(system, Scenario(1.0)), {})
-    assert [group.components for group in found] == [("a", "b"), ("c", "d")]
+    drawn = groups(tuple(components), arrows(system, Scenario(1.0)), {})
+    assert [group.components for group in drawn] == [("a", "b"), ("c", "d")]
 
 
 def test_a_component_with_hundreds_of_neighbours_is_drawn_in_part(make):
@@ -303,16 +303,16 @@ def test_a_component_with_hundreds_of_neighbours_is_drawn_in_part(make):
     components = {"hub": hub} | {f"leaf{k}": make.gain() for k in range(400)}
     system = System(components, connections=tuple(Connection("hub.y", f"leaf{k}.u") for k in range(400)))
     series = TimeSeries.from_channels([0.0, 1.0], {"hub.y": ("N", [0.0, 1.0])})
-    found = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
-    assert "and 376 more" in found.text
-    assert "hub.y leaf399.u 1 0" in found.text
+    page = _read(_blank(series, identities=dict.fromkeys(components, "guid")), system, Scenario(1.0))
+    assert "and 376 more" in page.text
+    assert "hub.y leaf399.u 1 0" in page.text
 
 
 def test_files_are_listed_with_their_digest_and_generation_tool(run, fmus):
     result, system, scenario = run
-    found = _read(result, system, scenario, files={"mass": fmus["quarter_car"]})
-    assert found.text.count("eightpost 0.1.0, version") == 1
-    assert re.search(r"\b[0-9a-f]{64}\b", found.text)
+    page = _read(result, system, scenario, files={"mass": fmus["quarter_car"]})
+    assert page.text.count("eightpost 0.1.0, version") == 1
+    assert re.search(r"\b[0-9a-f]{64}\b", page.text)
 
 
 def test_the_digest_of_a_drive_depends_on_its_content_only():

@@ -1,4 +1,4 @@
-"""The report page in a browser: it draws, answers to clicks, loads nothing, and complains of nothing."""
+"""The report page in a browser: it draws its plots, responds to clicks, loads nothing, and logs no errors."""
 
 import json
 
@@ -41,12 +41,14 @@ def _ranges(browser):
 def test_the_page_draws_its_plots_responds_to_clicks_and_loads_nothing(browser, page, series):
     browser.call("Page.navigate", url=page.as_uri())
     browser.until("document.querySelector('#signals')")
-    browser.evaluate("document.querySelector('#signals').scrollIntoView()")  # plots are drawn when they come near
+    browser.evaluate(
+        "document.querySelector('#signals').scrollIntoView()"
+    )  # plots are drawn when they are scrolled near the view
     browser.until("document.querySelectorAll('.js-plotly-plot').length === 4")
     assert browser.evaluate("document.getElementById('trouble').hidden")
     assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
-    # What is drawn is what was recorded, in in/s at first.
+    # The plots show the recorded values, initially in in/s.
     x, y = json.loads(browser.evaluate(f"JSON.stringify([{_FIRST}.data[0].x, {_FIRST}.data[0].y])"))
     rows = np.searchsorted(series.time, np.array(x) - 1e-9)
     np.testing.assert_allclose(np.array(y) * 0.0254, series.values[0][rows], atol=1e-4)
@@ -80,12 +82,12 @@ def test_the_page_draws_its_plots_responds_to_clicks_and_loads_nothing(browser, 
     browser.evaluate("document.querySelector('[data-span=all]').click()")
     assert _ranges(browser) == [[0, 20], [0, 20]]
     shown = browser.evaluate(f"{_FIRST}.data[0].y.length")
-    assert shown < 2000  # as many as the screen can show
+    assert shown < 2000  # limited to what the screen can show
     peak = browser.evaluate(f"Math.max(...{_FIRST}.data[0].y)")
     assert peak == pytest.approx(series.values[0].max(), abs=1e-4)
 
-    # The browser asked for this file alone and has nothing to complain of.
-    asked = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
-    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-    assert [event for event in browser.events if event["method"] in trouble] == []
+    # The browser requested this file only and logged no errors.
+    requested = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in requested if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
+    errors = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+    assert [event for event in browser.events if event["method"] in errors] == []

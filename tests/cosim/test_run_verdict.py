@@ -1,4 +1,4 @@
-"""What the verdict on a run says, rule by rule."""
+"""The verdict on a run, rule by rule."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOND = "car.lf"
 
 
 def sound(**changes) -> Result:
-    """A run of one bond in which nothing is wrong."""
+    """Result of a run with one bond and no faults."""
     time = np.linspace(0.0, 10.0, 101)
     series = TimeSeries.from_channels(time, {"car.lf.velocity": ("m/s", np.sin(time))})
     result = Result(
@@ -73,22 +73,22 @@ def test_each_fault_gives_the_reason_of_its_rule_and_the_worst_reason_sets_the_g
 
 
 def test_every_rule_of_a_run_is_covered_by_these_cases():
-    tried = {rule.name for _, _, rule in CASES}
+    covered = {rule.name for _, _, rule in CASES}
     for result in (sound(), sound(energy={}, coupled={}, stated_error={})):
-        tried |= {reason.rule for reason in result.verdict.reasons}
-    assert tried == {rule.name for rule in rules.RULES}
+        covered |= {reason.rule for reason in result.verdict.reasons}
+    assert covered == {rule.name for rule in rules.RULES}
 
 
 @pytest.mark.parametrize("changes", [{}, *({field: value} for field, value, _ in CASES)])
 def test_every_reason_has_a_figure_an_origin_and_a_remedy(changes):
-    """The type refuses an empty text; what stands there must also say how much."""
+    """The type refuses an empty text; the figure must also contain a number."""
     for reason in sound(**changes).verdict.reasons:
         assert reason.remedy and reason.origin
         assert any(character.isdigit() for character in reason.figure) or reason.rule == rules.NOT_CONVERGED.name
 
 
 def test_a_large_local_error_makes_a_run_not_usable_even_if_the_stated_error_is_small():
-    """Two runs that alternate from step to step agree at the recorded points."""
+    """Two runs that oscillate from step to step can agree at the recorded points."""
     chatter = sound(coupled={BOND: Coupled(1.4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.lf.velocity": 1e-3})
     assert chatter.verdict.grade is Grade.NOT_USABLE
     assert not chatter.acceptable
@@ -102,7 +102,7 @@ def test_a_run_with_an_unknown_error_is_acceptable_but_graded_unknown():
 
 
 def test_the_energy_beyond_the_fitted_velocities_is_limited_like_the_time():
-    """A shock that is beyond its fit for little time, but dissipates most of its energy then."""
+    """A shock that is beyond its fitted range for a short time, but dissipates most of its energy then."""
     time = np.linspace(0.0, 10.0, 1001)
     beyond = (time > 9.9).astype(float)
     series = TimeSeries.from_channels(

@@ -1,7 +1,7 @@
-"""What each scheme does in a step, against formulas of its own: a mass on a spring and damper, without any FMU.
+"""A step of each scheme against its formula: a mass on a spring and damper, without any FMU.
 
-The mass feels the mean force that its coupling values give, the spring the mean velocity; with explicit schemes these
-are the formulas of Adams and Bashforth, where the end of the step is known or found those of Adams and Moulton.
+The mass receives the mean force of its coupling values, the spring the mean velocity. If the value at the end of the
+step is unknown, these are the Adams-Bashforth formulas; if it is known or iterated, the Adams-Moulton formulas.
 """
 
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from .mass_and_damper import MASS, STIFFNESS, ran
 
 EXPLICIT = [scheme(values=values) for scheme in (Jacobi, GaussSeidel) for values in VALUES]
 
-#: Points of the past that an explicit scheme's coupling values follow.
+#: Number of past points from which an explicit scheme extrapolates its coupling values.
 POINTS = {"held": 1, "extrapolated": 2, "parabolic": 3}
 
 
@@ -46,7 +46,7 @@ def integral(times: np.ndarray, values: np.ndarray, start: float, end: float) ->
 
 
 def guessed(t: np.ndarray, y: np.ndarray, n: int, values: str) -> float:
-    """Integral over the step after point n of a signal whose end is not known."""
+    """Integral over the step after point n of a coupling value whose end value is unknown."""
     if values == "interpolated":
         return float(0.5 * (y[n - 1] + y[n]) * (t[n + 1] - t[n]))
     past = slice(n + 1 - POINTS[values], n + 1)
@@ -54,7 +54,7 @@ def guessed(t: np.ndarray, y: np.ndarray, n: int, values: str) -> float:
 
 
 def known(t: np.ndarray, y: np.ndarray, n: int, values: str) -> float:
-    """The same where the end is known."""
+    """Integral over the step after point n of a coupling value whose end value is known."""
     if values == "held":
         return float(y[n + 1] * (t[n + 1] - t[n]))
     there = slice(n - 1 if values == "parabolic" else n, n + 2)
@@ -72,7 +72,7 @@ def test_both_ends_of_a_bond_receive_the_coupling_values_of_the_schemes_formula(
 
 
 def test_an_implicit_step_applies_the_parabola_through_the_converged_end_value(parts: Any) -> None:
-    """With a damper at which an exchange without iteration diverges."""
+    """With a damper so stiff that explicit schemes diverge."""
     result = ran(parts(damping=6000.0), Implicit(tolerance=1e-9))
     t, v, f, x = columns(result)
     assert result.converged
@@ -80,7 +80,7 @@ def test_an_implicit_step_applies_the_parabola_through_the_converged_end_value(p
         assert v[n + 1] - v[n] == pytest.approx(-known(t, f, n, "parabolic") / MASS, abs=1e-7)
         assert x[n + 1] - x[n] == pytest.approx(known(t, v, n, "parabolic"), abs=1e-12)
     assert f[1:] == pytest.approx(STIFFNESS * x[1:] + 6000.0 * v[1:], rel=1e-12)
-    # What is linear is solved by the first move after its slope is known: one more for the difference, at first.
+    # The first update with a known slope solves a linear system; at first the slope needs one more iteration.
     assert 2 * result.steps <= result.iterations <= 3 * result.steps + 3
 
 
@@ -108,7 +108,7 @@ def test_the_first_step_holds_the_start_values(parts: Any) -> None:
 def test_the_energy_residual_of_a_bond_is_the_energy_supplied_minus_the_energy_received(
     parts: Any, algorithm: Any
 ) -> None:
-    """Each with the mean of its own motion or force, and with what it was fed."""
+    """Each end's energy is the mean of its own output times the mean of its input."""
     result = ran(parts(), algorithm)
     t, v, f, x = columns(result)
     given = -0.5 * (v[1:] + v[:-1]) * np.diff(v) * MASS
@@ -121,13 +121,13 @@ def test_the_energy_residual_of_a_bond_is_the_energy_supplied_minus_the_energy_r
 
 @pytest.mark.parametrize("values", ["held", "extrapolated", "parabolic"])
 def test_the_local_error_of_a_bond_is_the_extrapolation_error_of_its_coupling_values(parts: Any, values: str) -> None:
-    """From the third step on; before, there is too little past, and the first steps are taken off by hand."""
+    """From the third step on; the first steps have too few past points and are subtracted."""
     algorithm, worst = Jacobi(values), {}
     for stop in (0.012, 0.04):
         result = ran(parts(), algorithm, stop=stop)
-        (found,) = result.coupled.values()
+        (bond,) = result.coupled.values()
         worst[stop] = (
-            np.array([found.velocity_error, found.force_error]) ** 2 * result.series.time[-1],
+            np.array([bond.velocity_error, bond.force_error]) ** 2 * result.series.time[-1],
             columns(result),
         )
     (before, _), (after, (t, v, f, _)) = worst[0.012], worst[0.04]
@@ -139,19 +139,19 @@ def test_the_local_error_of_a_bond_is_the_extrapolation_error_of_its_coupling_va
         ]
         squares = float(np.sum((np.array(ahead) - y[4:]) ** 2) * 0.004)
         assert after[k] - before[k] == pytest.approx(algorithm.accuracy.share**2 * squares, rel=1e-6)
-    (found,) = ran(parts(), algorithm, stop=0.04).coupled.values()
-    assert found.velocity_spread == pytest.approx(float(np.std(v[1:])), rel=1e-9)
-    assert found.force_spread == pytest.approx(float(np.std(f[1:])), rel=1e-9)
+    (bond,) = ran(parts(), algorithm, stop=0.04).coupled.values()
+    assert bond.velocity_spread == pytest.approx(float(np.std(v[1:])), rel=1e-9)
+    assert bond.force_spread == pytest.approx(float(np.std(f[1:])), rel=1e-9)
 
 
 def test_the_local_error_of_an_implicit_step_is_that_of_a_parabolic_predictor(parts: Any) -> None:
-    """Of the force, which is guessed; the velocity is known when the damper steps."""
+    """This is the error of the force, which is predicted; the velocity is known when the damper steps."""
     algorithm, squares = Implicit(tolerance=1e-10), {}
     for stop in (0.012, 0.04):
         result = ran(parts(), algorithm, stop=stop)
-        (found,) = result.coupled.values()
-        squares[stop] = found.force_error**2 * result.series.time[-1]
-        assert found.velocity_error == pytest.approx(0.0, abs=1e-12)
+        (bond,) = result.coupled.values()
+        squares[stop] = bond.force_error**2 * result.series.time[-1]
+        assert bond.velocity_error == pytest.approx(0.0, abs=1e-12)
     t, _, f, _ = columns(result)
     ahead = [np.polyval(np.polyfit(t[n - 2 : n + 1], f[n - 2 : n + 1], 2), t[n + 1]) for n in range(3, t.size - 1)]
     expected = float(np.sum((np.array(ahead) - f[4:]) ** 2) * 0.004)
@@ -159,7 +159,7 @@ def test_the_local_error_of_an_implicit_step_is_that_of_a_parabolic_predictor(pa
 
 
 def past_of(t: np.ndarray, y: np.ndarray) -> SimpleNamespace:
-    """A signal at three points, as the loop remembers it."""
+    """A signal at three points, in the form that the loop stores."""
     last = np.array([t[2] - t[1], t[1] - t[0]])
     return SimpleNamespace(now=y[2:], past=y[1:2], older=y[:1], last=last, pace=1.0 / last)
 
@@ -181,15 +181,15 @@ def test_a_matrix_with_a_zero_first_pivot_is_inverted(size: int) -> None:
     a = np.random.default_rng(size).normal(size=(size, size))
     if size > 1:
         a[0, 0] = 0.0
-    found = np.empty(size * size)
-    _invert(a.ravel().copy(), size, found)
-    np.testing.assert_allclose(found.reshape(size, size), np.linalg.inv(a), rtol=1e-9, atol=1e-12)
+    inverse = np.empty(size * size)
+    _invert(a.ravel().copy(), size, inverse)
+    np.testing.assert_allclose(inverse.reshape(size, size), np.linalg.inv(a), rtol=1e-9, atol=1e-12)
 
 
 def test_a_matrix_of_ones_and_twos_is_inverted() -> None:
-    found = np.empty(4)
-    _invert(np.array([1.0, 1.0, 1.0, 2.0]), 2, found)
-    assert found.tolist() == [2.0, -1.0, -1.0, 1.0]
+    inverse = np.empty(4)
+    _invert(np.array([1.0, 1.0, 1.0, 2.0]), 2, inverse)
+    assert inverse.tolist() == [2.0, -1.0, -1.0, 1.0]
 
 
 def test_the_share_of_a_step_is_measured_from_its_first_drive_point() -> None:
@@ -205,13 +205,13 @@ def test_inputs_are_constant_over_a_step_if_they_are_held_and_not_driven() -> No
 
 
 def test_a_zero_matrix_gives_the_identity_as_its_inverse() -> None:
-    found = np.empty(4)
-    _invert(np.zeros(4), 2, found)
-    assert found.tolist() == [1.0, 0.0, 0.0, 1.0]
+    inverse = np.empty(4)
+    _invert(np.zeros(4), 2, inverse)
+    assert inverse.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
 def test_a_broyden_update_fits_the_last_move_and_leaves_all_other_directions_unchanged() -> None:
-    """H y = s, and H z as before for every z that the move does not meet: s'H z = 0."""
+    """H y = s, and H z is unchanged for every z with s'H z = 0."""
     rng, n = np.random.default_rng(4), 4
     before, move, change = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n)
     inverse = np.concatenate([[7.0], before.ravel()])
@@ -227,7 +227,7 @@ def test_a_broyden_update_fits_the_last_move_and_leaves_all_other_directions_unc
 
 
 def test_an_implicit_step_converges_with_a_small_force_jump_and_not_with_a_large_one(parts: Any) -> None:
-    """Dry friction holds the mass, where no velocity has the force that is needed."""
+    """Dry friction stops the mass: no velocity gives the force of the equilibrium."""
 
     def stiff(jump: float) -> Any:
         return lambda x, v: 6000.0 * v + (jump if v > 0.0 else -jump)
@@ -248,7 +248,7 @@ def test_an_implicit_step_converges_with_a_small_force_jump_and_not_with_a_large
 def test_time_beyond_limits_is_counted_after_the_settling_time(
     make: Any, settling: float, beyond: float, off: float
 ) -> None:
-    """Beyond its fit in the second half, the tire off the ground in the last quarter; at the end of a step."""
+    """Beyond the fitted range in the second half, tire off the ground in the last quarter, at the end of each step."""
     ports = make.table(
         make.variable("u", "input", "N"), make.variable("static_tire_force", "parameter", "N"),
         make.variable("beyond_fit", "output"), make.variable("tire_force", "output", "N"),

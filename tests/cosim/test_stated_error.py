@@ -1,4 +1,4 @@
-"""What the stated coupling error is worth on real runs; by hand in test_refinement.py."""
+"""Stated coupling errors of real runs against true errors; test_refinement.py has the hand calculations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DECISIVE = ("car_a.velocity", "car_a.tire_force", "shock_a.force")
 
 
 class Held(FmuComponent):
-    """An FMU that cannot follow inputs over a step."""
+    """An FMU that cannot interpolate its inputs over a step."""
 
     @property
     def capabilities(self) -> Any:
@@ -87,9 +87,9 @@ def test_a_car_at_rest_has_no_coupling_error_and_keeps_a_large_step(quarter_cars
 @pytest.mark.parametrize("compared", [True, False])
 @pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi()], ids=str)
 def test_a_run_that_oscillates_between_recorded_points_is_not_usable(make: Any, algorithm: Any, compared: bool) -> None:
-    """2 kg against a force that saturates, 5000 N.s/m at rest: above 0.4 ms it alternates from step to step.
+    """2 kg against a force that saturates, 5000 N.s/m at rest: above 0.4 ms it oscillates from step to step.
 
-    The oscillation is bounded, and every second step it shows nothing.
+    The oscillation is bounded and is invisible at every second step.
     """
     ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
     damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
@@ -110,7 +110,7 @@ def test_a_run_that_oscillates_between_recorded_points_is_not_usable(make: Any, 
 def test_a_run_with_a_component_that_holds_its_inputs_is_refined_until_the_tolerance_is_met(
     quarter_cars: Join, bumps: Drivefile, fmus: Any
 ) -> None:
-    """And the other car, which it is not coupled with, keeps its order."""
+    """The other car, which is not coupled to it, keeps its order."""
     scenario = Scenario(0.5, bumps, ROAD | {"b": "car_b.road"})
     exact = run(quarter_cars("ab"), scenario, step=2.5e-5, compared=False)
     parts = {"shock_b": Held(fmus["lpnl2"], "shock_b")}
@@ -124,7 +124,7 @@ def test_a_run_with_a_component_that_holds_its_inputs_is_refined_until_the_toler
 def test_a_car_that_holds_its_road_input_states_the_error_of_its_tire_force(
     quarter_cars: Join, bumps: Drivefile, exact: Result, fmus: Any
 ) -> None:
-    """The tire force follows the road, of which such a car gets the mean: half a step late, at any step."""
+    """The tire force follows the road; the car receives its mean over the step, which is half a step late."""
     system = quarter_cars("a", {"car_a": Held(fmus["quarter_car"], "car_a")})
     result = run(system, Scenario(1.0, bumps, ROAD), step=1e-3)
     true = true_errors(result, exact)["car_a.tire_force"]

@@ -1,6 +1,6 @@
-"""Cars that are hard to couple: the default is within its tolerance of the truth, or says that it is not.
+"""Cars that are hard to couple: the default algorithm meets its tolerance or reports that it does not.
 
-The truth is the same car and shocks as one set of equations (tests/monolithic.py), on the start of the demo's track.
+The reference is the same car and shocks as one set of equations (tests/monolithic.py), at the start of the demo track.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from eightpost.vehicle import shipped
 Join = Callable[..., System]
 
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
-#: Percentages are of what is left of the run after this time [s].
+#: Percentages refer to the run after this time [s].
 SETTLING = 0.04
 STOP = 0.3
 RECORD_STEP = 0.002
@@ -33,7 +33,7 @@ RECORD_STEP = 0.002
 
 @dataclass(frozen=True)
 class Hard:
-    """A car and shocks, and why they are hard.
+    """Changes that make a car and its shocks hard to couple.
 
     Args:
         parameters: Parameters of every shock.
@@ -82,9 +82,9 @@ def truths(
             car = monolithic.Car()
             car = replace(car, unsprung_mass=tuple(HARD[name].unsprung * m for m in car.unsprung_mass))
             shock = reference_shock(monolithic, law, HARD[name].parameters)
-            found = monolithic.coupled_run(car, shock, series.time, roads, loads, at=time, rtol=1e-8)
-            signals = {"car.{}.velocity": found.shock_velocity, "car.{}.tire_force": found.tire_force}
-            signals["{}.force"] = found.shock_force
+            solution = monolithic.coupled_run(car, shock, series.time, roads, loads, at=time, rtol=1e-8)
+            signals = {"car.{}.velocity": solution.shock_velocity, "car.{}.tire_force": solution.tire_force}
+            signals["{}.force"] = solution.shock_force
             known[name] = {
                 p.format(c): row for p, rows in signals.items() for c, row in zip(CORNERS, rows, strict=True)
             }
@@ -109,7 +109,7 @@ def reference_shock(monolithic: ModuleType, law: Lpnl2, parameters: Mapping[str,
 
 
 def true_errors(result: Result, truth: Mapping[str, np.ndarray[Any, Any]]) -> dict[str, float]:
-    """Errors [%] of each channel's standard deviation after settling."""
+    """Errors of each channel after settling, in percent of its standard deviation."""
     at = np.rint(result.series.time / RECORD_STEP).astype(int)
     after = at * RECORD_STEP >= SETTLING - 1e-9
     rows = {name: (result.series[name][after], true[at[after]]) for name, true in truth.items()}
@@ -150,8 +150,8 @@ def test_the_default_algorithm_states_between_half_and_eight_times_its_true_erro
     true = true_errors(result, truths(name))
     assert set(result.stated_error) == set(true)
     worst, stated = max(true.values()), max(result.stated_error.values())
-    assert worst <= 2.0 * max(stated, 1e-5)  # the truth itself is no better
-    assert stated <= 8.0 * max(worst, 0.02)  # smaller errors matter to nobody
+    assert worst <= 2.0 * max(stated, 1e-5)  # the accuracy of the reference itself
+    assert stated <= 8.0 * max(worst, 0.02)  # smaller errors are irrelevant in practice
 
 
 def test_a_tolerance_that_is_not_met_is_reported(seven_dof: Join, track: Drivefile) -> None:
@@ -165,7 +165,7 @@ def test_no_step_below_the_minimum_is_tried(seven_dof: Join, track: Drivefile) -
 
 
 def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof: Join, track: Drivefile) -> None:
-    """And implicit has the spread of the right answer, its error being what the drive's own points and 8 ms leave."""
+    """The error of the implicit scheme at 8 ms is limited by the step and the drive's sampling."""
     system, scenario = seven_dof(seal_friction=0.0), Scenario(8.0, track, settling=1.0)
     with pytest.raises(StepError, match=r"diverged.*smaller coupling step, gauss-seidel.*implicit"):
         run(system, scenario, algorithm=Jacobi(), step=0.008)
@@ -184,7 +184,7 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
 def test_a_hard_case_at_too_large_a_step_diverges_or_is_not_acceptable_or_is_accurate(
     hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
 ) -> None:
-    """Never accepted where it is wrong by more than 5 %."""
+    """A result with an error above 5 % is never acceptable."""
     try:
         result = hard_run(name, algorithm, step, record_step=step)
     except StepError as error:

@@ -1,4 +1,4 @@
-"""A system file holds a system and its scenario; what is wrong in it is named."""
+"""A system file contains a system and its scenario; errors in it are reported."""
 
 import shutil
 
@@ -62,7 +62,7 @@ def test_a_case_is_read_with_units_converted_and_can_be_run(folder):
     assert case.system.constants["car.aero_force"] == pytest.approx(444.82216152605)
     result = cosim.run(case.system, case.scenario, algorithm=case.algorithm, step=case.step)
     assert result.series.names == ("car.velocity", "car.tire_force", "shock.force")
-    # 750 lbf of car, 100 lbf of downforce.
+    # 750 lbf of static load, 100 lbf of downforce.
     assert result.series["car.tire_force"][0] == pytest.approx(850 * 4.4482216152605, rel=1e-6)
     assert result.share_tire_off == {"car.tire_force": 0.0}
     assert set(result.identities) == {"car", "shock"}
@@ -76,7 +76,7 @@ def test_a_shock_is_swapped_without_changing_the_file(folder, fmus):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "error", "said"),
+    ("old", "new", "error", "message"),
     [
         ("schema = 1", "schema = 9", InputError, "schema 9"),
         ("schema = 1", "schema = ", InputError, "cannot be read as TOML"),
@@ -95,9 +95,9 @@ def test_a_shock_is_swapped_without_changing_the_file(folder, fmus):
         ("lpnl2.fmu", "none.fmu", FmuError, "none.fmu: there is no such file"),
     ],
 )
-def test_an_error_in_a_system_file_is_reported_with_the_entry_and_the_file(folder, old, new, error, said):
+def test_an_error_in_a_system_file_is_reported_with_the_entry_and_the_file(folder, old, new, error, message):
     assert old in TEXT
-    with pytest.raises(error, match=said) as caught:
+    with pytest.raises(error, match=message) as caught:
         read_case(write(folder, TEXT.replace(old, new)))
     assert "case.toml" in str(caught.value) or "none.fmu" in str(caught.value) or "street.csv" in str(caught.value)
 

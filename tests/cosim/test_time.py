@@ -1,4 +1,4 @@
-"""Time without drift: steps, records and the drive have the stated times, to the bit."""
+"""Times without drift: steps, records and the drive have exactly the specified times."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ same_make = settings(max_examples=40, suppress_health_check=[HealthCheck.functio
 
 
 def clock(make: Any) -> Any:
-    """A component whose output is the time that it was stepped to; it keeps no sum that could drift."""
+    """A component whose output is the end time of its last step; it accumulates no sum that could drift."""
     part = make.component(make.table(make.variable("y", "output", "s")), lambda t, _: {"y": t})
     step = part.step
 
@@ -43,7 +43,7 @@ def steps_of(part: Any) -> list[tuple[float, float]]:
 @given(step=st.floats(1e-4, 0.05), steps=st.floats(1.0, 400.0), every=st.integers(1, 7))
 @example(step=0.1, steps=3.0, every=1)  # 3 * 0.1 is not 0.3
 @example(step=1e-3, steps=300.0, every=7)
-@example(step=0.03125, steps=1.9999999999999432, every=1)  # two steps, but for rounding
+@example(step=0.03125, steps=1.9999999999999432, every=1)  # two steps except for rounding
 def test_steps_and_records_are_at_multiples_of_the_step_and_the_last_step_ends_at_the_stop_time(
     make: Any, step: float, steps: float, every: int
 ) -> None:
@@ -59,7 +59,7 @@ def test_steps_and_records_are_at_multiples_of_the_step_and_the_last_step_ends_a
     assert times[-1] == stop
     assert times[:-1].tolist() == [k * step for k in range(0, len(made), every)]
     assert times[:-1] == pytest.approx(np.arange(len(times) - 1) * (every * step), rel=4e-16)
-    # A last step that differs from the others by rounding only is as long as they are, to the bit.
+    # A last step that differs from the others only by rounding has exactly their size.
     assert abs(time + size - stop) <= 1e-9 * step
     own = np.append(times[:-1], time + size)
     assert np.abs(result.series["a.y"] - own).max() <= np.spacing(stop)
@@ -67,7 +67,7 @@ def test_steps_and_records_are_at_multiples_of_the_step_and_the_last_step_ends_a
 
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
 def test_recorded_outputs_have_their_values_at_the_recorded_times(make: Any, algorithm: Algorithm) -> None:
-    """Whether it is on a connection, read in every step, or read at recorded times only."""
+    """Both for an output on a connection, read in every step, and for one read only at recorded times."""
     parts = {"follower": make.gain(unit_in="s", unit_out="s"), "source": clock(make), "alone": clock(make)}
     system = System(parts, connections=(Connection("source.y", "follower.u"),))
     series = run(system, Scenario(30.0, record_step=0.1), algorithm=algorithm, step=1e-2, compared=False).series
@@ -85,7 +85,7 @@ def test_recorded_outputs_have_their_values_at_the_recorded_times(make: Any, alg
 def test_tire_forces_of_native_cars_match_the_road_at_the_recorded_times(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, record_step: float
 ) -> None:
-    """F = k (z_R - z_2) with 1300 lbf/in, whether a knot of the drive, 4 ms apart, lies there or not."""
+    """F = k (z_R - z_2) with k = 1300 lbf/in, both at points of the drive, 4 ms apart, and between them."""
     scenario = Scenario(0.3, bumps, {"a": "car_a.road"}, record_step=record_step)
     series = run(
         quarter_cars(compression_scale=0.3, rebound_scale=0.3), scenario, algorithm=algorithm, step=0.002
@@ -135,7 +135,7 @@ def integral_errors(make: Any, drive: Drivefile, algorithm: Algorithm, step: flo
 def test_a_component_that_interpolates_its_inputs_follows_the_drive_between_coupling_points(
     make: Any, seed: int, parts: float, algorithm: Algorithm
 ) -> None:
-    """Where coupling steps hold whole intervals of the drive, or intervals whole steps: in sub-steps, or in parts."""
+    """Coupling steps are whole multiples or whole fractions of the drive's interval."""
     drive = rough(seed, [0.002] * 84)
     assert integral_errors(make, drive, algorithm, parts * 0.002, RAMPS) < 1e-14
 
@@ -166,7 +166,7 @@ def test_a_component_that_interpolates_its_inputs_follows_drive_points_within_it
 def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to_the_drive_interval(
     make: Any, seed: int, parts: float, algorithm: Algorithm
 ) -> None:
-    """In one step, on a straight line, wherever the drive's points lie; and the drive's value at the step's end."""
+    """It takes one step per coupling step, with a linear input, wherever the drive's points lie."""
     drive = rough(seed, [0.002] * 84)
     step = drive.duration / np.ceil(drive.duration / (parts * 0.002))
     ports = make.table(
@@ -178,9 +178,9 @@ def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to
         lambda x, start, end, h: x + 0.5 * (start["u"] + end["u"] + start["v"] + end["v"]) * h,
         capabilities=RAMPS,
     )
-    told = make.gain(0.0, capabilities=RAMPS)
-    coupled = (Connection("moved.y", "told.u"), Connection("told.y", "moved.v"))
-    system = System({"moved": moved, "told": told}, connections=coupled)
+    receiver = make.gain(0.0, capabilities=RAMPS)
+    coupled = (Connection("moved.y", "receiver.u"), Connection("receiver.y", "moved.v"))
+    system = System({"moved": moved, "receiver": receiver}, connections=coupled)
     scenario = Scenario(drive.duration, drive, {"u": "moved.u"})
     series = run(system, scenario, algorithm=algorithm, step=step, compared=False).series
     exact = [0.0, *(end * drive.mean(0.0, end)[0] for end in series.time[1:])]

@@ -1,4 +1,4 @@
-"""A system that does not fit together is refused when it is built, with names and advice."""
+"""Invalid wiring is refused when a system is built, with the names and advice."""
 
 import numpy as np
 import pytest
@@ -129,14 +129,14 @@ def test_two_bonds_at_one_port_must_be_declared_as_a_sum(make):
     system = System(parts(), bonds, sums={"car.force"})
     result = run(system, Scenario(0.2), step=0.1)
     assert system.components["car"].inputs["force"] == 214.0
-    # Each bond meters what it feeds itself: 100 and 7 N.s/m at 2 m/s for 0.2 s.
+    # Each bond reports its own energy: 100 and 7 N.s/m at 2 m/s for 0.2 s.
     assert result.energy["shock"].transferred == pytest.approx(80.0)
     assert result.energy["stop"].transferred == pytest.approx(5.6)
     assert [energy.residual for energy in result.energy.values()] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "message"),
     [
         ({"start_at_equilibrium": "false"}, "takes no str"),
         ({"start_at_equilibrium": 1.0}, "takes no float"),
@@ -146,9 +146,9 @@ def test_two_bonds_at_one_port_must_be_declared_as_a_sum(make):
         ({"gas_stiffness": float("nan")}, "outside its range"),
     ],
 )
-def test_a_parameter_of_the_wrong_type_or_out_of_its_range_is_refused(fmus, values, said):
+def test_a_parameter_of_the_wrong_type_or_out_of_its_range_is_refused(fmus, values, message):
     name = "car" if "start_at_equilibrium" in values else "shock"
-    with pytest.raises(WiringError, match=said):
+    with pytest.raises(WiringError, match=message):
         System.load(
             {"car": fmus["quarter_car"], "shock": fmus["polylinear"]},
             [Bond.between("car", "shock")],
