@@ -68,7 +68,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
     va_end(arguments);
 }
 
-/* A function pointer from a symbol, without a cast that C does not have. */
+/* A function pointer from a symbol, without a cast that the C standard does not define. */
 static void resolve(Library library, const char *name, void *function, size_t size)
 {
 #ifdef _WIN32
@@ -101,7 +101,7 @@ static Functions load(const char *path)
     return f;
 }
 
-/* "time,0,1": the references of the columns. */
+/* Read the value references of the columns from the header, e.g. "time,0,1". */
 static void read_header(FILE *file, Signals *inputs)
 {
     char line[LINE];
@@ -113,7 +113,7 @@ static void read_header(FILE *file, Signals *inputs)
     }
 }
 
-/* 1 and the next row, or 0 at the end. */
+/* Read the next row; return 1, or 0 at the end. */
 static int read_row(FILE *file, double *time, Signals *inputs)
 {
     char line[LINE], *place = line;

@@ -1,4 +1,4 @@
-/* The FMI calls that an FMU without any fault accepts and ignores, and its versions. */
+/* The FMI calls that an FMU without a fault accepts and ignores, and its versions. */
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
 #define ACCEPTED(name, ...) fmi2Status name(fmi2Component c, ##__VA_ARGS__) { return fmi2OK; }

@@ -1,7 +1,7 @@
-/* Variables of every type: outputs that change with time, and inputs that a Real output tells.
+/* Variables of every type: outputs that change with time, and inputs that a Real output encodes.
 
    count = floor(250 t), is_odd of it, mode = 1 + count modulo 3, wave = sin(20 t)
-   seen  = integer + 10 boolean + 100 item + 1000 real, as they were during the last step */
+   seen  = integer + 10 boolean + 100 item + 1000 real, with the values during the last step */
 #include <math.h>
 #include <stdlib.h>
 

@@ -1,7 +1,7 @@
-/* An FMU unlike ours: mm/s in, kN out with the sign reversed, value references with gaps, and bad manners on demand.
+/* An FMU unlike ours: mm/s in, kN out with the sign reversed, value references with gaps, and faults on request.
 
-   y = -3 u / 1000 [kN], angle = x [deg] with x' = u; the parameter `manner` says what goes wrong at 0.5 s. A call after
-   fmi2Fatal, or of what fmi2Pending does not allow, ends the process. */
+   y = -3 u / 1000 [kN], angle = x [deg] with x' = u; the parameter `manner` selects the fault at 0.5 s. A call after
+   fmi2Fatal, or one that fmi2Pending does not allow, ends the process. */
 #define _POSIX_C_SOURCE 200809L
 #include <fenv.h>
 #include <math.h>
@@ -12,7 +12,7 @@
 
 #include "fmi2Functions.h"
 
-/* As the standard's own header does with FMI2_FUNCTION_PREFIX. */
+/* As the standard header does with FMI2_FUNCTION_PREFIX. */
 #ifdef WITH_PREFIX
 #undef fmi2FullName
 #define fmi2FullName(name) foreign_##name
@@ -35,7 +35,7 @@ static Instance *live(fmi2Component c)
 {
     Instance *i = c;
     if (i->dead) {
-        abort(); /* after fmi2Fatal nothing may be called */
+        abort(); /* after fmi2Fatal no function may be called */
     }
     return i;
 }
@@ -54,7 +54,7 @@ static void start_values(Instance *i)
     strcpy(i->manner, "polite");
 }
 
-/* The path that a file URI names, percent signs decoded. */
+/* The path of a file URI, with percent encoding decoded. */
 static void path_of(const char *uri, char *path)
 {
     const char *from = strncmp(uri, "file://", 7) == 0 ? uri + 7 : "";
@@ -106,7 +106,7 @@ void fmi2FreeInstance(fmi2Component c)
 {
     Instance *i = live(c);
     if (i->pending) {
-        abort(); /* fmi2CancelStep comes first */
+        abort(); /* fmi2CancelStep must be called first */
     }
     instances--;
     if (i->own_memory) {
@@ -142,7 +142,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
     return fmi2OK;
 }
 
-/* What goes wrong at once; fmi2OK where nothing does. */
+/* Faults that occur immediately; fmi2OK if there is none. */
 static fmi2Status misbehave(Instance *i, double time)
 {
     if (is(i, "abort")) {
@@ -318,7 +318,7 @@ ACCEPTED(fmi2SetDebugLogging, fmi2Boolean on, size_t n, const fmi2String categor
 ACCEPTED(fmi2SetupExperiment, fmi2Boolean td, fmi2Real t, fmi2Real start, fmi2Boolean sd, fmi2Real stop)
 ACCEPTED(fmi2ExitInitializationMode)
 
-/* What a library should have, and many have not. */
+/* Functions that the standard requires but many libraries lack. */
 #ifndef SPARSE
 #define REFUSED(name, ...) fmi2Status name(fmi2Component c, ##__VA_ARGS__) { return fmi2Error; }
 REFUSED(fmi2GetInteger, const fmi2ValueReference vr[], size_t n, fmi2Integer v[])

@@ -1,9 +1,9 @@
-/* A quarter car (-DCAR) or its shock, as a tool exports them that keeps a time of its own.
+/* A quarter car (-DCAR) or its shock, as exported by a tool that keeps its own time.
 
    Car:   300 kg and 40 kg, 20 kN/m between them, 200 kN/m to the road; the shock's force pushes them apart.
    Shock: 0.005 s F' = 1500 v - F.
    fmi2Reset is that of 20-sim's FMUs: it restores the variables, not the time up to which the FMU has integrated.
-   With -DSTATIC_MEMORY the state is in the library's memory, and instances do not begin with a new one. */
+   With -DSTATIC_MEMORY the state is static in the library, so a new instance continues with the old state. */
 #include <math.h>
 #include <string.h>
 
@@ -47,7 +47,7 @@ static void inputs_at(const Instance *i, double since, double *u)
     }
 }
 
-/* The classical method of Runge and Kutta, from `since` after the communication point. */
+/* The classical Runge-Kutta method, from `since` after the communication point. */
 static void substep(Instance *i, double since, double h)
 {
     static const double at[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
@@ -95,7 +95,7 @@ void fmi2FreeInstance(fmi2Component c) { ((Instance *)c)->callbacks->freeMemory(
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    start_values(c); /* and the time stays */
+    start_values(c); /* the time is not reset */
     return fmi2OK;
 }
 

@@ -27,7 +27,7 @@ def test_a_failed_setup_is_never_on_the_front():
     assert pareto_front(np.array([[np.nan, 0.0], [1.0, 1.0]])).tolist() == [False, True]
 
 
-def test_the_area_of_a_staircase():
+def test_the_hypervolume_in_two_dimensions_equals_the_area_of_the_staircase():
     staircase = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0]])
     assert hypervolume(staircase, np.array([3.0, 3.0])) == pytest.approx(6.0)
 

@@ -43,7 +43,7 @@ def test_shares_of_the_variance_add_up_to_one():
     assert found.variance == pytest.approx(values.var())
 
 
-def test_a_triple_interaction_is_rest():
+def test_a_triple_interaction_belongs_to_the_rest():
     contrast = np.array([-1.0, 0.0, 1.0])
     values = contrast[LEVELS[:, 0]] * contrast[LEVELS[:, 1]] * contrast[LEVELS[:, 2]]
     assert sensitivity(FACTORS, LEVELS, values).rest_share == pytest.approx(1.0)
@@ -81,7 +81,7 @@ def test_a_failed_setup_is_ignored():
     np.testing.assert_allclose(found.main["lr"], LR, atol=1e-12)
 
 
-def test_noise_is_found_as_rest_with_its_variance():
+def test_noise_appears_in_the_rest_with_its_variance():
     deviation = 0.3
     part = np.random.default_rng(5).permutation(81)[:70]
     noise = np.random.default_rng(6).normal(scale=deviation, size=(200, 70))

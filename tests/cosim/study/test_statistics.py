@@ -32,7 +32,7 @@ def of(name, rows=ROWS, step=0.5, **options):
         ("work", 0.5 * (0.5 * 6.0 - 2.0 - 4.0 + 0.5 * 14.0)),
     ],
 )
-def test_a_statistic_of_four_samples(name, expected):
+def test_statistics_of_four_samples_equal_hand_calculations(name, expected):
     assert of(name) == pytest.approx(expected, rel=1e-14)
 
 

@@ -24,79 +24,79 @@ def refused(small_study, tmp_path):
     return check
 
 
-def test_a_corner_without_a_shock(refused):
+def test_a_corner_without_a_shock_is_refused(refused):
     refused(InputError, "rr has no shock", corners=dict.fromkeys(CORNERS[:3], ("soft",)))
 
 
-def test_a_corner_that_the_vehicle_does_not_have(refused):
+def test_a_corner_that_the_vehicle_does_not_have_is_refused(refused):
     refused(InputError, "no port 'middle'", corners=dict.fromkeys((*CORNERS, "middle"), ("soft",)))
 
 
-def test_a_build_whose_file_is_not_there(refused, tmp_path):
+def test_a_build_with_a_missing_file_is_refused(refused, tmp_path):
     bank = {"soft": Build(tmp_path / "none.fmu"), "stiff": Build(tmp_path / "none.fmu")}
     refused(FmuError, "none.fmu", bank=bank)
 
 
-def test_a_build_that_is_not_a_shock(refused, fmus):
+def test_a_build_that_is_not_a_shock_is_refused(refused, fmus):
     refused(WiringError, "has no variable 'velocity'", bank=dict.fromkeys(("soft", "stiff"), Build(fmus["seven_dof"])))
 
 
-def test_a_parameter_that_a_shock_does_not_have(refused, fmus):
+def test_a_parameter_that_a_shock_does_not_have_is_refused(refused, fmus):
     bank = {"soft": Build(fmus["lpnl2"]), "stiff": Build(fmus["lpnl2"], {"stifness": 1.0})}
     refused(WiringError, "no variable 'stifness'", bank=bank)
 
 
-def test_a_measure_on_a_channel_that_is_not_there(refused):
+def test_a_measure_of_an_unknown_channel_is_refused(refused):
     message = r"measure 'camber': car\.lf\.camber: component 'car' has no variable 'lf.camber'"
     refused(WiringError, message, measures=(Measure("camber", ("car.lf.camber",)),))
 
 
-def test_a_measure_in_a_unit_of_another_kind(refused):
+def test_a_measure_with_a_display_unit_of_another_dimension_is_refused(refused):
     refused(
         InputError, "cannot be converted to the display unit 'lbf'", measures=(Measure("h", HEIGHT, display="lbf"),)
     )
 
 
-def test_an_objective_per_a_unit_of_another_kind(refused):
+def test_an_objective_with_a_weight_unit_of_another_dimension_is_refused(refused):
     terms = (Term("front ride height, RMS", 1.0, "lbf"),)
     refused(InputError, "cannot be converted to 'lbf', the unit of its weight", objective=terms)
 
 
 @pytest.mark.parametrize("statistic", ["mean", "variation", "maximum", "rms_with_mean"])
-def test_a_mean_of_a_vehicle_whose_gain_at_0_hz_is_not_trusted(refused, fmus, statistic):
+def test_a_mean_is_refused_if_the_vehicles_gain_at_0_hz_is_not_trusted(refused, fmus, statistic):
     untrusted = Vehicle(fmus["seven_dof"], means_trusted=False)
     refused(InputError, "no trusted gain at 0 Hz", vehicle=untrusted, measures=(Measure("h", HEIGHT, statistic),))
 
 
-def test_measures_that_do_not_depend_on_a_mean_are_accepted_there(small_study, fmus, tmp_path):
+def test_measures_independent_of_the_mean_need_no_trusted_gain_at_0_hz(small_study, fmus, tmp_path):
     untrusted = Vehicle(fmus["seven_dof"], means_trusted=False)
     measures = (Measure("r", HEIGHT), Measure("p", HEIGHT, "peak"), Measure("m", HEIGHT, "mean", band=(0.5, 9.0)))
     assert Sweep(small_study(vehicle=untrusted, measures=measures), tmp_path / "out").left == 16
 
 
-def test_a_section_beyond_the_run(refused):
+def test_a_section_beyond_the_run_is_refused(refused):
     refused(InputError, "section 1 to 9 s must lie", measures=(Measure("h", HEIGHT, section=(1.0, 9.0)),))
 
 
-def test_a_band_beyond_what_is_recorded(refused):
+def test_a_band_above_the_recorded_frequencies_is_refused(refused):
     refused(InputError, "smaller record_step", measures=(Measure("h", HEIGHT, band=(1.0, 200.0)),))
 
 
-def test_a_user_defined_measure_that_does_not_exist(refused):
+def test_a_user_defined_measure_that_does_not_exist_is_refused(refused):
     refused(InputError, "no Python file", measures=(Measure("h", HEIGHT, function="none.py:f"),))
 
 
-def test_a_run_beyond_the_end_of_its_drive_file(refused, small_study):
+def test_a_run_beyond_the_end_of_its_drive_file_is_refused(refused, small_study):
     drive = small_study().drives[0]
     refused(InputError, "contains 0 to 30 s", drives=(replace(drive, start=28.0),))
 
 
-def test_a_drive_with_an_unknown_target(refused, small_study):
+def test_a_drive_with_an_unknown_target_is_refused(refused, small_study):
     drive = small_study().drives[0]
     refused(WiringError, "nowhere", drives=(replace(drive, targets={"lf.road": "car.nowhere"}),))
 
 
-def test_no_drive_and_two_of_one_name(refused, small_study):
+def test_a_study_without_drives_or_with_duplicate_drive_names_is_refused(refused, small_study):
     drive: Drive = small_study().drives[0]
     refused(InputError, "has no drive", drives=())
     refused(InputError, "two drives are called 'track'", drives=(drive, drive))

@@ -1,5 +1,5 @@
-/* A mass that falls on a floor and bounces, for FMI 2.0 co-simulation, written with nothing of this project, as another
- * tool would write it: one static instance, steps of one size only, memory of its own, FMU states.
+/* A mass that falls on a floor and bounces, for FMI 2.0 co-simulation, written without code of this project, as another
+ * tool would write it: one static instance, fixed step size, its own memory management, FMU states.
  *
  *     h'' = push / m - g,   at the floor h' becomes -e h'
  *
@@ -12,7 +12,7 @@
 
 #define GUID "0f4b9f0d2f0f4b4d8f6a5d2f6b0c9e11"
 #define GRAVITY 9.81
-#define CREEP 1e-3 /* m/s: slower than this it rests */
+#define CREEP 1e-3 /* m/s: below this speed the mass is at rest */
 
 enum { H, V, MASS, PUSH, HEIGHT, SPEED };
 enum { BOUNCES, PHASE, FLOOR };
@@ -40,7 +40,7 @@ static void defaults(void)
 
 static double restitution(void) { return the.ball.floor == RUBBER ? 0.8 : 0.5; }
 
-/* The time after which h + v t + a t^2 / 2 comes down to the floor, at most `left`. */
+/* The time after which h + v t + a t^2 / 2 reaches the floor, at most `left`. */
 static double impact(const Ball *b, double a, double left)
 {
     double root = b->v * b->v - 2.0 * a * b->h, t;

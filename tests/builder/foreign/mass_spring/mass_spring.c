@@ -1,11 +1,11 @@
-/* A mass on a spring and a damper, for FMI 2.0 co-simulation, written with nothing of this project, as another tool
- * would write it: Euler steps of its own of 10 ms, whatever the host's, and a logger's category that is declared nowhere.
+/* A mass on a spring and a damper, for FMI 2.0 co-simulation, written without code of this project, as another tool
+ * would write it: internal Euler steps of 10 ms for any step of the host, and an undeclared log category.
  *
  * Faults, by definition:
- *   RESET_KEEPS_TIME   fmi2Reset restores the values and not the time, as 20-sim's does: it then stands still
- *   RESET_FAILS_AFTER  fmi2Reset forgets the speed once that many own steps were taken
+ *   RESET_KEEPS_TIME   fmi2Reset restores the values but not the time, as in 20-sim's FMUs: the mass then stands still
+ *   RESET_FAILS_AFTER  fmi2Reset does not restore the speed after this number of internal steps
  *   ENDS_AT            no fault: from this time on a step ends the simulation (fmi2Discard, fmi2Terminated)
- *   STOPS_AT           no fault of its reset: beyond this time a step is an error */
+ *   STOPS_AT           not a fault of the reset: beyond this time a step is an error */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

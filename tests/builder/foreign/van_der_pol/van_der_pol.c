@@ -1,10 +1,10 @@
-/* A driven van der Pol oscillator for FMI 2.0 co-simulation, written with nothing of this project, as another tool
+/* A driven van der Pol oscillator for FMI 2.0 co-simulation, written without code of this project, as another tool
  * would write it:
  *
  *     x' = v,   v' = mu (1 - x^2) v - x + u
  *
- * by the classical Runge-Kutta method, the input held over each step. There is no FMU state, no derivative of any
- * kind, and no more state machine than the standard asks for. */
+ * by the classical Runge-Kutta method, the input held over each step. There are no FMU states, no derivatives,
+ * and only the state machine that the standard requires. */
 #include <math.h>
 #include <string.h>
 
