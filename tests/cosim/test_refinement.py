@@ -118,7 +118,7 @@ def test_a_component_that_holds_its_inputs_has_at_most_first_order() -> None:
     assert stated(seen(1.2, 0.3), held=("car",)) == pytest.approx(0.3)
     assert stated(seen(0.6, 0.5), held=("car",)) == pytest.approx(0.5 / (2.0**0.38 - 1.0))
     assert stated(seen(1.2, 0.3), held=("shock",)) == pytest.approx(0.1)
-    # Without two differences to compare, at most order 0.5 is assumed.
+    # Without two differences to compare, order 0.5 is assumed.
     assert stated(seen(0.3, local=2.0), held=("car",)) == pytest.approx(0.3 / (2.0**0.5 - 1.0))
 
 

@@ -41,9 +41,8 @@ def _ranges(browser):
 def test_the_page_draws_its_plots_responds_to_clicks_and_loads_nothing(browser, page, series):
     browser.call("Page.navigate", url=page.as_uri())
     browser.until("document.querySelector('#signals')")
-    browser.evaluate(
-        "document.querySelector('#signals').scrollIntoView()"
-    )  # plots are drawn when they are scrolled near the view
+    # Plots are drawn when they are scrolled near the view.
+    browser.evaluate("document.querySelector('#signals').scrollIntoView()")
     browser.until("document.querySelectorAll('.js-plotly-plot').length === 4")
     assert browser.evaluate("document.getElementById('trouble').hidden")
     assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")

@@ -163,7 +163,7 @@ def test_a_component_that_interpolates_its_inputs_follows_drive_points_within_it
 
 @same_make
 @given(seed=st.integers(0, 1000), parts=st.floats(0.3, 1.0), algorithm=st.sampled_from(EXPLICIT))
-def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to_the_drive_interval(
+def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to_its_interval(
     make: Any, seed: int, parts: float, algorithm: Algorithm
 ) -> None:
     """It takes one step per coupling step, with a linear input, wherever the drive's points lie."""
