@@ -20,7 +20,7 @@ from cosim import (
     System,
     run,
 )
-from cosim.engine import sweep
+from cosim.engine import implicit, sweep
 from cosim.engine.implicit import _broyden, _invert
 from cosim.engine.plan import EXTRAPOLATED, HELD
 from cosim.engine.sweep import on_parabola, step_from
@@ -174,6 +174,25 @@ def test_a_parabola_is_extrapolated_exactly_for_any_step_sizes(steps: tuple[floa
     assert (step.time, step.size, step.first, step.last) == (t[2], steps[2], 4, 7)
     assert step.per_second == pytest.approx(1.0 / steps[2], rel=1e-14)
     assert step.line == pytest.approx(steps[2] / steps[1], rel=1e-14)
+
+
+@pytest.mark.parametrize(("status", "refused"), [(0, 0), (1, 0), (2, 1), (3, 1), (4, 1), (-1, 1)])
+def test_a_warning_is_no_failure(status: int, refused: int) -> None:
+    m = SimpleNamespace(failure=np.zeros(3))
+    assert sweep.failed(m, status, 5, 7) == refused
+    assert m.failure.tolist() == ([status, 5, 7] if refused else [0, 0, 0])
+
+
+def test_a_column_of_the_jacobian_is_the_difference_over_the_disturbance(monkeypatch: pytest.MonkeyPatch) -> None:
+    loops = SimpleNamespace(unknowns=np.array([0, 2]), matrix=np.array([0]), signal=np.array([1, 0]))
+    m = SimpleNamespace(
+        missed=np.array([1.0, 2.0]), after=np.zeros(2), guess=np.array([3.0, 4.0]), kept=np.array([9.0, 0.5]),
+        jacobian=np.zeros(4),
+    )  # fmt: skip
+    monkeypatch.setattr(implicit, "_disagreement", lambda _plan, _m, _g, to: to.__setitem__(slice(None), [2.0, 5.0]))
+    implicit._take_difference(SimpleNamespace(loops=loops), m, 0, 1)
+    assert m.jacobian.tolist() == [0.0, 2.0, 0.0, 6.0]
+    assert m.guess.tolist() == [9.0, 4.0]  # the disturbance is undone
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
