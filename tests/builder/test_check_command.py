@@ -38,7 +38,7 @@ def quickly(monkeypatch):
     return run
 
 
-def test_hints_alone_exit_0_and_drop_in_rules_exit_1_unless_only_the_standard_counts(
+def test_hints_exit_0_and_drop_in_findings_exit_1_unless_the_scope_is_the_standard(
     quickly, fmus, python_fmus, tmp_path
 ):
     hinted, members = tmp_path / "lpf1.fmu", read_archive(fmus["lpf1"])

@@ -152,7 +152,7 @@ def test_a_test_without_force_is_refused():
         DynoTest(TimeSeries.from_channels(TIME, {"velocity": ("m/s", V)}))
 
 
-def test_parquet_and_mat_are_dynamometer_files_too(tmp_path):
+def test_dynamometer_files_may_be_parquet_or_mat(tmp_path):
     series = TimeSeries.from_channels(TIME, {"velocity": ("m/s", V), "force": ("N", F)})
     for suffix in (".parquet", ".mat"):
         write_series(series, tmp_path / f"a{suffix}")

@@ -39,7 +39,7 @@ def test_the_18_18_runs_have_the_wrong_sign_and_are_read_if_flipped(name):
     assert test.series.sample_rate == pytest.approx(300.0, rel=1e-3)
 
 
-def test_the_24_24_run_has_the_right_sign():
+def test_the_24_24_run_has_the_correct_sign():
     test = read_dyno_test(measured("ohlins", "ohlins_t1_3_3_24_24_s5_n10_100psi.csv"))
     # 26 to 151 mm/s at the ends of the set; this one is nominally 5 in/s.
     assert np.abs(test.series["velocity"]).max() == pytest.approx(0.127, rel=0.1)

@@ -54,6 +54,6 @@ def test_a_confidential_vehicle_discloses_no_parameter_and_no_mode(archives, pro
         assert text not in page
 
 
-def test_confidential_reference_results_are_those_of_the_force_alone(fitted):
+def test_confidential_reference_results_contain_only_the_force(fitted):
     _, outputs = reference_of(members_of(fitted, Disclosure.CONFIDENTIAL), "front_shock")
     assert list(outputs) == ["time", "force"]

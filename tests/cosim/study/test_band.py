@@ -58,7 +58,7 @@ def test_a_record_is_extended_at_its_ends_as_by_scipys_sosfiltfilt(band):
     np.testing.assert_allclose(band_pass(values, RATE, band, "m"), expected, rtol=0.0, atol=1e-9)
 
 
-def test_a_low_pass_leaves_a_straight_line_alone_up_to_its_ends():
+def test_a_low_pass_does_not_change_a_straight_line_even_at_its_ends():
     line = 5.0 - 2.0 * TIME[:300]
     np.testing.assert_allclose(band_pass(line, RATE, (0.0, 60.0), "m"), line, atol=1e-4)
 
@@ -82,7 +82,7 @@ def test_a_band_that_reaches_half_the_rate_is_refused(band):
         band_pass(TIME, RATE, tuple(0.99 * edge for edge in band), "m")
 
 
-def test_a_window_holds_the_samples_at_both_its_ends():
+def test_a_window_includes_the_samples_at_both_ends():
     run = Filtered(TimeSeries.from_channels(TIME[:11], {"x": ("N", TIME[:11])}))
     assert run.samples(0.01, 0.03) == slice(2, 7)
     assert run.samples(0.01 + 1e-4, 0.03 - 1e-4) == slice(3, 6)

@@ -65,7 +65,7 @@ def _fields(port: Port) -> dict[str, float]:
     return {name: getattr(port, name) for name in Port.__slots__}
 
 
-def test_select_prints_what_to_test_and_writes_list_and_page(folder):
+def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     shown = eightpost("select", folder, "--measure", "total tire force=2")
     assert shown.exit_code == 0, shown.output
     assert "total tire force" in shown.output
@@ -81,7 +81,7 @@ def test_select_prints_what_to_test_and_writes_list_and_page(folder):
         (("-n", 30), "30 setups cannot be selected, because only 25"),
     ],
 )
-def test_select_refuses_what_cannot_be_selected(folder, words, text):
+def test_select_refuses_an_invalid_selection(folder, words, text):
     shown = eightpost("select", folder, *words)
     assert shown.exit_code == 2
     assert text in " ".join(shown.stderr.split())

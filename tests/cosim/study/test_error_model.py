@@ -48,7 +48,7 @@ def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understate
     assert min(ratios) * max(ratios) == pytest.approx(1.0)
 
 
-def test_errors_of_measures_are_right_in_the_mean_square() -> None:
+def test_errors_of_measures_are_unbiased_in_the_mean_square() -> None:
     """One error is zero by chance; the others must not be underestimated because of it."""
     found = [
         replace(p, measures={"grip": 1e-3 * k})

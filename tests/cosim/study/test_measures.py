@@ -45,7 +45,7 @@ def two_tones() -> TimeSeries:
         ("share", {"from": 100.0}, 0.5),
     ],
 )
-def test_a_statistic_of_two_tones_is_what_they_add_up_to(two_tones, statistic, options, expected):
+def test_statistics_of_two_tones_equal_their_analytical_values(two_tones, statistic, options, expected):
     found = Measure("m", ("x",), statistic, options=options).of(two_tones)
     # On a 2 ms grid, neither 22 Hz nor half of the time above the mean is exact.
     assert found == pytest.approx(expected, rel=0.01)
@@ -125,7 +125,7 @@ def test_the_four_bins_of_a_velocity_histogram_add_up_to_the_whole_time():
     assert low == pytest.approx(2.0 / np.pi * np.arcsin(0.0508 / 0.1), abs=0.01)
 
 
-def test_every_tire_mode_sees_its_own_motion_only():
+def test_every_tire_mode_responds_only_to_its_own_motion():
     car = Car("car", CORNERS, {f"car.{c}.tire_force" for c in CORNERS})
     signs = {"heave": (1, 1, 1, 1), "pitch": (-1, -1, 1, 1), "roll": (1, -1, 1, -1), "warp": (1, -1, -1, 1)}
     # The ends of the record are excluded, because the filter rings there.

@@ -173,7 +173,7 @@ def test_a_spread_needs_two_draws_and_may_have_one_setup():
         spread([1.0, 2.0], np.ones((1, 2)))
 
 
-def test_the_verdict_says_whether_one_setup_leads_or_several_are_tied():
+def test_the_verdict_states_whether_one_setup_leads_or_several_are_tied():
     leading = spread([1.0, 2.0, 3.0], np.array([[1.0, 2.0, 3.0], [1.01, 2.01, 3.01]]))
     tied = spread([1.0, 1.0, 3.0], np.array([[1.0, 1.1, 3.0], [1.1, 1.0, 3.1]]))
     assert "one setup is better" in str(robust_verdict(leading, 9))

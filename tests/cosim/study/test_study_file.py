@@ -150,7 +150,7 @@ def test_a_missing_file_is_reported(tmp_path):
         read_study(tmp_path / "none.toml")
 
 
-def test_the_shipped_study_has_the_measures_of_table_7_3(fmus):
+def test_the_shipped_study_is_read_with_all_its_files_and_has_2401_setups(fmus):
     path = EXAMPLES / "study.toml"
     assert len(source_files(path)) == 8 and all(source.is_file() for source in source_files(path))
     study = read_study(path, lambda source: fmus["seven_dof" if source.suffix == ".toml" else "lpnl2"])

@@ -40,7 +40,7 @@ def test_every_setup_has_a_row_with_all_columns(finished):
     }  # fmt: skip
 
 
-def test_a_row_is_what_the_master_gives_for_that_setup(finished, fmus):
+def test_a_row_equals_the_masters_result_for_that_setup(finished, fmus):
     study, row = finished.study, 0b0110
     builds = finished.setup(row).builds
     assert builds == {"lf": "soft", "rf": "stiff", "lr": "stiff", "rr": "soft"}

@@ -57,7 +57,7 @@ def _manifest(html):
     return json.loads(re.search(r'id="manifest">(.*?)</script>', html, re.DOTALL)[1])
 
 
-def test_setups_are_ranked_by_the_objective_within_the_constraints_then_the_others_then_what_failed(sheet, few):
+def test_setups_are_ranked_feasible_first_then_infeasible_then_failed(sheet, few):
     tire, front_height, hub = (np.array(few.table[name].to_pylist(), dtype=float) for name in (TIRE, FRONT, HUB))
     objective = tire / LBF + 900.0 * front_height / IN
     kept = hub <= 2.45
@@ -234,7 +234,7 @@ def test_traces_in_csv_are_read_back_in_si(sheet, lap, tmp_path):
     np.testing.assert_array_equal(np.array(record.columns, dtype=float), np.vstack([series.time, series.values]))
 
 
-def test_the_workbook_holds_ranking_units_and_provenance(few, tmp_path):
+def test_the_workbook_contains_ranking_units_and_provenance(few, tmp_path):
     evil = StudyResult(replace(few.study, name="=1+1"), few.table, few.provenance)
     sheet = sheet_of(evil)
     book = openpyxl.load_workbook(write_workbook(sheet, tmp_path / "ranking.xlsx"))
