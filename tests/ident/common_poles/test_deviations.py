@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eightpost.errors import InputError
+from eightpost.ident.response.averaged import powered
 from eightpost.ident.vehicle import Experiment
 from eightpost.ident.vehicle.common_poles import CommonPoleFit
 from eightpost.ident.vehicle.common_poles.deviations import Excitation, _relative, output_trust
@@ -31,6 +33,14 @@ def test_the_excitation_is_the_spectrum_of_the_first_minute_in_the_band() -> Non
     # Neither the mean nor a line outside the band is part of it.
     outside = Excitation.of(record(40.0), ("road",), BAND)
     assert np.abs(outside.spectra).max() < 1e-4 * np.abs(drive.spectra).max()
+
+
+def test_an_input_at_rest_has_no_spectrum_and_one_that_is_zero_everywhere_is_an_error() -> None:
+    rest = TimeSeries.from_channels(TIME, {"road": ("m", np.full(TIME.size, 3.0))})
+    assert np.abs(Excitation.of(rest, ("road",), BAND).spectra).max() < 1e-9
+    with pytest.raises(InputError, match="the input 'road' is zero in all records"):
+        powered(np.zeros((4, 1)), 0.1, ["road"])
+    assert powered(np.array([[1.0], [0.05], [0.2]]), 0.1, ["road"])[:, 0].tolist() == [True, False, True]
 
 
 def test_sizes_are_those_with_half_the_damping_the_damping_and_twice_the_damping(quarter_car: StateSpace) -> None:
