@@ -9,7 +9,8 @@ from cosim.session.master import Verification, run, verify
 from cosim.session.session import RunInterrupted
 from cosim.system_file import open_component
 from cosim.systems.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
-from cosim.systems.system import DEFAULT_STEP, Bond, Connection, Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System
 
 __all__ = [
     "DEFAULT_STEP",

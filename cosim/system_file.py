@@ -17,7 +17,8 @@ from cosim.components.isolated_component import IsolatedComponent
 from cosim.session.automatic import SCHEMES, Automatic
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.system import DEFAULT_STEP, Bond, Connection, Scenario, System, find_variable
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System, find_variable
 from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from cosim.components.conversion import named_unit
-from cosim.systems.system import Bond, Connection, Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import Bond, Connection, System
 from eightpost.errors import UnknownUnitError
 
 # ---- Connections of a system for a drawing --------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from cosim.results.error_estimate import Comparison, compare, stated_error
 from cosim.results.result import Result
 from cosim.session.given_step import DenseRuns, run_at_step
 from cosim.systems.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import DivergedError, InputError
 
 #: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/coupling.md).

@@ -10,7 +10,8 @@ import numpy as np
 from cosim.components.component import DISCRETE, Component, Variable
 from cosim.components.conversion import convert_between
 from cosim.systems.coupling import targets_of
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.signals import Drivefile
 
 #: Maximum number of solutions of the equilibrium start, which is repeated if a discrete value has changed.

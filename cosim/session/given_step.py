@@ -14,7 +14,8 @@ from cosim.results.verdict import LARGEST_ERROR
 from cosim.session.recorder import recorded_names
 from cosim.session.session import RunInterrupted, Session
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import DivergedError
 from eightpost.signals import TimeSeries
 

@@ -12,7 +12,8 @@ from cosim.session.automatic import Automatic, default_scheme, run_automatic, ru
 from cosim.session.given_step import run_at_step
 from cosim.session.session import Session
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.system import DEFAULT_STEP, Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import DEFAULT_STEP, System
 from eightpost.errors import InputError
 
 

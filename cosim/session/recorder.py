@@ -11,7 +11,8 @@ from cosim.components.component import DISCRETE
 from cosim.components.conversion import Conversion, to_si
 from cosim.engine.march import Tape
 from cosim.session.planning import Layout
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import InputError, StepError, WiringError
 from eightpost.signals import TimeSeries
 

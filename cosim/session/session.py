@@ -37,7 +37,8 @@ from cosim.session.running import (
 from cosim.session.setup import Setup
 from cosim.session.step_times import ROUNDING, Times, among, coupling_times, joined, merged, step_sizes
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile
 

@@ -14,7 +14,8 @@ from cosim.session.recorder import Flags, real_names, recorded_names, recorded_s
 from cosim.session.step_times import ROUNDING, Times, coupling_times
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.systems.coupling import Coupling
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import WiringError
 
 # ---- Limits checked at every step -----------------------------------------------------------------------------------

@@ -1,123 +1,17 @@
-"""Structure of an SSP package: components, connectors and connections, flattened to one level."""
+"""Nested systems of an SSP package as one network of ports, and its links as connections and bonds."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isclose
-from pathlib import Path as PathlibPath
 
 from cosim.components.component import DISCRETE, UnitDefinition, Variable
 from cosim.components.conversion import Conversion, convert_between
-from cosim.ssp.package import Unpacked
+from cosim.ssp.contents import Connector, FmuElement, Link, SystemElement
 from cosim.systems.system import Bond, Connection
 from eightpost.errors import InputError, WiringError
-
-# ---- Contents of a description before any FMU is opened -------------------------------------------------------------
-
-Value = float | int | bool | str
-
-
-@dataclass(frozen=True)
-class Connector:
-    """Connector of an element; kind is input, output, parameter ..."""
-
-    name: str
-    kind: str
-    type: str | None = None
-    unit: UnitDefinition | None = None
-
-
-@dataclass(frozen=True)
-class Link:
-    """Connection of two connectors of a system or of its elements; the order of the ends does not show the direction.
-
-    Attributes:
-        ends: Two pairs (element, connector); element is None for the system itself.
-        suppressed: Whether unit conversion is suppressed.
-        transformation: Conversion applied after that of units: `target = factor * source + offset`.
-        where: File and system, for messages.
-        transforms: Whether the description has a transformation, even one that changes nothing.
-    """
-
-    ends: tuple[tuple[str | None, str], tuple[str | None, str]]
-    suppressed: bool
-    transformation: Conversion
-    where: str
-    transforms: bool = False
-
-    def __str__(self) -> str:
-        """Return the ends as the description writes them."""
-        return " -> ".join(f"{element}.{connector}" if element else connector for element, connector in self.ends)
-
-
-@dataclass(frozen=True)
-class Assignment:
-    """Value from a parameter set.
-
-    Attributes:
-        name: Name of the variable, relative to the element that the set is bound to.
-        type: Real, Integer, Boolean, String, Enumeration or Binary.
-        value: Value; for an enumeration the name of the item.
-        where: File, for messages.
-        unit: Unit of the value; None: that of the variable.
-        suppressed: Whether unit conversion is suppressed.
-        transformation: Conversion applied after that of units.
-        items: Items of the enumeration, as the file defines it.
-    """
-
-    name: str
-    type: str
-    value: Value
-    where: str
-    unit: UnitDefinition | None = None
-    suppressed: bool = False
-    transformation: Conversion = field(default_factory=Conversion)
-    items: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class FmuElement:
-    """Component that is an FMU."""
-
-    name: str
-    connectors: Mapping[str, Connector]
-    values: tuple[Assignment, ...]
-    path: PathlibPath
-    where: str
-    unpacked: Unpacked | None
-
-
-@dataclass(frozen=True)
-class SystemElement:
-    """System with elements, and links between them and its own connectors."""
-
-    name: str
-    connectors: Mapping[str, Connector]
-    values: tuple[Assignment, ...]
-    elements: tuple[FmuElement | SystemElement, ...]
-    links: tuple[Link, ...]
-    where: str
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """Times of the run in a description [s]; None if not stated."""
-
-    start: float = 0.0
-    stop: float | None = None
-    step: float | None = None
-
-
-@dataclass(frozen=True)
-class Structure:
-    """Description: its top system and its experiment."""
-
-    name: str
-    system: SystemElement
-    experiment: Experiment
-
 
 # ---- Nested systems as one flat network of ports, with the conversions of its links ---------------------------------
 

@@ -9,7 +9,8 @@ from functools import cached_property
 
 from cosim.components.component import DISCRETE, Variable
 from cosim.components.conversion import Conversion, convert_between, named_unit, to_si
-from cosim.ssp.flatten import Assignment, FmuElement, Hop, Network, Path, Port, SystemElement, Value, compose
+from cosim.ssp.contents import Assignment, FmuElement, SystemElement, Value
+from cosim.ssp.flatten import Hop, Network, Path, Port, compose
 from cosim.ssp.package import read_inside
 from cosim.systems.system import can_be_set
 from eightpost import units

@@ -49,7 +49,7 @@ MARKED = Rule(
 UNMARKED = Rule(
     "no setup marked", "marks", Grade.USABLE,
     condition="no setup is marked",
-    why="all values are equally reliable",
+    why="no setup has one of the defects that a mark states; other errors are judged by the other rules",
     remedy="nothing",
 )  # fmt: skip
 LARGE_ERROR = Rule(

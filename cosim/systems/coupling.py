@@ -10,7 +10,8 @@ import numpy as np
 
 from cosim.components.component import Component
 from cosim.components.conversion import Conversion, convert_between, named_unit
-from cosim.systems.system import Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import System
 from eightpost.errors import WiringError
 
 

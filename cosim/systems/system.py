@@ -1,4 +1,4 @@
-"""Systems: components, bonds and connections, and the scenario of a run."""
+"""Systems: components, bonds and connections, checked when a system is created."""
 
 from __future__ import annotations
 
@@ -11,67 +11,12 @@ from pathlib import Path
 from cosim.components.component import DISCRETE, Component, Variable
 from cosim.components.conversion import convert_between
 from cosim.components.fmu_component import FmuComponent
-from eightpost.errors import InputError, WiringError
-from eightpost.signals import Drivefile
+from eightpost.errors import WiringError
 from eightpost.wiring import Wire, Wiring
 
 #: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
 DEFAULT_STEP = 1e-3
 
-# ---- Scenario of a run ----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """A run of a system.
-
-    Attributes:
-        stop: Duration [s].
-        drive: Signals for the inputs that no component feeds.
-        drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
-        targets: Input that each channel of `drive` feeds: `{"lf.road": "car.lf.road"}`. Empty: every channel feeds the
-            only component input of that name.
-        record: Variables to record, as `component.variable`; empty: every output.
-        record_step: Time between recorded samples [s], a whole number of coupling steps; None: every step.
-        settling: Time at the start that is excluded from response measures [s].
-
-    Raises:
-        InputError: A time is not positive and finite, or the drive does not cover the run.
-    """
-
-    stop: float
-    drive: Drivefile | None = None
-    targets: Mapping[str, str] = field(default_factory=dict)
-    record: tuple[str, ...] = ()
-    record_step: float | None = None
-    settling: float = 0.0
-    drive_start: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (isfinite(self.stop) and self.stop > 0.0):
-            raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
-        if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
-            raise InputError(f"scenario: record_step must be a positive time, not {self.record_step!r} s")
-        self._check_cover()
-        if not 0.0 <= self.settling < self.stop:
-            raise InputError(
-                f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
-            )
-
-    def _check_cover(self) -> None:
-        if self.drive is None:
-            return
-        first, last = float(self.drive.series.time[0]), float(self.drive.series.time[-1])
-        begin, end = self.drive_start, self.drive_start + self.stop
-        slack = 1e-9 * max(abs(last), 1.0)
-        if first > begin + slack or last < end - slack:
-            raise InputError(
-                f"scenario: the run takes {begin:g} to {end:g} s of the drive file, it holds {first:g} to {last:g} s: "
-                "change stop or drive_start"
-            )
-
-
-# ---- System of components and connections, checked when it is created -----------------------------------------------
 
 _DISCRETE = frozenset(DISCRETE)
 

@@ -16,7 +16,7 @@ import cosim
 from cosim import Bond, Connection, Result, Scenario, System
 from cosim.report import page as page_module
 from cosim.report import write_report
-from cosim.report.page import drive_digest
+from cosim.report.origin import drive_digest
 from cosim.report.wiring import arrows, groups
 from cosim.results.result import BondEnergy, Coupled
 from eightpost.errors import OutputError

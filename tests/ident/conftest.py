@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.curve import CurveBasis
 from eightpost.ident.shock.lag import lag
+from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Port, StaticCurve

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.closed import dynamics_for
-from eightpost.ident.shock.force import Models, gas_columns, limits_for, linear_solution
+from eightpost.ident.shock.force import Models, limits_for, linear_solution
+from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.problem import Problem
-from eightpost.ident.shock.record import prepare_runs
+from eightpost.ident.shock.runs import prepare_runs
 from eightpost.shock import LAWS, Lpf1, Lpnl2
 
 THETA = {"polylinear": [], "lpf1": [1.4e-3], "lpnl2": [1.4e-3, 500.0, 0.3], "maxwell": [np.log(5e6)]}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.joint import choose_order, left_out_errors
-from eightpost.ident.shock.record import prepare_runs
+from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.shock import Lpf1
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.closed import simulate
+from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoConditions, DynoTest
 from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Polylinear, Port, Shock, StaticCurve

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.report.page import Origin
+from cosim.report.origin import Origin
 from cosim.study.choice.sensitivity import Sensitivity
 from eightpost.array_types import Array
 from eightpost.report.charts import COLORS

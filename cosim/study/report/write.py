@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 
-from cosim.report.page import Origin
+from cosim.report.origin import Origin
 from cosim.study.choice.robust import REACH, Spread
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities

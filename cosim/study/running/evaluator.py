@@ -24,7 +24,8 @@ from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel, Implicit
-from cosim.systems.system import Bond, Scenario, System
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import Bond, System
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 from eightpost.workers.pool import heartbeat

@@ -4,8 +4,6 @@ from eightpost.ident.response.averaged import H1, H2, Hv, Recipe, estimate_respo
 from eightpost.ident.response.conditioning import (
     HighResidual,
     LowResidual,
-    SameDrive,
-    Sequential,
     Zeroed,
     ZeroPhaseSmoothing,
     condition,
@@ -21,6 +19,7 @@ from eightpost.ident.response.frequency_response import (
 )
 from eightpost.ident.response.local_polynomial import LocalPolynomial
 from eightpost.ident.response.records import Blocks, force_difference
+from eightpost.ident.response.sequential import SameDrive, Sequential
 
 __all__ = [
     "H1",

@@ -15,9 +15,9 @@ from eightpost.errors import ParameterError
 from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import Shape
-from eightpost.ident.shock.force import Models, gas_columns, limits_for
+from eightpost.ident.shock.force import Models, limits_for
+from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.joint import Joint
-from eightpost.ident.shock.record import prepare_runs
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import (
     Robust,
@@ -27,6 +27,7 @@ from eightpost.ident.shock.robust import (
     without_motion_spikes,
     without_spikes,
 )
+from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
 from eightpost.shock.curve import INNER_ORDER
@@ -34,7 +35,7 @@ from eightpost.shock.curve import INNER_ORDER
 if TYPE_CHECKING:
     from eightpost.ident.shock.joint import Sketch
     from eightpost.ident.shock.problem import Solution
-    from eightpost.ident.shock.record import Runs
+    from eightpost.ident.shock.runs import Runs
 
 
 #: A name in `LAWS`.

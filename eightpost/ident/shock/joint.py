@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.curve import CurveConstraint, Shape, WorkingBasis
     from eightpost.ident.shock.force import ForceModel, Models
     from eightpost.ident.shock.problem import Minimum, Solution
-    from eightpost.ident.shock.record import Runs
+    from eightpost.ident.shock.runs import Runs
 
 
 # ---- The order of the inner polynomial by cross-validation on blocks of the record that are left out ----------------

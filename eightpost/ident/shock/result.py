@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.curve import fitted_curve
+from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
 from eightpost.ident.shock.verdict import doubts, findings, parameters_of, shock_validity
 from eightpost.shock import Port, Shock
@@ -20,9 +20,10 @@ from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
-    from eightpost.ident.shock.force import GasColumns
+    from eightpost.ident.shock.gas import GasColumns
     from eightpost.ident.shock.problem import Solution
-    from eightpost.ident.shock.record import Prepared, Runs
+    from eightpost.ident.shock.record import Prepared
+    from eightpost.ident.shock.runs import Runs
     from eightpost.ident.shock.verdict import Parameter
     from eightpost.rig.dyno_test import DynoTest
     from eightpost.shock import ShockLaw

@@ -12,10 +12,12 @@ from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
-from eightpost.ident.shock.force import Models, gas_columns, limits_for
+from eightpost.ident.shock.force import Models, limits_for
+from eightpost.ident.shock.gas import gas_columns
 
 if TYPE_CHECKING:
-    from eightpost.ident.shock.record import Prepared, Runs
+    from eightpost.ident.shock.record import Prepared
+    from eightpost.ident.shock.runs import Runs
     from eightpost.rig.dyno_test import DynoTest
 
 

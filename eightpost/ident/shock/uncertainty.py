@@ -24,7 +24,7 @@ from eightpost.shock.file import read_shock
 from eightpost.shock.laws import own_parameters
 
 if TYPE_CHECKING:
-    from eightpost.ident.shock.record import Runs
+    from eightpost.ident.shock.runs import Runs
 
 
 #: Length of a block [s]: ten periods of 20 Hz, and some 30 blocks in the dissertation's nine seconds.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.closed import simulate
 from eightpost.ident.shock.record import prepare
+from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.dyno_record import DynoRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum, error_spectrum
 from eightpost.rig.dyno_test import DynoTest

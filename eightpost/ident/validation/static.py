@@ -10,7 +10,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
-from eightpost.ident.shock.closed import simulate
+from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.dyno_record import DynoRecord, block_means, standing, stretches
 from eightpost.ident.validation.evaluation import as_measured, reference_of
 from eightpost.shock import Shock

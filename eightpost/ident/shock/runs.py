@@ -1,0 +1,150 @@
+"""The runs of a fit: prepared records that are fitted together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array
+from eightpost.errors import ParameterError
+from eightpost.ident.shock.lag import RowFilter
+from eightpost.ident.shock.record import Prepared, prepare
+from eightpost.signals import TimeSeries
+
+if TYPE_CHECKING:
+    from eightpost.rig.dyno_test import DynoTest
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Prepared records that are fitted together, with N samples and R rows in total.
+
+    Attributes:
+        prepared: One or more records with the same transition.
+        weights: Weights (R,) of the rows, 0 to 1.
+    """
+
+    prepared: tuple[Prepared, ...]
+    weights: Array
+
+    @classmethod
+    def of(cls, prepared: Sequence[Prepared]) -> Runs:
+        """Return prepared records as runs whose rows all have weight 1."""
+        runs = cls(tuple(prepared), np.empty(0))
+        return runs.weighted(np.ones(sum(f.rows.size for f in runs.filters)))
+
+    @property
+    def first(self) -> Prepared:
+        """The first run, for values that all runs share."""
+        return self.prepared[0]
+
+    @cached_property
+    def filters(self) -> tuple[RowFilter, ...]:
+        """The filter to the rows of each run."""
+        return tuple(RowFilter.of(p.inside, p.rate, p.cutoff) for p in self.prepared)
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """The slice of each run's samples among all samples."""
+        ends = np.cumsum([0, *(len(p.record) for p in self.prepared)]).tolist()
+        return tuple(slice(start, stop) for start, stop in pairwise(ends))
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Damper velocity (N,) [m/s]."""
+        return np.concatenate([p.record["velocity"] for p in self.prepared])
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each sample (N,) counts."""
+        return np.concatenate([p.inside for p in self.prepared])
+
+    @cached_property
+    def measured(self) -> Array:
+        """The low-passed measured force of the samples that count [N]."""
+        return np.concatenate([p.measured for p in self.prepared])
+
+    @cached_property
+    def target(self) -> Array:
+        """The measured force at the rows (R,) [N]."""
+        return np.concatenate([p.record["force"][f.rows] for p, f in zip(self.prepared, self.filters, strict=True)])
+
+    @cached_property
+    def deviation(self) -> float:
+        """Standard deviation of `measured`, each run about its own mean [N]."""
+        squares = [float(np.var(p.measured)) * p.measured.size for p in self.prepared]
+        return float(np.sqrt(sum(squares) / self.measured.size))
+
+    @property
+    def rate(self) -> float:
+        """The lowest sampling rate [Hz]."""
+        return min(p.rate for p in self.prepared)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Every departure from the dissertation's choices, with the number of the run if there are several."""
+        if len(self.prepared) == 1:
+            return self.first.changes
+        numbered = enumerate(self.prepared, start=1)
+        return tuple(f"run {number}: {change}" for number, run in numbered for change in run.changes)
+
+    def rows(self, values: Array) -> Array:
+        """Return the low-passed rows (..., R) of values (..., N)."""
+        parts = zip(self.filters, self.parts, strict=True)
+        return np.concatenate([f(values[..., part]) for f, part in parts], axis=-1)
+
+    def weighted(self, weights: Array) -> Runs:
+        """Return the same runs with weights (R,) of their rows."""
+        return replace(self, weights=weights)
+
+    def thinned(self, by: int) -> tuple[Runs, NDArray[np.intp]]:
+        """Return the runs with every `by`-th sample, at the same rows, and the indices (M,) of these samples."""
+        starts = [f.first % by for f in self.filters]
+        kept = [np.arange(part.start + start, part.stop, by) for part, start in zip(self.parts, starts, strict=True)]
+        prepared = tuple(_every(p, start, by) for p, start in zip(self.prepared, starts, strict=True))
+        return replace(self, prepared=prepared), np.concatenate(kept)
+
+    def blocks(self, duration: float) -> list[slice]:
+        """Return consecutive blocks of rows of about a duration [s] each; no block spans two runs."""
+        blocks, start = [], 0
+        for f in self.filters:
+            pieces = max(round(f.rows.size / (duration * f.row_rate)), 1)
+            ends = start + np.linspace(0, f.rows.size, pieces + 1).astype(int)
+            blocks += [slice(int(a), int(b)) for a, b in pairwise(ends)]
+            start += f.rows.size
+        return blocks
+
+
+def _every(prepared: Prepared, start: int, by: int) -> Prepared:
+    series = prepared.record
+    record = TimeSeries(series.time[start::by], series.values[:, start::by], series.names, series.units)
+    return replace(prepared, record=record, rate=prepared.rate / by, inside=prepared.inside[start::by])
+
+
+def prepare_runs(
+    tests: Sequence[DynoTest],
+    *,
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+) -> Runs:
+    """Prepare records to be fitted together; all use the transition of the fastest.
+
+    Args:
+        tests: One or more records.
+        segment: Start and end [s] of each record; see `prepare`.
+        cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
+        transition_speed: Transition speed [m/s]; see `prepare`.
+    """
+    if not tests:
+        raise ParameterError("no record to fit; give one or more")
+    prepared = [prepare(t, segment=segment, cutoff=cutoff, transition_speed=transition_speed) for t in tests]
+    fastest = max(prepared, key=lambda p: p.transition_speed)
+    speed, width = fastest.transition_speed, fastest.transition_width
+    return Runs.of([replace(p, transition_speed=speed, transition_width=width) for p in prepared])
