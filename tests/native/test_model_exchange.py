@@ -250,10 +250,11 @@ def test_wrong_numbers_of_states_and_values_that_are_not_finite_are_refused(exch
     assert fmu.all() == before
 
 
-@pytest.mark.parametrize("name", [n for n in ALL if n != "polylinear"])
+@pytest.mark.parametrize("name", [n for n in ALL if n not in ("polylinear", "maxwell")])
 def test_a_result_that_is_not_finite_asks_for_a_smaller_step(exchange, name):
     """fmi2Discard; the instance goes on with other states."""
     fmu = exchange(name)
+    moved(fmu, 1)
     before, count = fmu.derivatives().tolist(), len(fmu.state_names)
     states, numbers = fmu.states().tolist(), (ctypes.c_double * count)()
     assert fmu.set_states([1e308] * count) == OK
