@@ -166,12 +166,11 @@ def shock_interface(shock: Shock) -> Interface:
         direct={},
         initial={"force": inputs + parameters},
     )
-    known = {*inputs, *interface.states}
-    unknowns = ("force", *interface.derivatives)
+    known, rates = {*inputs, *interface.states}, interface.derivatives
     return replace(
         interface,
-        direct={name: tuple(n for n in table["dependencies"][name] if n in known) for name in unknowns},
-        initial=interface.initial | {name: starts.get(name, ()) for name in (*interface.states, *interface.derivatives)},
+        direct={name: tuple(n for n in table["dependencies"][name] if n in known) for name in ("force", *rates)},
+        initial=interface.initial | {name: starts.get(name, ()) for name in (*interface.states, *rates)},
     )
 
 

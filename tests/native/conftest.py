@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import ModuleType
 
@@ -123,11 +124,15 @@ def folders(fmus: dict[str, Path], assembled: Path, tmp_path_factory: pytest.Tem
 
 
 @pytest.fixture(scope="session")
-def assembled(assembly: Assembly, one_platform: Callable[..., object], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def assembled(
+    assembly: Assembly,
+    one_platform: Callable[[], AbstractContextManager[None]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
     """The FMU of the assembly."""
     path = tmp_path_factory.mktemp("assembled") / "assembly.fmu"
     unbuilt = assembled_source(assembly, assembly_interface(assembly))
-    with one_platform():  # type: ignore[attr-defined]
+    with one_platform():
         (members,) = compiled([unbuilt], toolchain=find_toolchain())
     write_archive(path, members)
     return path

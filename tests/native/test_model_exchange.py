@@ -274,7 +274,7 @@ def test_tunable_parameters_are_set_in_event_mode_and_checked_before_it_ends(exc
     assert fmu.set(lag_zero_force=1.0) == OK
     assert fmu.call("EnterContinuousTimeMode") == ERROR
     assert "lag_zero_force must be greater than lag_full_force" in fmu.messages_text()
-    (force,) = (ctypes.c_double * 1)(),
+    (force,) = ((ctypes.c_double * 1)(),)
     reference = (ctypes.c_uint * 1)(fmu.references["force"])
     assert fmu.call("GetReal", reference, ctypes.c_size_t(1), force) == ERROR
     assert fmu.set(lag_zero_force=2000.0) == fmu.set(time_constant=2.0 * 0.0013) == OK
