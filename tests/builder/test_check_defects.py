@@ -1,6 +1,7 @@
 """Seeded defects: each is added to a copy of a native FMU, and `check` must find it with the right rule.
 
-Defects of modelDescription.xml and of the C code are in check_defects.toml; defects of the archive are in this file.
+Defects of modelDescription.xml and of the C code are in check_defects.toml, those of model exchange in
+check_defects_exchange.toml; defects of the archive are in this file.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ from eightpost.archive import read_archive, write_archive
 XML = "modelDescription.xml"
 RULES = {rule.identifier for rule in CATALOGUE}
 STATIC = ("static",)
-TABLES = tomllib.loads(Path(__file__).with_name("check_defects.toml").read_text(encoding="utf-8"))
+TABLES: dict[str, dict[str, Any]] = {"on_file": {}, "in_code": {}}
+for _name in ("check_defects.toml", "check_defects_exchange.toml"):
+    for _kind, _entries in tomllib.loads(Path(__file__).with_name(_name).read_text(encoding="utf-8")).items():
+        TABLES[_kind] |= _entries
 
 Members = dict[str, bytes]
 Change = Callable[[Members], None]
@@ -182,7 +186,7 @@ WIN32, ARM, ARM_MAC = (
 TERMINALS, STEP = "terminalsAndIcons/terminalsAndIcons.xml", "sources/step.c"
 LICENCE = "documentation/licenses/license.txt"
 REFERENCE = "extra/eightpost/lpnl2_ref.csv"
-NO_SOURCES = in_description({"old": "<SourceFiles>.*</SourceFiles>", "new": ""})
+NO_SOURCES = in_description({"old": r"<SourceFiles>.*?</SourceFiles>(.*?)<SourceFiles>.*?</SourceFiles>", "new": r"\1"})
 
 
 def digit_before_the_middle(content: bytes) -> bytes:
@@ -208,6 +212,9 @@ def defects_of_the_archive() -> dict[str, Defect]:
         "binary of another name": Defect("binary-name", moved(LINUX, "binaries/linux64/liblpnl2.so")),
         "nothing to run": Defect("binary-present", both(without("binaries/"), NO_SOURCES)),
         "a function renamed": Defect("exports", edited(LINUX, b"fmi2SetFMUstate", b"fmi2PutFMUstate")),
+        "a function of model exchange renamed": Defect(
+            "exports", edited(LINUX, b"fmi2GetDerivatives", b"fmi2PutDerivatives")
+        ),
         "a strange export": Defect("exports-only", edited(LINUX, b"fmi2GetString\0", b"get_the_texts\0")),
         "an optional function missing": Defect("exports-all", edited(LINUX, b"fmi2CancelStep", b"fmi2AbandonIt_")),
         "a library too many": Defect("needed-libraries", edited(LINUX, b"libc.so.6", b"libd.so.6")),
