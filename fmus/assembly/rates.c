@@ -25,7 +25,7 @@ static int evaluate_part(Machine *m, int p, const double *outside, Message *why)
 
 double *model_state(Memory *memory, int k)
 {
-    return memory->state + STATE_PLACE[k];
+    return &memory->state[STATE_PLACE[k]];
 }
 
 int model_evaluate(Memory *memory, void *work, Message *why)
@@ -65,7 +65,7 @@ typedef struct {
 
 static void change_part(const Machine *m, int p, Tangent *t)
 {
-    double u[MOST_INPUTS];
+    double u[MOST_INPUTS] = {0.0};
     double *outputs = t->outputs + (PART[p].outputs - INPUTS);
     for (int i = 0; i < PART[p].input_count; i++) {
         const Feed *fed = &FEED[PART[p].feeds + i];

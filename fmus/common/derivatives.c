@@ -19,7 +19,7 @@ static double start_derivative(Component *c, int unknown, int known, double leas
 {
     Message why = {.length = 0};
     double ends[2] = {0.0, 0.0};
-    double places[2], rates[CONTINUOUS_STATES + 1];
+    double places[2], rates[CONTINUOUS_STATES + 1] = {0.0};
     const double value = c->memory.values.at[known], size = value < 0.0 ? -value : value;
     const double change = 6e-6 * (size > least ? size : least);
     for (int side = 0; side < 2; side++) {
@@ -36,10 +36,15 @@ static double start_derivative(Component *c, int unknown, int known, double leas
     return (ends[1] - ends[0]) / (places[1] - places[0]);
 }
 
+/* Whether a Real variable has one of the indices, as many as there are states, that begin with `first`. */
+static int is_one_of_states(const Variable *variable, int first)
+{
+    return variable->index >= first && variable->index < first + CONTINUOUS_STATES;
+}
+
 static const char *reason_not_to_derive(const Component *c, const Variable *variable, int is_unknown)
 {
-    const int is_derivative = variable->kind == REAL && variable->index >= FIRST_DERIVATIVE && variable->index < FIRST_STATE;
-    const int is_state = variable->kind == REAL && variable->index >= FIRST_STATE;
+    const int is_state = is_one_of_states(variable, FIRST_STATE), is_derivative = is_one_of_states(variable, FIRST_DERIVATIVE);
     if (is_unknown) {
         return variable->is_output || is_derivative ? NULL : "an unknown must be an output or a derivative of a state";
     }
@@ -78,30 +83,40 @@ static void start_changes(Component *c, const fmi2ValueReference unknowns[], siz
     }
 }
 
+/* Adds a known's change to the directions; returns whether the known is a state. */
+static int add_direction(double *inputs, double *states, int index, double change)
+{
+    if (index < INPUTS) {
+        inputs[index] += change;
+        return 0;
+    }
+    states[index - FIRST_STATE] += change;
+    return 1;
+}
+
+static double change_of(const double *outputs, const double *rates, int index)
+{
+    return index < FIRST_DERIVATIVE ? outputs[index - INPUTS] : rates[index - FIRST_DERIVATIVE];
+}
+
 /* The unknowns' change at the present inputs and states. */
 static void changes(Component *c, const fmi2ValueReference unknowns[], size_t n_unknown, const fmi2ValueReference knowns[],
                     size_t n_known, const double direction[], double result[])
 {
     double inputs[INPUTS] = {0.0};
     double states[CONTINUOUS_STATES + 1] = {0.0};
-    double outputs[OUTPUTS], rates[CONTINUOUS_STATES + 1];
+    double outputs[OUTPUTS] = {0.0};
+    double rates[CONTINUOUS_STATES + 1] = {0.0};
     int has_states = 0, has_rates = 0;
     for (size_t k = 0; k < n_known; k++) {
-        const int index = known_variable(knowns[k])->index;
-        if (index < INPUTS) {
-            inputs[index] += direction[k];
-        } else {
-            states[index - FIRST_STATE] += direction[k];
-            has_states = 1;
-        }
+        has_states |= add_direction(inputs, states, known_variable(knowns[k])->index, direction[k]);
     }
     for (size_t i = 0; i < n_unknown; i++) {
         has_rates |= known_variable(unknowns[i])->index >= FIRST_DERIVATIVE;
     }
     model_tangent(&c->memory, c->work, inputs, has_states ? states : NULL, outputs, has_rates ? rates : NULL);
     for (size_t i = 0; i < n_unknown; i++) {
-        const int index = known_variable(unknowns[i])->index;
-        result[i] = index < FIRST_DERIVATIVE ? outputs[index - INPUTS] : rates[index - FIRST_DERIVATIVE];
+        result[i] = change_of(outputs, rates, known_variable(unknowns[i])->index);
     }
 }
 

@@ -8,7 +8,7 @@
 /* The component if it is an instance for model exchange and the function may be called in its phase, otherwise NULL. */
 static Component *exchanging(fmi2Component instance, const char *function, int phases)
 {
-    Component *c = (Component *)instance;
+    const Component *c = (const Component *)instance;
     if (c != NULL && !c->is_model_exchange) {
         refused(c, function, "this instance is for co-simulation");
         return NULL;
@@ -49,7 +49,7 @@ static fmi2Status refused_array(const Component *c, const char *function)
 
 static int is_array_of_states(const fmi2Real x[], size_t n)
 {
-    return n == CONTINUOUS_STATES && (n == 0 || x != NULL);
+    return n == CONTINUOUS_STATES && (CONTINUOUS_STATES == 0 || x != NULL);
 }
 
 /* ---- Modes ---------------------------------------------------------------------------------------------------------- */

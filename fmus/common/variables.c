@@ -47,7 +47,7 @@ static int asks_for_a_look(const Component *c, const Variable *variable)
 static double *place_of(Memory *memory, const Variable *variable)
 {
     return CONTINUOUS_STATES > 0 && variable->index >= FIRST_STATE ? model_state(memory, variable->index - FIRST_STATE)
-                                                                   : &memory->values.at[variable->index];
+                                                                   : memory->values.at + variable->index;
 }
 
 /* The derivatives are computed when the first of them is read. */

@@ -34,7 +34,7 @@ static void add_friction_change(const Memory *memory, const Modal *change, doubl
 
 double *model_state(Memory *memory, int k)
 {
-    return memory->state + place_of_state(k);
+    return &memory->state[place_of_state(k)];
 }
 
 int model_evaluate(Memory *memory, void *work, Message *why)

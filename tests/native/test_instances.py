@@ -196,4 +196,6 @@ def test_the_result_does_not_depend_on_the_step_size(host, step):
         assert whole.step(-1.5, step) == OK
         for k in range(10):
             assert parts.step(-1.5 + k * step / 10, step / 10) == OK
-        np.testing.assert_allclose(whole.all(), parts.all(), rtol=1e-9, atol=1e-9 * max(map(abs, whole.all())))
+        names = [v.name for v in whole.description.modelVariables if v.type == "Real" and v.derivative is None]
+        found, expected = parts.get(*names), whole.get(*names)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * max(map(abs, expected)))
