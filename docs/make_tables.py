@@ -60,7 +60,7 @@ def table(source: Path) -> str:
 
 def _cells(row: dict) -> list[str]:
     size = row.get("size", 4 if "<corner>" in row["name"] else 1)
-    name = f"{row['name']}[1] to [{size}]" if "size" in row else row["name"]
+    name = f"{row['name']}[1] to [{size}]" if "size" in row and "<mode>" not in row["name"] else row["name"]
     first = row["reference"]
     reference = str(first) if size == 1 else f"{first} to {first + size - 1}"
     causality = ", ".join(row[key] for key in ("type", "causality", "variability") if key in row)

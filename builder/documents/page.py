@@ -69,9 +69,14 @@ def page(contents: Contents) -> bytes:
 
 def _facts(interface: Interface) -> str:
     return (
-        f"Interface {interface.kind} {interface.version} · FMI 2.0 co-simulation · SI at the interface · "
+        f"Interface {interface.kind} {interface.version} · FMI 2.0 {_kinds(interface)} · SI at the interface · "
         f"built with eightpost {__version__}"
     )
+
+
+def _kinds(interface: Interface) -> str:
+    is_exchanged = bool(interface.states) or interface.kind == "shock_polylinear"
+    return "co-simulation and model exchange" if is_exchanged else "co-simulation"
 
 
 def _variables(interface: Interface) -> list[Section]:

@@ -80,10 +80,10 @@ class _Dependencies:
 
     def __init__(self, interface: Interface, model: StateSpace, form: ModalForm) -> None:
         self.interface, self.model = interface, model
-        into = np.abs(_states_of(form, form.B_re, form.B_im))
-        out = np.abs(_states_of(form, form.C_re.T, form.C_im.T)).T
-        self.into = (into > 0.0) & (into > _ROUNDING * into.max(axis=0, initial=0.0))  # (n, m)
-        self.out = (out > 0.0) & (out > _ROUNDING * out.max(axis=1, initial=0.0, keepdims=True))  # (p, n)
+        self.into = _terms(_states_of(form, form.B_re, form.B_im))  # (n, m)
+        self.out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T  # (p, n)
+        at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
+        self.rest = _terms(_states_of(form, at_rest.real, at_rest.imag))  # (n, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
         self.own = np.eye(len(into), dtype=bool)  # (n, n): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
@@ -102,16 +102,13 @@ class _Dependencies:
         return {"direct": direct, "initial": dict(named.initial) | self._at_start()}
 
     def _at_start(self) -> dict[str, tuple[str, ...]]:
-        """Return what states and derivatives depend on at the start, in equilibrium or from zero."""
+        """Return what states depend on at a start in equilibrium, and their derivatives at a start from zero."""
         named, found = self.interface, {}
-        for state, derivative, row in zip(named.states, named.derivatives, self._with_partner(), strict=True):
-            known = _chosen(self.model.input_names, row)
-            found[state] = found[derivative] = (*known, *(("start_at_equilibrium",) if known else ()))
+        for names, terms in ((named.states, self.rest), (named.derivatives, self.into)):
+            for name, row in zip(names, terms, strict=True):
+                known = _chosen(self.model.input_names, row)
+                found[name] = (*known, *(("start_at_equilibrium",) if known else ()))
         return found
-
-    def _with_partner(self) -> Any:
-        """Return the inputs (n, m) of each state or of the other part of its pair."""
-        return self.own @ self.into
 
     def _friction(self) -> Any:
         """Return the states (ports, n) that the friction at each port depends on."""
@@ -121,6 +118,12 @@ class _Dependencies:
     def _of_forces(self, terms: Any) -> Any:
         """Return the columns (..., ports) of the forces at the ports with friction."""
         return terms[:, [self.model.input_names.index(f"{port}force") for port in friction_ports(self.interface)]]
+
+
+def _terms(gains: Array) -> Any:
+    """Return which gains (n, k) are more than rounding errors of the largest one in their column."""
+    sizes = np.abs(gains)
+    return (sizes > 0.0) & (sizes > _ROUNDING * sizes.max(axis=0, initial=0.0))
 
 
 def _chosen(names: Sequence[str], row: Any) -> tuple[str, ...]:

@@ -8,9 +8,12 @@ static double least_size(const Variable *variable)
     return variable->unit[0] == 'N' ? 1e3 : 1e-3;
 }
 
-/* The value of an output or of a derivative, with the derivatives of all states at hand. */
-static double unknown_of(const Memory *memory, int index, const double *rates)
+/* The value of an output, a derivative or a state, with the derivatives of all states at hand. */
+static double unknown_of(Memory *memory, int index, const double *rates)
 {
+    if (index >= FIRST_STATE && CONTINUOUS_STATES > 0) {
+        return *model_state(memory, index - FIRST_STATE);
+    }
     return index < FIRST_DERIVATIVE ? value_of(memory, index) : rates[index - FIRST_DERIVATIVE];
 }
 
@@ -46,7 +49,7 @@ static const char *reason_not_to_derive(const Component *c, const Variable *vari
 {
     const int is_state = is_one_of_states(variable, FIRST_STATE), is_derivative = is_one_of_states(variable, FIRST_DERIVATIVE);
     if (is_unknown) {
-        return variable->is_output || is_derivative ? NULL : "an unknown must be an output or a derivative of a state";
+        return variable->is_output || is_derivative || (is_state && c->memory.phase == INITIALIZING) ? NULL : "an unknown must be an output or a derivative of a state";
     }
     if (c->memory.phase == INITIALIZING) {
         return variable->settable & INITIALIZING ? NULL : "a known must be an input or a parameter in initialization mode";
