@@ -10,13 +10,13 @@ import struct
 import subprocess
 import sys
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 
 from builder.fmu.interface import source_folder
 from eightpost.cache import cache_folder, digest, keep, recall
@@ -25,7 +25,7 @@ from eightpost.workers.process import usable_processors
 
 # ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
 
-NAMES = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmi_headers() -> Path:
@@ -34,13 +34,18 @@ def fmi_headers() -> Path:
     Raises:
         FmuError: FMPy is not installed, or no longer contains the header files.
     """
-    spec = importlib.util.find_spec("fmpy")
-    if spec is None or spec.origin is None:
+    folder = _installed("fmpy", "c-code")
+    if folder is None:
         raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
-    folder = Path(spec.origin).with_name("c-code")
-    if missing := [name for name in NAMES if not (folder / name).is_file()]:
+    if missing := [name for name in _HEADERS if not (folder / name).is_file()]:
         raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
     return folder
+
+
+def _installed(package: str, name: str) -> Path | None:
+    """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
+    spec = importlib.util.find_spec(package)
+    return None if spec is None or spec.origin is None else Path(spec.origin).with_name(name)
 
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -134,47 +139,34 @@ FLAGS = ("-std=c99", "-O2", "-g0", "-fomit-frame-pointer", "-ffp-contract=off", 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
-class Toolchain(Protocol):
+class Toolchain(ABC):
     """A compiler.
 
     Attributes:
+        path: Program.
         name: Name and version, for messages and for the cache.
         platforms: Platforms that it builds for.
         limits: Sentence about its limits, or an empty string.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def platforms(self) -> tuple[Platform, ...]: ...  # noqa: D102
-    @property
-    def limits(self) -> str: ...  # noqa: D102
+    path: str
+    name: str
+    platforms: tuple[Platform, ...]
+    limits: str = ""
 
+    @abstractmethod
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder into `identifier` + the platform's suffix."""
-        ...
 
 
-@dataclass(frozen=True)
-class Zig:
+class Zig(Toolchain):
     """The compiler zig from PyPI's package ziglang (`eightpost[build]`)."""
 
-    path: str
+    platforms = tuple(PLATFORMS.values())
 
-    @property
-    def name(self) -> str:
-        """Name and version."""
-        return f"zig {_first_line((self.path, 'version'))}"
-
-    @property
-    def platforms(self) -> tuple[Platform, ...]:
-        """All six platforms."""
-        return tuple(PLATFORMS.values())
-
-    @property
-    def limits(self) -> str:
-        """Empty: there are no limits."""
-        return ""
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.name = f"zig {_first_line((path, 'version'))}"
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder."""
@@ -199,27 +191,16 @@ class Zig:
         return [self.path, *options, "-cflags", *flags, "--", *files, *entry]
 
 
-@dataclass(frozen=True)
-class SystemCompiler:
+class SystemCompiler(Toolchain):
     """The installed compiler, gcc or clang, which only builds for this platform."""
 
-    path: str
-
-    @property
-    def name(self) -> str:
-        """First line of its --version output."""
-        return _first_line((self.path, "--version"))
-
-    @property
-    def platforms(self) -> tuple[Platform, ...]:
-        """Only the platform of this machine."""
-        return (this_platform(),)
-
-    @property
-    def limits(self) -> str:
-        """Sentence that it only builds for this platform, with the package that builds for all."""
-        return (
-            f"built for {this_platform().name} only, with {Path(self.path).name}; to build for all six platforms, "
+    def __init__(self, path: str) -> None:
+        here = this_platform()
+        self.path = path
+        self.name = _first_line((path, "--version"))
+        self.platforms = (here,)
+        self.limits = (
+            f"built for {here.name} only, with {Path(path).name}; to build for all six platforms, "
             "install the compiler zig: pip install 'eightpost[build]'"
         )
 
@@ -252,11 +233,8 @@ def _includes() -> list[str]:
 
 
 def _zig() -> str | None:
-    spec = importlib.util.find_spec("ziglang")
-    if spec is None or spec.origin is None:
-        return None
-    found = Path(spec.origin).with_name("zig.exe" if sys.platform == "win32" else "zig")
-    return str(found) if found.is_file() else None
+    found = _installed("ziglang", "zig.exe" if sys.platform == "win32" else "zig")
+    return str(found) if found and found.is_file() else None
 
 
 @cache
@@ -309,20 +287,23 @@ class Library:
     @property
     def units(self) -> tuple[str, ...]:
         """Names of the C files that are compiled."""
-        if not self.is_one_unit:
-            return _c_files(self.sources)
-        return (_WHOLE, _WIDE) if self.is_wide else (_WHOLE,)
+        return tuple(self._whole) or _c_files(self.sources)
 
     @property
     def files(self) -> Mapping[str, bytes]:
         """Files in the compiler's working folder."""
+        return {**self.sources, **self._whole}
+
+    @property
+    def _whole(self) -> dict[str, bytes]:
+        """The C files that include all others; empty if they are compiled separately."""
         if not self.is_one_unit:
-            return self.sources
+            return {}
         includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
         if not self.is_wide:
-            return {**self.sources, _WHOLE: includes.encode()}
-        units = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
-        return {**self.sources, **{name: text.encode() for name, text in units.items()}}
+            return {_WHOLE: includes.encode()}
+        texts = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
+        return {name: text.encode() for name, text in texts.items()}
 
 
 def compile_libraries(
@@ -377,7 +358,7 @@ def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[
     for name, content in sorted(library.files.items()):
         parts += [name, content]
     own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
-    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in NAMES)))])
+    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in _HEADERS)))])
 
 
 def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
