@@ -170,7 +170,8 @@ def read_table(folder: str) -> dict[str, Any]:
     return table
 
 
-def _variable(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
+def variable_of(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
+    """Return the variable that a row of interface.toml describes."""
     return Variable(
         name=name,
         reference=reference,
@@ -191,19 +192,19 @@ def _sized_variables(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
     """Return a row's variables with start values from the law; a row with a size becomes name[1], name[2], ..."""
     start = attrgetter(row["start"])(law) if "start" in row else None
     if "size" not in row:
-        return [_variable(row, row["name"], row["reference"], start)]
+        return [variable_of(row, row["name"], row["reference"], start)]
     assert start is not None and len(start) == row["size"]
-    return [_variable(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
+    return [variable_of(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
 
 
 def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
     """Return a row's variables: a row with <corner> becomes one per corner, and one without corner (quarter car)."""
     name, start, offset = row["name"], row.get("start"), row.get("offset")
     if "<corner>" not in name:
-        return [_variable(row, name, row["reference"], start, offset)]
+        return [variable_of(row, name, row["reference"], start, offset)]
     prefixes = [f"{corner}." for corner in CORNERS] + [""]
     return [
-        _variable(
+        variable_of(
             row,
             name.replace("<corner>.", prefix),
             row["reference"] + k % len(CORNERS),
