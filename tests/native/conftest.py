@@ -14,8 +14,8 @@ from types import ModuleType
 import pytest
 
 from builder.assembly import Assembly, read_parts
+from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
-from builder.assembly.sources import assembly_sources
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import c_sources
 from eightpost.archive import extract_archive

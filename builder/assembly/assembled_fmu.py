@@ -1,15 +1,31 @@
-"""The C sources of an assembly: the sources of each kind of part with prefixed names, and the wiring as constants."""
+"""An assembly as one native FMU: its C sources and its file.
+
+The C sources are those of each kind of part with prefixed names, and the wiring as constants.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
+from pathlib import Path
 
+from builder.assembly.documents import assembly_documents
 from builder.assembly.parts import VEHICLE, Part, model_files
-from builder.assembly.plan import Assembly
+from builder.assembly.plan import Assembly, assembly_interface
+from builder.build import fmu_identifier
+from builder.fmu.description import Description
 from builder.fmu.interface import Interface, source_folder
-from builder.native.native_fmu import COMMON
+from builder.native.native_fmu import CAPABILITIES, COMMON, Source, compiled, sealed
 from builder.native.tables import c_number, interface_header, interface_source, layout
+from builder.native.toolchain import Toolchain, find_toolchain
+from eightpost import __version__
+from eightpost.archive import write_archive
+from eightpost.errors import FmuError
+from eightpost.files import check_output_folder
+from eightpost.wiring import Wiring
+
+# ---- The C sources of an assembly -----------------------------------------------------------------------------------
 
 _OWN = (
     "coupled_start.c",
@@ -185,3 +201,65 @@ def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]]
             full = f"{part.name}.{name}"
             feeds.append([first, len(terms), outside.index(full) if full in outside else -1])
     return feeds, terms
+
+
+# ---- The FMU --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An assembled FMU that was written: its file, assembly, interface, platforms, and limits of its toolchain."""
+
+    path: Path
+    assembly: Assembly
+    interface: Interface
+    platforms: tuple[str, ...]
+    limits: str
+
+
+def assemble(
+    wiring: Wiring,
+    path: str | Path,
+    *,
+    toolchain: Toolchain | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Assembled:
+    """Write a system as one native FMU; the same system gives the same bytes.
+
+    Args:
+        wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
+        path: FMU file to write; its name must be a C identifier.
+        toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
+        progress: Callback that receives the number of compiled binaries and the total number.
+
+    Raises:
+        FmuError: The system cannot be assembled, or there is no compiler, or it fails.
+    """
+    path = Path(path)
+    if path.stem != fmu_identifier(path.stem):
+        raise FmuError(
+            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
+            f"{fmu_identifier(path.stem)}.fmu"
+        )
+    check_output_folder(path.parent)
+    assembly = Assembly.of(wiring, path.stem)
+    toolchain = toolchain or find_toolchain()
+    interface = assembly_interface(assembly)
+    (members,) = compiled([_unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
+    write_archive(path, members)
+    platforms = tuple(platform.name for platform in toolchain.platforms)
+    return Assembled(path, assembly, interface, platforms, toolchain.limits)
+
+
+def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
+    """Return the FMU without its binaries."""
+    description = Description(
+        identifier=assembly.identifier,
+        guid="",
+        text=assembly.text,
+        interface=interface,
+        capabilities=CAPABILITIES,
+        generation_tool=f"eightpost {__version__}",
+    )
+    members = assembly_documents(assembly, interface)
+    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid))
