@@ -7,17 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-
-if TYPE_CHECKING:
-    from eightpost.shock import Shock
-    from eightpost.vehicle import StateSpace
-
+from eightpost.shock import Shock
+from eightpost.vehicle import StateSpace
 
 # ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
 
@@ -48,19 +45,9 @@ def shock_kinds() -> tuple[str, ...]:
 RATES = ("m/s", "rad/s", "m/s2")
 
 _KEYS = {
-    "name",
-    "reference",
-    "type",
-    "causality",
-    "variability",
-    "unit",
-    "display",
-    "start",
-    "min",
-    "max",
-    "size",
-}
-_KEYS |= {"description", "offset", "with", "at_start"}
+    "name", "reference", "type", "causality", "variability", "unit", "display", "start", "min", "max", "size",
+    "description", "offset", "with", "at_start",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
