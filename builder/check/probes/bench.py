@@ -46,7 +46,7 @@ Values = list[float]
 
 
 @dataclass(frozen=True)
-class Timing:
+class _Timing:
     """Communication points of a run: start [s], step [s], number of steps, steps of the whole default experiment."""
 
     start: float
@@ -64,14 +64,20 @@ class Bench:
 
     Args:
         folder: Folder of the unpacked FMU.
-        library: Binary of the FMU for this platform.
+        progress: File for the name of the current call.
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
+
+    Raises:
+        OSError: There is no binary for this platform, or it cannot be loaded.
     """
 
-    def __init__(self, folder: Path, library: Library, reach: int | None = None) -> None:
+    def __init__(self, folder: Path, progress: Path, reach: int | None = None) -> None:
         self.folder = folder
-        self.library = library
         self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
+        binary = binary_path(folder, self.description.identifier)
+        if binary is None:
+            raise OSError(f"there is no binary {self.description.identifier!r} for this platform")
+        self.library = Library(binary, progress)
         self.inputs = self.description.of("input")
         self.outputs = self.description.of("output")
         timing = _timing(self.description)
@@ -160,19 +166,6 @@ class Bench:
         return range(self.timing.count)
 
 
-def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
-    """Load an unpacked FMU.
-
-    Raises:
-        OSError: There is no binary for this platform, or it cannot be loaded.
-    """
-    identifier = read_description(ET.parse(folder / "modelDescription.xml").getroot()).identifier
-    binary = binary_path(folder, identifier)
-    if binary is None:
-        raise OSError(f"there is no binary {identifier!r} for this platform")
-    return Bench(folder, Library(binary, progress), reach)
-
-
 def step(instance: Instance, time: float, h: float) -> None:
     """Do a step that must succeed.
 
@@ -237,7 +230,7 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
     return worst
 
 
-def _timing(description: Description) -> Timing:
+def _timing(description: Description) -> _Timing:
     given = {}
     for name, text in (description.experiment or {}).items():
         try:
@@ -248,4 +241,4 @@ def _timing(description: Description) -> Timing:
     duration = given.get("stopTime", start) - start
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
-    return Timing(start, size, min(_STEPS, whole), whole)
+    return _Timing(start, size, min(_STEPS, whole), whole)

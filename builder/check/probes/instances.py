@@ -54,16 +54,12 @@ def probe_instances(bench: Bench) -> Results:
         yield Skip("memory is only measured on Linux", "growth")
 
 
-def _quiet(bench: Bench, time: float) -> Values:
-    return bench.excitation(time, -0.4)
-
-
 def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
     rows = []
     with bench.running() as one, bench.running() as other:
         for point in bench.all_points():
             rows += bench.run(one, bench.excitation, range(point, point + 1))
-            bench.run(other, lambda time: _quiet(bench, time), range(point, point + 1))
+            bench.run(other, lambda time: bench.excitation(time, -0.4), range(point, point + 1))
     if worst := differ(alone, rows):
         yield rules.INSTANCES.finding(
             f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"

@@ -22,7 +22,6 @@ from builder.check.probes.instance import (
     Message,
     TerminatedError,
     Value,
-    is_error,
     refused,
     status_name,
 )
@@ -186,7 +185,7 @@ def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
                 return
             if refused(status):
                 is_usual = start == bench.timing.start  # after the end of its experiment an FMU may have no data
-                rule = rules.STEPS if is_error(status) and is_usual else rules.STEPS_DISCARDED
+                rule = rules.STEPS if status >= ERROR and is_usual else rules.STEPS_DISCARDED
                 yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}")
                 return
             time += length
