@@ -108,7 +108,9 @@ def native_fmus(
     Raises:
         FmuError: A vehicle has no modal form, or the compiler fails.
     """
-    return compiled([_source(product, disclosure) for product in products], toolchain=toolchain, progress=progress)
+    return compiled(
+        [without_binaries(product, disclosure) for product in products], toolchain=toolchain, progress=progress
+    )
 
 
 def compiled(
@@ -120,7 +122,12 @@ def compiled(
     return [source.members | found for source, found in zip(sources, binaries, strict=True)]
 
 
-def _source(product: Product, disclosure: Disclosure) -> Source:
+def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL) -> Source:
+    """Return a product's FMU without its binaries.
+
+    Raises:
+        FmuError: A vehicle has no modal form.
+    """
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description

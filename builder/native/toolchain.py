@@ -13,7 +13,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -86,6 +86,9 @@ PLATFORMS: Mapping[str, Platform] = MappingProxyType(
         )
     }
 )
+
+#: A page in a browser: a module without imports.
+BROWSER = Platform("a browser", ".wasm", ("wasm32-freestanding",))
 
 _MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
 
@@ -170,15 +173,19 @@ class Zig(Toolchain):
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder."""
-        options = ["build-lib", "-dynamic", "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
+        form = ["build-exe", "-fno-entry"] if platform == BROWSER else ["build-lib", "-dynamic"]
+        options = [*form, "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
         options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", *_includes()]
         entry: list[str] = []
+        headers = Path(self.path).parent / "lib" / "libc" / "include"
         if platform.suffix == ".dll":
             # The MinGW runtime of zig takes minutes to build, and an FMU only needs three functions of Windows.
             entry = [str(source_folder() / "common" / "windows_entry.c")]
-            include = Path(self.path).parent / "lib" / "libc" / "include" / "any-windows-any"
-            options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(include)]
+            options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(headers / "any-windows-any")]
             options += ["-lapi-ms-win-crt-heap-l1-1-0", "-lapi-ms-win-crt-string-l1-1-0"]
+        elif platform == BROWSER:  # without the C library: fmus/common/browser.c has what an FMU needs of it
+            options += ["-fcompiler-rt", "-isystem", str(headers / "wasm-wasi-musl")]
+            options += ["-isystem", str(headers / "generic-musl")]
         else:
             options += ["-fno-compiler-rt", "-lc"]
         if platform.suffix == ".so":
@@ -334,6 +341,19 @@ def compile_libraries(
                 progress(len(done), len(jobs))
     found = iter(done)
     return [{p.member(library.identifier): next(found) for p in toolchain.platforms} for library in libraries]
+
+
+def compile_for_browser(library: Library) -> bytes:
+    """Return a library as a WebAssembly module, with the functions of fmus/common/browser.c.
+
+    Raises:
+        FmuError: The compiler zig is not installed, or it fails.
+    """
+    toolchain = find_toolchain()
+    if not isinstance(toolchain, Zig):
+        raise FmuError("a page in a browser needs the compiler zig: pip install 'eightpost[build]'")
+    browser = (source_folder() / "common" / "browser.c").read_bytes()
+    return _binary(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER)
 
 
 def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
