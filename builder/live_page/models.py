@@ -30,8 +30,8 @@ class Model:
     """An FMU for a page.
 
     Attributes:
-        interface: Its variables.
-        module: Its code as a WebAssembly module.
+        interface: Variables of the FMU.
+        module: WebAssembly module of the FMU's C code.
     """
 
     interface: Interface
@@ -43,9 +43,9 @@ class Models:
     """The models of a page.
 
     Attributes:
-        shock: The shock alone.
-        car: The quarter car with the shock, coupled inside.
-        title: Description of the shock.
+        shock: Shock alone.
+        car: Quarter car with the shock, coupled inside.
+        title: Description of the shock's FMU.
         validity: Validity that the shock's FMU states for its model, as JSON; None if it states none.
     """
 
