@@ -13,11 +13,12 @@ from pathlib import Path
 from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR, Library, binary_path
-from builder.check.rules import Finding
+from builder.check.rules import Finding, Rule
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
 _STEPS, _WHOLE = 300, 1000  # steps of a run, and of the default experiment if the FMU states none
+_TOLERANCE = 1e-9  # largest difference of two equal runs by rounding, relative to the outputs' size
 _CYCLES = 2.7  # not a multiple of 0.5, so that the middle of a run differs from its end
 
 
@@ -228,6 +229,16 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
             if a != b and not (math.isnan(a) and math.isnan(b)):
                 worst = max(worst, abs(a - b) / (size or 1.0) if math.isfinite(a - b) else math.inf)
     return worst
+
+
+def compare(pair: tuple[Rule, Rule], what: str, first: Sequence[Values], again: Sequence[Values]) -> Iterator[Finding]:
+    """Compare two runs that must be equal: the first rule of the pair is for errors, the second one for rounding."""
+    differs, rounds = pair
+    worst = differ(first, again) if len(first) == len(again) else math.inf
+    if worst > _TOLERANCE:
+        yield differs.finding(f"{what} by {worst:.1e} of the outputs' size")
+    elif worst > 0.0:
+        yield rounds.finding(f"{what} by {worst:.1e}")
 
 
 def _timing(description: Description) -> _Timing:

@@ -198,9 +198,7 @@ def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float
         if refused(instance.get_reals(bench.outputs)[0]):
             instance.set(variable, variable.number("start") or 0.0)
     for variable in bench.inputs:
-        start = variable.number("start") or 0.0
-        value = start + scale * (other_value(variable, draw) - start)
-        instance.set(variable, inside(variable, value))
+        instance.set(variable, _input(variable, draw, scale))
 
 
 class _Point:

@@ -39,7 +39,6 @@ class Message:
     """One log message."""
 
     status: int
-    category: bytes
     text: bytes
 
 
@@ -49,7 +48,6 @@ class Birth:
 
     guid: str
     resources: str
-    name: str = "probe"
     logging: bool = False
     kind: int = CO_SIMULATION
 
@@ -75,12 +73,12 @@ class Instance:
         function = library._function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
-            birth.name.encode(), birth.kind, birth.guid.encode(), birth.resources.encode(),
+            b"probe", birth.kind, birth.guid.encode(), birth.resources.encode(),
             ctypes.byref(self._callbacks), 0, int(birth.logging),
         )  # fmt: skip
 
     def _log(self, _environment: int, _name: bytes, status: int, category: bytes, text: bytes) -> None:
-        self.messages.append(Message(status, category or b"", text or b""))
+        self.messages.append(Message(status, text or b""))
         self.library.categories.add(category or b"")
 
     def last_message(self) -> str:

@@ -10,12 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, differ
+from builder.check.probes.bench import Bench, Results, Skip, Values, compare
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, Rule, listed
 from eightpost.workers.process import python_command, run
 
-_TOLERANCE = 1e-9
 _TIMEOUT = 60.0
 
 
@@ -124,11 +123,7 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
 
 
 def _compare(rule: Rule, where: str, first: list[Values], again: list[Values]) -> Iterator[Finding]:
-    worst = differ(first, again) if len(first) == len(again) else float("inf")
-    if worst > _TOLERANCE:
-        yield rule.finding(f"{where} the same steps differ by {worst:.1e} of the outputs' size")
-    elif worst > 0.0:
-        yield rules.ROLLBACK_BITS.finding(f"{where} the same steps differ by {worst:.1e}")
+    yield from compare((rule, rules.ROLLBACK_BITS), f"{where} the same steps differ", first, again)
 
 
 # ---- Damaged serialized states --------------------------------------------------------------------------------------
