@@ -15,7 +15,7 @@ from cosim.components.component import Component
 from cosim.components.conversion import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.result import Result
-from cosim.results.verdict import LARGEST_ERROR
+from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
