@@ -318,10 +318,14 @@ class OpenedFmu:
         fmu: Unpacked FMU.
         name: Name of the component.
         messages: Messages of the FMU.
+
+    Attributes:
+        validity: Range of validity of its model; None if the FMU has none.
     """
 
     def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
         self._fmu, self._name, self._messages = fmu, name, messages
+        self.validity: Validity | None = fmu.validity
         self._inputs: dict[str, float] = {}
         self._time = 0.0
         self._changed: dict[str, None] = {}
@@ -340,11 +344,6 @@ class OpenedFmu:
     def is_ours(self) -> bool:
         """Whether this project built the FMU, so that the state it keeps from run to run is known."""
         return self._fmu.is_ours
-
-    @property
-    def validity(self) -> Validity | None:
-        """Range of validity of its model; None if the FMU has none."""
-        return self._fmu.validity
 
     @property
     def identity(self) -> str:

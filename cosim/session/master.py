@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from cosim.engine.loop import ENGINES
 from cosim.results.error_estimate import difference
 from cosim.results.result import Result
-from cosim.session.automatic import Automatic, default_scheme, run_automatic, run_default_at_step
+from cosim.session.automatic import Automatic, Refinement, default_scheme, run_default_at_step
 from cosim.session.given_step import run_at_step
 from cosim.session.session import Session
 from cosim.systems.algorithm import Adaptive, Algorithm
@@ -54,7 +54,7 @@ def run(
         raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
     chosen = algorithm or Automatic()
     if isinstance(chosen, Automatic) and step is None:
-        return run_automatic(system, scenario, chosen, engine, progress)
+        return Refinement(system, scenario, chosen, engine, progress).result()
     size = DEFAULT_STEP if step is None else step
     if isinstance(chosen, Automatic):
         return run_default_at_step(system, scenario, chosen, size, engine=engine, progress=progress, compared=compared)

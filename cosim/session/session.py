@@ -28,6 +28,7 @@ from cosim.session.running import (
     Running,
     begin,
     ended_or_failed,
+    equilibrium_start,
     guarded,
     prepare,
     terminated_at,
@@ -141,16 +142,16 @@ def _driven(drive: Drivefile, request: _DriveRequest) -> tuple[Integers, Drive]:
     times = joined(coupling, own) if request.follows else coupling
     begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
     samples = _rows(drive.sample(times + request.start))
-    starts = samples if request.follows else _starts(drive, times + request.start, samples)
-    means = _rows(drive.means(times + request.start)) if not request.ramps else np.zeros((times.size - 1, 0))
-    return begins, Drive(times, samples, starts, means)
+    means = _rows(drive.means(times + request.start))
+    starts = samples if request.follows else _starts(drive, times + request.start, samples, means)
+    return begins, Drive(times, samples, starts, means if not request.ramps else np.zeros((times.size - 1, 0)))
 
 
-def _starts(drive: Drivefile, times: Times, samples: Times) -> Times:
+def _starts(drive: Drivefile, times: Times, samples: Times, means: Times) -> Times:
     """Return the start (T+1, D) of each step's straight line, which ends at the drive and has the drive's mean."""
     starts, own, near = samples.copy(), drive.series.time, ROUNDING * times[-1]
     bent = np.searchsorted(own, times[:-1] + near) < np.searchsorted(own, times[1:] - near)
-    starts[:-1][bent] = (2.0 * _rows(drive.means(times)) - samples[1:])[bent]
+    starts[:-1][bent] = (2.0 * means - samples[1:])[bent]
     return starts
 
 
@@ -282,44 +283,39 @@ class Session:
             StepError: A component failed, or the coupling diverged.
             RunInterrupted: Ctrl-C was pressed; the exception holds the result so far.
         """
-        with watched(self._setup):
-            return self._run(engine, progress or (lambda _: None))
-
-    def _run(self, engine: str, progress: Callable[[float], None]) -> Result:
-        began = clock.perf_counter()
-        try:
-            equilibrium = begin(self._setup)
-            running = prepare(self._setup)
-            ending = self._step(running, engine, undoing(self._setup, progress))
-            seconds = (ending.began - began, clock.perf_counter() - ending.began)
-            result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
-            if ending.why == STOPPED:
-                raise RunInterrupted(result)
-            check_repeat(self._setup, result.series)
-            return result
-        finally:
-            for component in self._setup.system.components.values():
-                component.finish()
-
-    def _step(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
-        try:
-            with interrupts_deferred(running.stop), calling_loop():
-                return self._march(running, engine, progress)
-        finally:
-            running.free_states(self._setup)
+        setup = self._setup
+        with watched(setup):
+            began = clock.perf_counter()
+            try:
+                begin(setup)
+                equilibrium = equilibrium_start(setup)
+                running = prepare(setup)
+                ending = self._march(running, engine, undoing(setup, progress or (lambda _: None)))
+                seconds = (ending.began - began, clock.perf_counter() - ending.began)
+                result = Outcome(setup, running, equilibrium, ending, seconds).result()
+                if ending.why == STOPPED:
+                    raise RunInterrupted(result)
+                check_repeat(setup, result.series)
+                return result
+            finally:
+                for component in setup.system.components.values():
+                    component.finish()
 
     def _march(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
-        algorithm = self._setup.algorithm
-        marching = self._marching(engine, progress)
-        record(running.plan, running.memory, running.tape, 0.0)
-        self._setup.discrete.record(1)
-        ending = (
-            march_adaptive(self._setup, running, marching, algorithm)
-            if isinstance(algorithm, Adaptive)
-            else march_fixed(self._setup, running, marching)
-        )
-        progress(1.0)
-        return ending
+        setup = self._setup
+        try:
+            with interrupts_deferred(running.stop), calling_loop():
+                marching = self._marching(engine, progress)
+                record(running.plan, running.memory, running.tape, 0.0)
+                setup.discrete.record(1)
+                if isinstance(setup.algorithm, Adaptive):
+                    ending = march_adaptive(setup, running, marching, setup.algorithm)
+                else:
+                    ending = march_fixed(setup, running, marching)
+                progress(1.0)
+                return ending
+        finally:
+            running.free_states(setup)
 
     def _marching(self, engine: str, progress: Callable[[float], None]) -> Marching:
         """Return the requested loop; interpreted if every component is Python, where compiling gains nothing."""
