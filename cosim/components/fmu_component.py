@@ -14,18 +14,7 @@ from fmpy import fmi1, fmi2
 
 from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
 from cosim.components.fmu_instance import FmuInstance, State
-from cosim.components.fmu_log import (
-    DISCARD,
-    ERROR,
-    FATAL,
-    PENDING,
-    FmuLog,
-    advice,
-    no_state,
-    not_begun,
-    returned,
-    unknown_state,
-)
+from cosim.components.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, returned
 from cosim.components.functions import FunctionTable
 from cosim.components.watch import Surroundings, calling
 from eightpost.errors import EightpostError, StepError, TerminatedError
@@ -208,7 +197,7 @@ class FmuComponent(OpenedFmu):
         """
         slave = self._running()
         if not self.capabilities.state:
-            raise StepError(no_state(self._name, self.source))
+            raise self._no_state()
         pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
         self._call("save its state", slave.fmi2GetFMUstate, slave.component, ctypes.byref(pointer))
         state = State(pointer, self._time, dict(self._inputs))
@@ -258,13 +247,13 @@ class FmuComponent(OpenedFmu):
 
     def _known(self, state: object) -> State:
         if not isinstance(state, State) or state not in self._instance.states:
-            raise StepError(unknown_state(self._name, self.source))
+            raise self._unknown_state()
         return state
 
     def _running(self) -> Any:
         # fmi2Fatal of another instance of this FMU ends this one too.
         if self._slave is None or self._instance.slave is None:
-            raise StepError(not_begun(self._name, self.source))
+            raise self._not_begun()
         return self._slave
 
     def _ready(self) -> Any:

@@ -8,11 +8,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.report.origin import Origin
 from cosim.study.choice.sensitivity import Sensitivity
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display
 from eightpost.report.packing import TRACES_CAPACITY, Store, traces
@@ -53,9 +52,6 @@ class Scale(NamedTuple):
 
 
 # ---- Data of the report ---------------------------------------------------------------------------------------------
-
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,8 +166,8 @@ class Sheet:
 
     corners: tuple[str, ...]
     builds: tuple[str, ...]
-    numbers: Indices
-    placed: Indices
+    numbers: Integers
+    placed: Integers
     measures: tuple[Column, ...]
     allowed: Flags
     coupling_error: Array
@@ -201,7 +197,7 @@ class Sheet:
         return np.isfinite(self.ranked_by.values) & ~np.isin(np.arange(self.numbers.size), list(self.failures))
 
     @property
-    def order(self) -> Indices:
+    def order(self) -> Integers:
         """Rows from the best to the worst (S,): feasible setups, those that break a constraint, failed ones."""
         cost = self.ranked_by.values * (1.0 if self.ranked_by.better == "low" else -1.0)
         return np.lexsort((self.numbers, cost, ~self.allowed, ~self.done)).astype(np.int64)
