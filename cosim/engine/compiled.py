@@ -30,7 +30,7 @@ def bound(function: Callable[..., int]) -> Bind:
     return lambda *tuples: partial(function, *tuples)
 
 
-def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]] | None = None) -> Bind:
+def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
     """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
 
     Args:
@@ -42,7 +42,7 @@ def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]
         from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need
 
         blocks = tuple(map(Block, tuples))
-        machine = machine_code(function, tuple(block.kind for block in blocks), instead or {})
+        machine = machine_code(function, tuple(block.kind for block in blocks), instead)
         return lambda *numbers: machine(*(block.address for block in blocks), *numbers)
 
     return bind

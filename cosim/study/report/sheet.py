@@ -159,9 +159,6 @@ class Sheet:
         coupling_error: Estimated coupling error [%] (S,); NaN if not known.
         baseline: Row of the baseline setup.
         background: Title, objective, constraints, notes and provenance.
-
-    Raises:
-        ValueError: There are no measures, or the shapes disagree.
     """
 
     corners: tuple[str, ...]
@@ -176,15 +173,6 @@ class Sheet:
     marks: Mapping[int, str] = field(default_factory=dict)
     baseline: int | None = None
     background: Background = field(default_factory=Background)
-
-    def __post_init__(self) -> None:
-        if not self.measures:
-            raise ValueError("a report needs at least one measure")
-        setups = self.numbers.size
-        shapes = {"placed": self.placed.shape[:1], "allowed": self.allowed.shape, "errors": self.coupling_error.shape}
-        shapes |= {column.name: column.values.shape for column in self.measures}
-        if wrong := [name for name, shape in shapes.items() if shape != (setups,)]:
-            raise ValueError(f"{', '.join(wrong)}: must have one value for each of the {setups} setups")
 
     @property
     def ranked_by(self) -> Column:
