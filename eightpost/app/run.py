@@ -15,7 +15,7 @@ from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.system_file import Case
+    from cosim.session.case import Case
 
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 

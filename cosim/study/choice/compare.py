@@ -8,17 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from cosim.study.choice.robust import REACH
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
-Flags = NDArray[np.bool_]
 
 #: Minimum number of setups for a best-fit line with an uncertainty.
 FEWEST = 3
