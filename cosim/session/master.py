@@ -40,7 +40,7 @@ def run(
         compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
             coupling error. If false, the error is not stated.
         progress: Callback that receives the completed share, 0 to 1; it starts from 0 again for every run.
-        engine: `auto`: the compiled loop if numba is installed; `python`: the same loop interpreted, equal results.
+        engine: `auto`: the compiled loop if a component is native; `python`: the same loop interpreted, equal results.
 
     Returns:
         Recorded series in SI, status and statistics. The status reports a start that did not converge.

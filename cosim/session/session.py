@@ -15,7 +15,6 @@ import numpy as np
 from cosim.components.conversion import to_si
 from cosim.components.functions import Native
 from cosim.components.watch import calling_loop
-from cosim.engine.compiled import can_compile
 from cosim.engine.loop import loop
 from cosim.engine.march import Control, Grid, Knots, Progress, record
 from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, memory
@@ -39,7 +38,7 @@ from cosim.session.step_times import ROUNDING, Times, among, coupling_times, joi
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
-from eightpost.errors import InputError, WiringError
+from eightpost.errors import WiringError
 from eightpost.signals import Drivefile
 
 # ---- Ctrl-C handling between steps ----------------------------------------------------------------------------------
@@ -274,11 +273,10 @@ class Session:
         """Begin, find the equilibrium start and step to the end. The components are finished in any case.
 
         Args:
-            engine: `compiled`, `python`, or `auto`: compiled if numba is installed and a component is native.
+            engine: `compiled`, `python`, or `auto`: compiled if a component is native.
             progress: Callback that receives the completed share, 0 to 1.
 
         Raises:
-            InputError: The compiled loop is requested, but numba is not installed.
             StepError: A component failed, or the coupling diverged.
             RunInterrupted: Ctrl-C was pressed; the exception holds the result so far.
         """
@@ -331,7 +329,5 @@ class Session:
             adaptive=isinstance(setup.algorithm, Adaptive),
             implicit=mode.kind == IMPLICIT,
         )
-        if engine == "compiled" and not can_compile():
-            raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
         chunk = min(chunk, CHUNK) if guarded(setup) else chunk
         return Marching(bind, chunk, mode, progress)
