@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -12,8 +12,8 @@ from scipy.optimize import minimize_scalar
 from eightpost.array_types import Array
 from eightpost.ident.shock.force import Dynamics, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.ident.shock.simulation import array_weight
-from eightpost.shock import fit_form, fit_parameters
+from eightpost.ident.shock.simulation import array_form
+from eightpost.shock import fit_form, fit_parameters, law_module
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.force import ForceModel, Limits
@@ -83,19 +83,6 @@ def _fading_thetas(dynamics: FadingLag, tau: float, peak: float) -> Iterable[Arr
 
 #: Relative step of tau for its derivative by differences.
 _TAU_STEP = 1e-4
-
-
-class _Blend(NamedTuple):
-    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and its derivatives."""
-
-    force: Array
-    """F (N,) [N]."""
-    weight: Array
-    """alpha (N,) [1]."""
-    slope: Array
-    """(F_lag - F_s) dalpha/dF_s (N,) [1]: effect of a change of F_s through alpha."""
-    partials: Array
-    """dF/dtheta (k, N)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +159,7 @@ class FullLag(Dynamics):
 
 @dataclass(frozen=True, slots=True)
 class FadingLag(Dynamics):
-    """Fading lag: alpha falls from 1 to 0 between two static forces (Eq 3.25).
+    """Fading lag: alpha, given by the law's file, falls from 1 to 0 between two static forces (Eq 3.25).
 
     theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
     F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
@@ -190,17 +177,7 @@ class FadingLag(Dynamics):
 
     def weight(self, static: Array, theta: Array) -> Array:
         """Return alpha (N,) [1] at static forces (N,) [N]."""
-        return np.asarray(array_weight(self.kind)(static, tuple(self.values(theta).tolist())))
-
-    def blend(self, static: Array, theta: Array, step: float) -> _Blend:
-        """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
-        tau, full, zero = self.values(theta)
-        lagged = lag(static, tau, step)
-        behind, weight = lagged - static, self.weight(static, theta)
-        ramp = np.where((weight > 0.0) & (weight < 1.0), behind / (zero - full), 0.0)
-        by_tau = weight * lag_sensitivity(static, lagged, tau, step)
-        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * weight, ramp * (1.0 - weight)])
-        return _Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
+        return np.asarray(array_form(law_module(self.kind).weight_core)(static, tuple(self.values(theta).tolist())))
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = alpha F_lag + (1 - alpha) F_s."""
@@ -216,15 +193,18 @@ class FadingLag(Dynamics):
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """Return the derivatives in closed form, through F_s, F_lag and alpha."""
         static, columns = model.static(b), model.basis.columns.T
+        slopes = array_form(law_module(self.kind).weight_slopes_core)
+        own, by_values = tuple(self.values(theta).tolist()), self.values_jacobian(theta).T
         changes = np.empty((columns.shape[0] + theta.size, static.size))
         by_curve, by_theta = np.split(changes, [columns.shape[0]])
         for p, part in zip(model.runs.prepared, model.runs.parts, strict=True):
-            blend, here = self.blend(static[part], theta, p.step), columns[:, part]
-            lagged = lag(here.T, theta[0], p.step).T
-            lagged *= blend.weight
-            np.multiply(here, 1.0 - blend.weight + blend.slope, out=by_curve[:, part])
-            by_curve[:, part] += lagged
-            by_theta[:, part] = blend.partials
+            force, here = static[part], columns[:, part]
+            lagged, weight = lag(force, own[0], p.step), self.weight(force, theta)
+            by_force, *by_ends = slopes(force, lagged - force, own)
+            by_tau = weight * lag_sensitivity(force, lagged, own[0], p.step)
+            by_theta[:, part] = by_values @ np.vstack([by_tau, *by_ends])
+            np.multiply(here, 1.0 - weight + by_force, out=by_curve[:, part])
+            by_curve[:, part] += weight * lag(here.T, own[0], p.step).T
         by_curve, by_theta = np.split(model.runs.rows(changes), [columns.shape[0]])
         return by_curve.T, by_theta.T
 

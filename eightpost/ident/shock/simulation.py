@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,8 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
     if form not in ("lag", "fading lag"):
         return _stepped(law, pieces)
     static, own = _static_forces(law, velocity), own_values(law)
-    lagged, weight = _lagged(law, own[0], static[0], pieces), array_weight(type(law))(static, own)
-    return weight * lagged + (1.0 - weight) * static
+    weight: Array | float = array_form(law_module(type(law)).weight_core)(static, own)
+    return weight * _lagged(law, own[0], static[0], pieces) + (1.0 - weight) * static
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,10 +121,10 @@ def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: _Pieces) 
 
 
 @cache
-def array_weight(law: type[ShockLaw]) -> Callable[[Array, tuple[float, ...]], Array | float]:
-    """Return a law's `weight_core` for static forces (N,): its own code with the functions of numpy."""
-    core: FunctionType = law_module(law).weight_core
-    return FunctionType(core.__code__, core.__globals__ | {"min": np.minimum, "max": np.maximum})
+def array_form(core: FunctionType) -> Callable[..., Any]:
+    """Return a function of a law's file for static forces (N,): its own code with the functions of numpy."""
+    functions = {"min": np.minimum, "max": np.maximum, "copysign": np.copysign}
+    return FunctionType(core.__code__, core.__globals__ | functions)
 
 
 def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
