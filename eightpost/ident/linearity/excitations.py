@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.ident.linearity.path import Excitation
 from eightpost.ident.preparation import Prepared
 from eightpost.signals import TimeSeries
@@ -131,7 +132,7 @@ def _shock_change(
 ) -> _Change | str:
     """Return the change of the shock, or a note on why the test cannot be used."""
     first = baseline[1]
-    forces = [f"{corner}.force" if corner else "force" for corner in corners]
+    forces = [channel(corner, "force") for corner in corners]
     velocities = {force: force.removesuffix("force") + "velocity" for force in forces}
     rates = {force: _slope(first[force], first[velocity]) for force, velocity in velocities.items()}
     changes = {force: _change(record, first, force, velocities[force], rates[force]) for force in forces}

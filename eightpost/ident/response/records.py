@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import get_window
 
 from eightpost.array_types import Array, Complex
+from eightpost.corners import channel
 from eightpost.errors import DataError, InputError, ParameterError, TooShortError
 from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
@@ -161,7 +162,7 @@ def gather(
     """
     if not series or not inputs or not outputs:
         raise InputError("a frequency response needs at least one record, one input and one output")
-    rates = {_channel(port, "force"): (_channel(port, "velocity"), c) for port, c in (damping or {}).items()}
+    rates = {channel(port, "force"): (channel(port, "velocity"), c) for port, c in (damping or {}).items()}
     for force in rates:
         if force not in inputs:
             raise InputError(f"a baseline damping is given for {force!r}, which is not an input")
@@ -180,8 +181,8 @@ def force_difference(series: TimeSeries, damping: Mapping[str, float]) -> TimeSe
         damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
     """
     for port, rate in damping.items():
-        name = _channel(port, "force")
-        series = series.with_channel(name, "N", series[name] - rate * series[_channel(port, "velocity")])
+        name = channel(port, "force")
+        series = series.with_channel(name, "N", series[name] - rate * series[channel(port, "velocity")])
     return series
 
 
@@ -212,10 +213,6 @@ def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple
             values[i] -= rate * record[velocity]
         values[i] -= values[i].mean()
     return values
-
-
-def _channel(port: str, kind: str) -> str:
-    return f"{port}.{kind}" if port else kind
 
 
 def _channels(record: TimeSeries, names: Sequence[str]) -> tuple[Channel, ...]:
