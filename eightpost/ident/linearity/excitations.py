@@ -9,7 +9,6 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
-from eightpost.ident.linearity.path import Excitation
 from eightpost.ident.preparation import Prepared
 from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
@@ -35,6 +34,26 @@ REPEATED = 0.1
 UNCHANGED = 0.5
 
 _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
+
+
+class Excitation(NamedTuple):
+    """Input that moves alone, with the outputs.
+
+    Attributes:
+        test: Name of the test.
+        channel: Input channel.
+        u: Input (N,).
+        y: Outputs (p, N).
+        outputs: Output channels.
+        rate: Sample rate [Hz].
+    """
+
+    test: str
+    channel: Channel
+    u: Array
+    y: Array
+    outputs: tuple[Channel, ...]
+    rate: float
 
 
 class _ExcitationList(NamedTuple):
