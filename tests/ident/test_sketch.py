@@ -31,7 +31,7 @@ def faulty(digressive_record):
 def test_the_fit_is_that_on_all_samples(law, dynamics, fault, digressive_record, faulty, monkeypatch):
     test = faulty if fault else digressive_record(1)
     quick = fit_shock(test, law)
-    monkeypatch.setattr(dynamics, "sketched_on", lambda self, model: model)
+    monkeypatch.setattr(dynamics, "is_costly", False)
     slow = fit_shock(test, law)
     assert (quick.downweighted > 0) is fault
     assert quick.percent == pytest.approx(slow.percent, rel=1e-3)

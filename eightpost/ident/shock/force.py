@@ -33,12 +33,6 @@ def linear_solution(columns: Array, target: Array) -> Array:
     return np.asarray(weights / size, dtype=np.float64)
 
 
-def solved(columns: Array, target: Array, weights: Array) -> Array:
-    """Return the weighted least-squares solution (n,) of columns (R, n) for a target (R,)."""
-    root = np.sqrt(weights)
-    return linear_solution(root[:, None] * columns, root * target)
-
-
 # ---- Bounds of the dynamic parameters -------------------------------------------------------------------------------
 
 _POUND = convert(1.0, "lbf", "N")
@@ -127,6 +121,8 @@ class Dynamics(ABC):
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    #: Whether starting points, shape and outliers are found on a thinned record.
+    is_costly: bool = True
     limits: Limits
     kind: type[ShockLaw] | None
 
@@ -151,10 +147,6 @@ class Dynamics(ABC):
     def needs_rise(self) -> bool:
         """Whether the law needs a curve that rises everywhere."""
         return False
-
-    def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model, on the thinned record, that finds starting points, shape and outliers."""
-        return model.coarse
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta (k,)."""

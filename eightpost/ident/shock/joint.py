@@ -85,7 +85,7 @@ _ROUGH = 1e-5
 
 def sketched(model: ForceModel) -> Problem:
     """Return the problem with which a model of the whole record is sketched."""
-    rough = model.dynamics.sketched_on(model)
+    rough = model.coarse if model.dynamics.is_costly else model
     return Problem(model) if rough is model else Problem(rough, tolerance=_ROUGH)
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import solved
+from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.uncertainty import covariance
 
 if TYPE_CHECKING:
@@ -197,9 +197,9 @@ class Problem:
         A linear problem is solved directly.
         """
         if not self.model.dynamics.names and not self.model.gas.size:
-            columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
-            runs = self.model.runs
-            return self.at(solved(columns, runs.target, runs.weights), "linear least squares")
+            columns, root = np.hstack([self.model.curve_rows(), self.model.gas_rows]), np.sqrt(self.model.runs.weights)
+            solution = linear_solution(root[:, None] * columns, root * self.model.runs.target)
+            return self.at(solution, "linear least squares")
         low, high = self.model.bounds()
         result = least_squares(
             self.residual,

@@ -240,7 +240,7 @@ def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
     if every < 2:
         return series
     changes.append(f"every {every}th sample of the {series.sample_rate:.6g} Hz record was used, after the low-pass")
-    return TimeSeries(series.time[::every], series.values[:, ::every], series.names, series.units)
+    return series.at(slice(None, None, every))
 
 
 def _transition(velocity: Array, requested: float | None, changes: list[str]) -> tuple[float, float]:

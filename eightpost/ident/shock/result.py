@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import fitted_curve
@@ -237,7 +236,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     """Return the fitted shock of a solution."""
     model = solution.model
     runs, (b, g, theta) = model.runs, model.split(solution.parameters)
-    measured = _joined([_inside(p.record, p.inside) for p in runs.prepared])
+    measured = _joined([p.record.at(p.inside) for p in runs.prepared])
     curve, ends = fitted_curve(model.basis.curve, model.basis.to_curve @ b, measured["velocity"])
     preload, stiffness = model.gas.values(g)
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
@@ -297,12 +296,8 @@ def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:
     for prepared, part in zip(runs.prepared, runs.parts, strict=True):
         force = prepared.filtered(simulate(law, prepared.record) + gas[part])
         channels = {"force": ("N", force), "gas_force": ("N", gas[part])}
-        series.append(_inside(TimeSeries.from_channels(prepared.record.time, channels), prepared.inside))
+        series.append(TimeSeries.from_channels(prepared.record.time, channels).at(prepared.inside))
     return _joined(series)
-
-
-def _inside(series: TimeSeries, inside: NDArray[np.bool_]) -> TimeSeries:
-    return TimeSeries(series.time[inside], series.values[:, inside], series.names, series.units)
 
 
 def _joined(series: list[TimeSeries]) -> TimeSeries:

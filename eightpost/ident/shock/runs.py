@@ -15,7 +15,6 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
-from eightpost.signals import TimeSeries
 
 if TYPE_CHECKING:
     from eightpost.rig.dyno_test import DynoTest
@@ -122,9 +121,8 @@ class Runs:
 
 
 def _every(prepared: Prepared, start: int, by: int) -> Prepared:
-    series = prepared.record
-    record = TimeSeries(series.time[start::by], series.values[:, start::by], series.names, series.units)
-    return replace(prepared, record=record, rate=prepared.rate / by, inside=prepared.inside[start::by])
+    kept = slice(start, None, by)
+    return replace(prepared, record=prepared.record.at(kept), rate=prepared.rate / by, inside=prepared.inside[kept])
 
 
 def prepare_runs(
