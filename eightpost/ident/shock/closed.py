@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import Dynamics, linear_solution
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
 from eightpost.ident.shock.simulation import array_form
-from eightpost.shock import fit_form, fit_parameters, law_module
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import ShockLaw
-
+from eightpost.shock import ShockLaw, fit_form, fit_parameters, law_module
 
 # ---- Variable projection --------------------------------------------------------------------------------------------
 

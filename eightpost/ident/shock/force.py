@@ -5,22 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.array_types import Array
-from eightpost.ident.shock.curve import CurveBasis, working_basis
+from eightpost.array_types import Array, Complex
+from eightpost.ident.shock.curve import CurveBasis, Join, WorkingBasis, working_basis
 from eightpost.ident.shock.gas import GasColumns
+from eightpost.ident.shock.runs import Runs
+from eightpost.shock import Port, ShockLaw, StaticCurve
 from eightpost.shock.curve import INNER_ORDER
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import Join, WorkingBasis
-    from eightpost.ident.shock.lag import Spectrum
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.shock import Port, ShockLaw, StaticCurve
-
 
 # ---- Linear least squares by singular values ------------------------------------------------------------------------
 
@@ -224,7 +218,7 @@ class ForceModel:
         return self.runs.rows(self.gas.columns.T).T
 
     @cached_property
-    def _spectra(self) -> tuple[Spectrum, ...]:
+    def _spectra(self) -> tuple[Complex, ...]:
         columns = self.basis.columns.T
         return tuple(f.spectrum(columns[:, part]) for f, part in zip(self.runs.filters, self.runs.parts, strict=True))
 

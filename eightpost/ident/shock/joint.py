@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, best_lag, projected
-from eightpost.ident.shock.curve import NOTABLE_FALL, deepest_fall, rising_constraint, shape_constraint
-from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import TOLERANCE, Problem
+from eightpost.ident.shock.curve import (
+    NOTABLE_FALL,
+    CurveConstraint,
+    Shape,
+    WorkingBasis,
+    deepest_fall,
+    rising_constraint,
+    shape_constraint,
+)
+from eightpost.ident.shock.force import ForceModel, Models, linear_solution
+from eightpost.ident.shock.problem import TOLERANCE, Minimum, Problem, Solution
+from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.shock.curve import INNER_ORDER
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import CurveConstraint, Shape, WorkingBasis
-    from eightpost.ident.shock.force import ForceModel, Models
-    from eightpost.ident.shock.problem import Minimum, Solution
-    from eightpost.ident.shock.runs import Runs
-
 
 # ---- The order of the inner polynomial by cross-validation on blocks of the record that are left out ----------------
 

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import linear_solution
+from eightpost.ident.shock.curve import CurveConstraint
+from eightpost.ident.shock.force import ForceModel, linear_solution
 from eightpost.ident.shock.uncertainty import covariance
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import CurveConstraint
-    from eightpost.ident.shock.force import ForceModel
-
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------
 

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
+from eightpost.rig.dyno_test import DynoTest
 from eightpost.signals import TimeSeries, lowpass
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from eightpost.rig.dyno_test import DynoTest
-
 
 # ---- Choice of the segment of a record that is fitted (3.3 ----------------------------------------------------------
 

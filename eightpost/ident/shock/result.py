@@ -5,28 +5,23 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import fitted_curve
+from eightpost.ident.shock.gas import GasColumns
+from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.record import Prepared
+from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
-from eightpost.ident.shock.verdict import doubts, findings, parameters_of, shock_validity
-from eightpost.shock import Port, Shock
+from eightpost.ident.shock.verdict import Parameter, doubts, findings, parameters_of, shock_validity
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.gas import GasColumns
-    from eightpost.ident.shock.problem import Solution
-    from eightpost.ident.shock.record import Prepared
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.ident.shock.verdict import Parameter
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.shock import ShockLaw
-
 
 # ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------
 

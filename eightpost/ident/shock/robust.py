@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,9 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.record import Prepared
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.rig.dyno_test import DynoTest
-
+from eightpost.ident.shock.record import Prepared
+from eightpost.ident.shock.runs import Runs
+from eightpost.rig.dyno_test import DynoTest
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,7 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
-
-if TYPE_CHECKING:
-    from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.dyno_test import DynoTest
 
 
 @dataclass(frozen=True, eq=False)

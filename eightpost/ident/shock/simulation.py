@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,9 @@ from scipy.signal import lfilter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.shock import fit_form, law_module, own_values
+from eightpost.shock import Port, ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
-
-if TYPE_CHECKING:
-    from eightpost.shock import Port, ShockLaw
-    from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries
 
 
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:

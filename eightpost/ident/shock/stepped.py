@@ -5,22 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import split_coefficients
-from eightpost.ident.shock.force import Dynamics
-from eightpost.shock import CurveNumbers, StaticCurve, Valve, fit_parameters
+from eightpost.ident.shock.curve import WorkingBasis, split_coefficients
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, StaticCurve, Valve, fit_parameters
 from eightpost.shock.compiled import compiled_loop, stepped_force
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import WorkingBasis
-    from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import FitParameter, ShockLaw
-
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
 

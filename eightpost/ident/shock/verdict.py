@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
+from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.uncertainty import quantile
 from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
+from eightpost.rig.dyno_test import DynoTest
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.problem import Solution
-    from eightpost.rig.dyno_test import DynoTest
-
 
 # ---- The scalar parameters of a fit ---------------------------------------------------------------------------------
 
