@@ -152,7 +152,8 @@ def gather(
         series: Records.
         inputs: Names of the inputs.
         outputs: Names of the outputs.
-        damping: C-bar by port [N.s/m], see `force_difference`; the forces among the inputs become differences.
+        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car. From the force of
+            each of these ports `c v` is subtracted (Eq 4.24, 5.36, 6.4).
 
     Raises:
         InputError: There is no record or no channel, or the rates differ.
@@ -171,19 +172,6 @@ def gather(
     tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
     first = series[0]
     return Records(tests, first.sample_rate, _channels(first, inputs), _channels(first, outputs))
-
-
-def force_difference(series: TimeSeries, damping: Mapping[str, float]) -> TimeSeries:
-    """Return the record with `c v` subtracted from every shock force (Eq 4.24, 5.36, 6.4).
-
-    Args:
-        series: Record with the channels `force` and `velocity` of each port.
-        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
-    """
-    for port, rate in damping.items():
-        name = channel(port, "force")
-        series = series.with_channel(name, "N", series[name] - rate * series[channel(port, "velocity")])
-    return series
 
 
 def _check(number: int, record: TimeSeries, first: TimeSeries, names: Sequence[str]) -> None:

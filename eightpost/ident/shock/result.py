@@ -61,7 +61,7 @@ def _conditions_of(
     return described
 
 
-def fit_of(
+def _fit_of(
     solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float
 ) -> dict[str, Any]:
     """Return the results of the fit as JSON values, units in the keys, SI."""
@@ -97,7 +97,7 @@ def _inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
     return tuple({"name": name, "sha256": digest} for name, digest in files)
 
 
-def notes_of(tests: Sequence[DynoTest]) -> list[str]:
+def _notes_of(tests: Sequence[DynoTest]) -> list[str]:
     """Return the notes on the records, with the number of the run if there are several."""
     numbered = enumerate(tests, start=1)
     return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.notes]
@@ -239,7 +239,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
     parameters = parameters_of(solution)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
-    warnings = (*notes_of(tests), *found, *ends)
+    warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
     choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
@@ -247,7 +247,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
-        fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
+        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
         inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,

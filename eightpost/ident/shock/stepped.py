@@ -20,7 +20,7 @@ from eightpost.shock.compiled import compiled_loop, stepped_force
 
 
 @dataclass(frozen=True, slots=True)
-class OwnParameters:
+class _OwnParameters:
     """Parameters (k,) and theta (k,), their coordinates in a box.
 
     theta is the parameter itself, or its logarithm if the scale is logarithmic. If a parameter must stay above another
@@ -125,7 +125,7 @@ _FALLING = StaticCurve(
 class SteppedLaw(Dynamics):
     """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
 
-    theta are the law's own parameters; see `OwnParameters`.
+    theta are the law's own parameters; see `_OwnParameters`.
 
     Attributes:
         limits: Bounds for the record; LPF1's lag is searched within them.
@@ -135,11 +135,11 @@ class SteppedLaw(Dynamics):
 
     limits: Limits
     kind: type[ShockLaw]
-    own: OwnParameters = field(init=False)
+    own: _OwnParameters = field(init=False)
     _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "own", OwnParameters(fit_parameters(self.kind)))
+        object.__setattr__(self, "own", _OwnParameters(fit_parameters(self.kind)))
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -271,7 +271,7 @@ class SeriesSpring(SteppedLaw):
         strain = point.slope * (model.runs.velocity - point.velocity)
         columns = np.vstack([point.columns.T, strain]).T
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        lagged = [lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
+        lagged = [_lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
         rows = model.runs.rows(np.concatenate(lagged).T).T
         return rows[:, :-1], rows[:, -1:]
 
@@ -312,7 +312,7 @@ def _look_up(basis: WorkingBasis, b: Array, force: Array) -> _TablePoint:
 _SHORTEST_SHARE = 1e-9
 
 
-def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
+def _lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
     """Return columns (N, n) behind a first-order lag with varying time constant; each starts at its own first value.
 
     Args:
