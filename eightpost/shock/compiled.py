@@ -68,9 +68,7 @@ def _number_of(functions: set[Any]) -> int:
 def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Callable[..., Any]:
     """Return a function of an index and further arguments that calls the function of that index, in compiled code too.
 
-    Args:
-        functions: Functions with the same arguments and results.
-        number: Index of the first one.
+    The index of the first function is `number`.
     """
     first = register_jitable(functions[0])
     rest = _choice_of(functions[1:], number + 1) if functions[1:] else None

@@ -16,7 +16,7 @@ from eightpost.errors import ConstantChannelError
 from eightpost.signals.filters import derivative, lowpass
 from eightpost.signals.timeseries import TimeSeries
 
-# ---- Check for channels that fail during a record, because a cable breaks or a logger repeats its -------------------
+# ---- Check for channels that fail during a record: a cable breaks, or a logger repeats its last value ---------------
 
 #: Time for which a failed channel repeats one value [s] ...
 HELD = 0.25

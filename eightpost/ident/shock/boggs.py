@@ -116,10 +116,6 @@ def _with_theta(static: Solution, theta: Array, converged: bool, status: str) ->
     parameters = np.append(static.parameters, theta)
     spread = np.zeros((parameters.size, parameters.size))
     spread[:m, :m] = static.covariance
-    spread[m:, m:] = covariance(_by_theta(model, parameters), model.rows(parameters) - model.runs.target, model.runs)
+    by_theta = model.rows_jacobian(parameters)[:, model.linear_count :]
+    spread[m:, m:] = covariance(by_theta, model.rows(parameters) - model.runs.target, model.runs)
     return Solution(model, parameters, spread, converged, status, static.notes)
-
-
-def _by_theta(model: ForceModel, parameters: Array) -> Array:
-    """Return the derivative of the rows by theta (R, k)."""
-    return model.rows_jacobian(parameters)[:, model.linear_count :]

@@ -13,7 +13,7 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.signals import TimeSeries, lowpass
 from eightpost.units import convert
 
-# ---- Choice of the segment of a record that is fitted (3.3 ----------------------------------------------------------
+# ---- Choice of the segment of a record that is fitted (3.3) ---------------------------------------------------------
 
 #: The dissertation's segment [s].
 SEGMENT = (1.0, 10.0)

@@ -32,14 +32,9 @@ _LEFT_OUT = 0.005
 def _conditions_of(
     tests: Sequence[DynoTest], runs: Runs, columns: GasColumns, *, gas: str, gas_force: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the conditions and ranges of the measurement; units in the keys, SI.
+    """Return the conditions, those of the first record, and the ranges of the measurement; units in the keys, SI.
 
-    Args:
-        tests: Records; build, clicks and pressure are the first's.
-        runs: Fitted part of the records.
-        columns: Columns of the gas force, with its reference.
-        gas: Treatment of the gas force.
-        gas_force: Estimated preload [N] and stiffness [N/m] of the gas force.
+    `gas_force` is the estimated preload [N] and stiffness [N/m], `gas` the treatment of the gas force.
     """
     known = tests[0].conditions
     stated: dict[str, Any] = {"build": known.build, "clicks": known.clicks, "gas_pressure [Pa]": known.gas_pressure}

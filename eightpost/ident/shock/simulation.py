@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.shock import Port, ShockLaw, fit_form, law_module, own_values
+from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
 from eightpost.signals import TimeSeries
 
@@ -41,13 +41,10 @@ def simulate(law: ShockLaw, series: TimeSeries) -> Array:
     return np.asarray(port.motion_ratio * (valve + seal + gas), dtype=np.float64)
 
 
-def _scales(port: Port, velocity: Array) -> Array:
-    return np.where(velocity > 0.0, port.compression_scale, port.rebound_scale)
-
-
 def _static_forces(law: ShockLaw, velocity: Array) -> Array:
     """Return F_s (N,) [N] at damper velocities (N,) [m/s]."""
-    return _scales(law.port, velocity) * curve_forces(law.curve, velocity)
+    scales = np.where(velocity > 0.0, law.port.compression_scale, law.port.rebound_scale)
+    return np.asarray(scales * curve_forces(law.curve, velocity))
 
 
 def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
