@@ -26,7 +26,8 @@ from scipy.signal import resample
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import CASES, Case, records_of
 from benchmarks.identification_measures import QUANTITIES
-from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.corners import channel
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch, direction
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import StepError
 from eightpost.ident.vehicle import simulate_with_shocks
-from eightpost.ident.vehicle.experiment import channel
 from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.stability import discretise_by_parts

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import (
     Comparison,
@@ -27,7 +28,6 @@ from eightpost.ident.validation.responses import Response, VehicleMode, main_pat
 from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.experiment import channel
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass

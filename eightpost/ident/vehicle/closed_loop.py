@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
@@ -49,7 +50,7 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     outputs, forces = loop.run(drive)
     channels = {c.name: (c.unit, row) for c, row in zip(loop.model.outputs, outputs, strict=True)}
     for port, row in zip(loop.ports, forces, strict=True):
-        channels[_channel(port, "force")] = ("N", row)
+        channels[channel(port, "force")] = ("N", row)
     return TimeSeries.from_channels(drive.time, channels)
 
 
@@ -74,14 +75,14 @@ class _Loop:
                     f"there is no port {port!r}; the vehicle's ports are {', '.join(map(repr, ports)) or 'none'}"
                 )
         _check_drive(model, drive)
-        forces = [model.input_names.index(_channel(port, "force")) for port in ports]
-        velocities = [model.output_names.index(_channel(port, "velocity")) for port in ports]
+        forces = [model.input_names.index(channel(port, "force")) for port in ports]
+        velocities = [model.output_names.index(channel(port, "velocity")) for port in ports]
         if np.abs(model.D[np.ix_(velocities, forces)]).any():
             raise ParameterError(
                 f"{model.name}: a shock velocity has a direct term in a shock force, which makes an algebraic loop; "
                 "fit these paths with a numerator of lower degree than the denominator"
             )
-        at = [_optional(model.output_names, _channel(port, "displacement")) for port in ports]
+        at = [_optional(model.output_names, channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
         laws = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
         friction = np.array([law.force for law in laws]), np.array([law.velocity for law in laws])
@@ -177,11 +178,7 @@ class _Shocks:
 
 def _is_port(name: str, model: StateSpace) -> bool:
     port = name.removesuffix("force").rstrip(".")
-    return name == _channel(port, "force") and _channel(port, "velocity") in model.output_names
-
-
-def _channel(port: str, kind: str) -> str:
-    return f"{port}.{kind}" if port else kind
+    return name == channel(port, "force") and channel(port, "velocity") in model.output_names
 
 
 def _optional(names: Sequence[str], name: str) -> int | None:

@@ -12,10 +12,11 @@ from scipy.fft import next_fast_len
 from scipy.signal import resample
 
 from eightpost.array_types import Array, Complex
+from eightpost.corners import channel
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction

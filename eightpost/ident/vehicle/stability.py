@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from eightpost.array_types import Array
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.corners import channel
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, kernel
 
 # ---- Exact discretisation of models whose states form many independent parts, such as parallel sections -------------

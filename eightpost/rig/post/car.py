@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 
 # ---- Car on the virtual rig -----------------------------------------------------------------------------------------
 
@@ -81,7 +82,7 @@ class Car:
 
     def named(self, quantity: str) -> tuple[str, ...]:
         """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
-        return tuple(f"{corner}.{quantity}" if corner else quantity for corner in self.corners)
+        return tuple(channel(corner, quantity) for corner in self.corners)
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eightpost.corners import CORNERS
+from eightpost.corners import CORNERS, channel
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
@@ -224,7 +224,7 @@ def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[Time
     derived = []
     cutoff = min(CUTOFF, 0.4 * series.sample_rate)
     for corner in corners:
-        velocity, pot = (f"{corner}.{name}" if corner else name for name in ("velocity", "displacement"))
+        velocity, pot = (channel(corner, name) for name in ("velocity", "displacement"))
         if velocity not in series:
             values = velocity_from_displacement(series[pot], series.sample_rate, cutoff)
             series = series.with_channel(velocity, "m/s", values)
