@@ -12,7 +12,8 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.uncertainty import quantile
-from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
+from eightpost.rig.dyno_notes import lag_note
+from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict
