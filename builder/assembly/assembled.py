@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from builder.assembly.documents import assembly_documents
-from builder.assembly.plan import Assembly, assembly_interface
+from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.assembly.sources import assembly_sources
 from builder.build import fmu_identifier
 from builder.fmu.description import Description
@@ -30,6 +30,11 @@ class Assembled:
     interface: Interface
     platforms: tuple[str, ...]
     limits: str
+
+    @property
+    def coupling_step(self) -> float:
+        """Largest micro step of the coupling inside the FMU [s]; the start value of its parameter."""
+        return coupling_step(self.interface)
 
 
 def assemble(

@@ -173,6 +173,11 @@ def assembly_interface(assembly: Assembly) -> Interface:
     )
 
 
+def coupling_step(interface: Interface) -> float:
+    """Return the start value of an assembled FMU's parameter for its largest micro step [s]."""
+    return next(float(v.start or 0.0) for v in interface.variables if v.name == "coupling_step")
+
+
 def _own(row: Mapping[str, object], name: str) -> Variable:
     def text(key: str) -> str | None:
         return None if row.get(key) is None else str(row[key])

@@ -147,6 +147,10 @@ class StudyResult:
         """Return a measure of every row (R,) in its display unit."""
         return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
 
+    def shown_difference(self, measure: str, difference: float) -> float:
+        """Return a difference between two values of a measure, given in SI, in the measure's display unit."""
+        return units.conversion(self.unit(measure), self.display(measure))[0] * difference
+
     def coupling_errors(self, measure: str) -> NDArray[np.float64]:
         """Return the coupling error of a measure for every row (R,) in SI; NaN if not known."""
         name = error_column(self.study.measure(measure).name)
@@ -173,6 +177,11 @@ class StudyResult:
             values = self.values(constraint.measure)
             kept = kept & (values >= constraint.at_least) & (values <= constraint.at_most)
         return kept
+
+    @property
+    def infeasible(self) -> int:
+        """Number of setups that ran and violate a constraint."""
+        return int(np.count_nonzero(self.done & ~self.feasible))
 
     def ranking(self, measure: str | None = None) -> NDArray[np.int64]:
         """Return the rows of feasible setups, best first.

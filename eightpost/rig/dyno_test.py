@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from eightpost.errors import FileFormatError, MissingChannelError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
@@ -115,6 +117,11 @@ class DynoTest:
             if name not in self.series:
                 known = ", ".join(self.series.names)
                 raise MissingChannelError(f"a dynamometer test needs this channel; there are: {known}", channel=name)
+
+    @property
+    def stroke(self) -> float | None:
+        """Difference between the highest and the lowest displacement [m]; None if the displacement is unknown."""
+        return float(np.ptp(self.series["displacement"])) if "displacement" in self.series else None
 
 
 def read_dyno_test(

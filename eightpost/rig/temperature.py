@@ -65,6 +65,12 @@ class TemperatureEffect:
     runs: int
     spread: float
 
+    def __str__(self) -> str:
+        return (
+            f"force changes by {100.0 * self.per_kelvin:+.2f} %/K (standard error {100.0 * self.error:.2f}), from "
+            f"{self.runs} repeated runs over a range of {self.spread:.1f} K"
+        )
+
 
 def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     """Estimate the change of force with temperature from runs that repeat each other.
