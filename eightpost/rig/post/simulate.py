@@ -14,19 +14,8 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.damper import PhysicalDamper
+from eightpost.rig.post import kernel
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
-from eightpost.rig.post.kernel import (
-    FLUID,
-    LAW,
-    LINEAR,
-    NUMBERS,
-    PHYSICAL,
-    STATES,
-    CarNumbers,
-    Inputs,
-    ShockNumbers,
-    march,
-)
 from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.truth_damper import TruthDamper
 from eightpost.shock import ShockLaw
@@ -104,8 +93,8 @@ def _records(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> lis
         which = np.array([places[id(shock)] for shock in shocks[run]])
         values, slopes = drives.values[run], drives.slopes[run]
         records = np.empty((len(values), 3 * car.mass.size + 3 * len(car.corners)))
-        inputs = Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
-        failed = march(numbers, which, bank, inputs, records)
+        inputs = kernel.Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
+        failed = kernel.march(numbers, which, bank, inputs, records)
         if failed >= -drives.lead:
             raise StepError(_divergence_message(car, failed))
         return records
@@ -119,11 +108,11 @@ def _divergence_message(car: Car, sample: int) -> str:
     return f"the motion of the {car.name} diverged near {sample / RATE:.2f} s; check its shocks and its drive"
 
 
-def _car_numbers(car: Car) -> CarNumbers:
+def _car_numbers(car: Car) -> kernel.CarNumbers:
     inverse = (1.0 / car.mass)[:, None]
     springs, tires, friction = car.springs, car.tires, car.friction
     stribeck = np.full_like(friction.coulomb, friction.stribeck_velocity)
-    return CarNumbers(
+    return kernel.CarNumbers(
         np.vstack([car.shock, car.wheel, car.spring]).astype(np.float64),
         np.ascontiguousarray(inverse * np.hstack([-car.shock.T, car.wheel.T, -car.spring.T, car.load.T])),
         np.ascontiguousarray(-inverse * car.stiffness),
@@ -134,8 +123,8 @@ def _car_numbers(car: Car) -> CarNumbers:
     )
 
 
-def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
-    kinds, numbers, starts = [], np.zeros((len(shocks), NUMBERS)), np.zeros((len(shocks), STATES))
+def _shock_numbers(shocks: tuple[Shock, ...]) -> kernel.ShockNumbers:
+    kinds, numbers, starts = [], np.zeros((len(shocks), kernel.NUMBERS)), np.zeros((len(shocks), kernel.STATES))
     laws = np.zeros(len(shocks), LAW_NUMBERS)
     for k, shock in enumerate(shocks):
         kind, row = _numbers_of(shock)
@@ -145,18 +134,18 @@ def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
             starts[k, :3] = shock._rest(0.0)
         if isinstance(shock, ShockLaw):
             laws[k : k + 1] = law_numbers([shock])
-    return ShockNumbers(np.array(kinds), numbers, starts, laws)
+    return kernel.ShockNumbers(np.array(kinds), numbers, starts, laws)
 
 
 def _numbers_of(shock: Shock) -> tuple[int, list[float]]:
     """Return a shock's type and its row of numbers, in the order documented in the kernel."""
     if isinstance(shock, LinearDamper):
-        return LINEAR, [shock.damping]
+        return kernel.LINEAR, [shock.damping]
     if isinstance(shock, TruthDamper):
-        return FLUID, _fluid_numbers(shock)
+        return kernel.FLUID, _fluid_numbers(shock)
     if isinstance(shock, PhysicalDamper):
-        return PHYSICAL, list(_physical_numbers(shock))
-    return LAW, []
+        return kernel.PHYSICAL, list(_physical_numbers(shock))
+    return kernel.LAW, []
 
 
 def _fluid_numbers(damper: TruthDamper) -> list[float]:
