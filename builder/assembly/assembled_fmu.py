@@ -12,7 +12,7 @@ from pathlib import Path
 
 from builder.assembly.documents import assembly_documents
 from builder.assembly.parts import VEHICLE, Part, model_files
-from builder.assembly.plan import Assembly, assembly_interface
+from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.build import fmu_identifier
 from builder.fmu.description import Description
 from builder.fmu.interface import Interface, source_folder
@@ -215,6 +215,11 @@ class Assembled:
     interface: Interface
     platforms: tuple[str, ...]
     limits: str
+
+    @property
+    def coupling_step(self) -> float:
+        """Largest micro step of the coupling inside the FMU [s]; the start value of its parameter."""
+        return coupling_step(self.interface)
 
 
 def assemble(

@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 
 from builder.assembly.parts import Part
-from builder.assembly.plan import Assembly
+from builder.assembly.plan import Assembly, coupling_step
 from builder.documents.equations import equations
 from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
@@ -134,8 +134,7 @@ def _assembly_reference(assembly: Assembly, interface: Interface) -> Reference |
     starts = np.array([float(v.start or 0.0) for v in inputs])
     u = rounded(starts + vehicle_inputs([v.unit or "1" for v in inputs]))
     run = _Run(assembly, tuple(v.name for v in inputs), interface.names("output"))
-    step = next(float(v.start or 0.0) for v in interface.variables if v.name == "coupling_step")
-    count = ceil(STEP / step * (1.0 - 1e-9))
+    count = ceil(STEP / coupling_step(interface) * (1.0 - 1e-9))
     try:
         run.start(u[0])
     except ValueError:

@@ -176,6 +176,11 @@ def assembly_interface(assembly: Assembly) -> Interface:
     )
 
 
+def coupling_step(interface: Interface) -> float:
+    """Return the start value of an assembled FMU's parameter for its largest micro step [s]."""
+    return next(float(v.start or 0.0) for v in interface.variables if v.name == "coupling_step")
+
+
 def _of_part(assembly: Assembly, part: Part, first: int) -> Iterator[Variable]:
     for variable in part.interface.variables:
         if variable.causality == "input" and not assembly.is_outside(part, variable.name):

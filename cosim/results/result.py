@@ -165,6 +165,11 @@ class Result:
         return max(chosen or self.stated_error.values(), default=None)
 
     @property
+    def has_equal_steps(self) -> bool:
+        """Whether all coupling steps have the same size, except for rounding."""
+        return self.largest_step <= self.step * (1.0 + 1e-9)
+
+    @property
     def is_clean(self) -> bool:
         """Whether the run reached its stop time, every step converged, and no bond's local error is too large."""
         local = max((c.percent for c in self.coupled.values()), default=0.0)

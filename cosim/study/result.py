@@ -147,6 +147,10 @@ class StudyResult:
         """Return a measure of every row (R,) in its display unit."""
         return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
 
+    def shown_difference(self, measure: str, difference: float) -> float:
+        """Return a difference between two values of a measure, given in SI, in the measure's display unit."""
+        return units.conversion(self.unit(measure), self.display(measure))[0] * difference
+
     @property
     def objective(self) -> Array | None:
         """Objective of every row (R,) (Eq 2.6); None if the study has none."""
@@ -166,6 +170,11 @@ class StudyResult:
             values = self.values(constraint.measure)
             kept = kept & (values >= constraint.at_least) & (values <= constraint.at_most)
         return kept
+
+    @property
+    def infeasible(self) -> int:
+        """Number of setups that ran and violate a constraint."""
+        return int(np.count_nonzero(self.done & ~self.feasible))
 
     def ranking(self, measure: str | None = None) -> Integers:
         """Return the rows of feasible setups, best first.

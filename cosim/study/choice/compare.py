@@ -222,6 +222,11 @@ def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reaso
         yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
 
 
+def percent_change(values: Sequence[float]) -> float | None:
+    """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
+    return 100.0 * (values[-1] / values[0] - 1.0) if values[0] else None
+
+
 def verdict_of_runs(documents: Mapping[str, Mapping[str, Any]]) -> Verdict:
     """Return the verdict on compared runs, given their result.json by folder."""
     return Verdict(

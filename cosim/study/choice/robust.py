@@ -79,6 +79,15 @@ class Spread:
         noise = np.where(np.arange(self.setups.size) == other, 0.0, 2.0 * self._noise)
         return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
 
+    def compared(self, group: Integers) -> Array:
+        """Return the levels of a group of setups (G, 4).
+
+        The columns are the value and the half-width of its band, then the difference from the group's first setup and
+        the half-width of its band.
+        """
+        difference, deviation = self.difference(int(group[0]))
+        return np.stack([self.values, REACH * self.deviation, difference, REACH * deviation], axis=1)[group]
+
     def worse_than(self, other: int) -> Flags:
         """Return whether each setup is higher than another by more than the uncertainty of the difference (K,)."""
         above, deviation = self.difference(other)
@@ -200,6 +209,11 @@ class Uncertain:
                 f"{self.part}: the covariance of {', '.join(self.names)} has negative variances or NaN; omit the "
                 "parameters that the fit did not determine"
             )
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations (n,) of the parameters."""
+        return np.asarray(self.covariance.diagonal() ** 0.5)
 
     def at(self, standard: Array) -> Array:
         """Return parameter values (S, n) for standard normal numbers (S, n)."""

@@ -143,6 +143,12 @@ class AmplitudeEffect:
         """Whether the response depends on the amplitude by more than noise explains."""
         return self.change > max(NOTABLE, BEYOND_NOISE * self.chance)
 
+    def __str__(self) -> str:
+        return (
+            f"{self.output} from {self.input}: the response changes by {100.0 * self.change:.1f} % at "
+            f"{self.large / self.small:.3g} times the amplitude; noise explains {100.0 * self.chance:.1f} %"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearity:

@@ -118,6 +118,14 @@ class Lag(NamedTuple):
         is_certain = abs(self.seconds) > self.usual + DEVIATIONS * self.spread
         return self.correlation >= SMALLEST_CORRELATION and is_certain
 
+    @property
+    def drift_text(self) -> str:
+        """Description of a lag that `drifts` returned."""
+        return (
+            f"{self.channel} falls behind {self.against} by {1e3 * self.seconds:.2f} ms: a logger lost samples, or two "
+            "clocks differ"
+        )
+
     def __str__(self) -> str:
         side = "behind" if self.seconds >= 0.0 else "ahead of"
         return (

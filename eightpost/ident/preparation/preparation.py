@@ -283,8 +283,7 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
                     f"{lag.seconds:.5f} s"
                 )
         notes += [
-            f"{single.name}: between start and end {drift.channel} falls behind {drift.against} by "
-            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ; use part of the record"
+            f"{single.name}: between start and end {drift.drift_text}; use part of the record"
             for drift in single.drifts
         ]
 

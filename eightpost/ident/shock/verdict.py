@@ -13,8 +13,9 @@ from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.uncertainty import quantile
-from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
+from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict

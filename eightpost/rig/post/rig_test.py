@@ -17,9 +17,9 @@ from eightpost.rig.post.rig_faults import check_rig_record
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.filters import velocity_from_displacement
+from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
 from eightpost.signals.raw_record import find_time, mapped_series
-from eightpost.signals.read import read_record
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
