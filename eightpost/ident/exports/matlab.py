@@ -25,8 +25,8 @@ from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle import IdentifiedVehicle
-from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
+from eightpost.vehicle.storage import document, from_document
 
 #: Newest schema of a response file that can be read; it is also the one that is written.
 SCHEMA = 1
