@@ -22,12 +22,12 @@ from eightpost.ident.validation.comparison import (
     trends_of,
     with_total,
 )
-from eightpost.ident.validation.prediction import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.validation.responses import Response, VehicleMode, main_paths, modes_of
 from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass

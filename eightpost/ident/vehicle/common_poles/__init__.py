@@ -11,7 +11,6 @@ from eightpost.ident.vehicle.common_poles.deviations import (
     unmodelled,
 )
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
-from eightpost.ident.vehicle.common_poles.stabilisation import orders_of, plot_stabilisation, stabilisation
 
 __all__ = [
     "CommonPoleFit",
@@ -19,13 +18,10 @@ __all__ = [
     "OrderStudy",
     "Ranges",
     "Refinement",
-    "orders_of",
     "output_trust",
-    "plot_stabilisation",
     "ranges_of",
     "response_deviation",
     "sampled_models",
     "spread",
-    "stabilisation",
     "unmodelled",
 ]

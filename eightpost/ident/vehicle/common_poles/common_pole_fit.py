@@ -25,6 +25,7 @@ from eightpost.ident.vehicle.common_poles.refinement import (
     without_integrals,
 )
 from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
+from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 Channels = tuple[Channel, ...]
@@ -72,6 +73,9 @@ def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array
 #: Ratio of a singular value to the next one from which the gap is clear [1].
 CLEAR_GAP = 2.0
 
+#: Relative change of frequency and damping ratio below which a pole is stable from one order to the next [1].
+_STEADY_FREQUENCY, _STEADY_DAMPING = 0.01, 0.05
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderStudy:
@@ -112,6 +116,25 @@ class OrderStudy:
         N = float(self.samples)
         length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
         return self.orders[int(np.argmin(length))]
+
+    @property
+    def candidates(self) -> tuple[OrderCandidate, ...]:
+        """The pole pairs of all orders, each with whether the order before has it too."""
+        tried: list[OrderCandidate] = []
+        before = np.zeros((0, 2))
+        for order, gap, poles in zip(self.orders, self.gaps, self.poles, strict=True):
+            upper = poles[poles.imag > 0.0]
+            now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
+            pairs = tuple(PolePair(float(f), float(d), _is_stable(f, d, before)) for f, d in now)
+            tried.append(OrderCandidate(order, float(gap), pairs))
+            before = now
+        return tuple(tried)
+
+
+def _is_stable(frequency: float, damping: float, before: Array) -> bool:
+    near = np.abs(before[:, 0] - frequency) <= _STEADY_FREQUENCY * frequency
+    similar = np.abs(before[:, 1] - damping) <= _STEADY_DAMPING * abs(damping)
+    return bool((near & similar).any())
 
 
 def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
@@ -269,6 +292,12 @@ class CommonPoleModel:
     def order(self) -> int:
         """The number of states without the road lags."""
         return self.refined.solution.blocks.states
+
+    @property
+    def orders(self) -> Orders:
+        """The choice of the number of states, with the poles of all orders."""
+        study = self.start.study
+        return Orders(study.candidates, self.order, study.clear and self.order == study.suggested, self.band[1])
 
     @property
     def notes(self) -> tuple[str, ...]:

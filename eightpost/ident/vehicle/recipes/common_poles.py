@@ -11,7 +11,6 @@ from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
     Ranges,
-    orders_of,
     output_trust,
     ranges_of,
     unmodelled,
@@ -105,7 +104,7 @@ class CommonPoles:
                 {} if friction is None else friction.forces,
                 springs,
                 flags,
-                orders_of(found),
+                found.orders,
                 self.samples,
             ),
         )
