@@ -11,7 +11,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend, quantity
+from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend
 from eightpost.ident.validation.responses import Response
 from eightpost.ident.validation.vehicle_tables import (
     certainty_table,
@@ -27,6 +27,7 @@ from eightpost.ident.validation.vehicle_tables import (
 )
 from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
+from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.trust import Orders
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid
 from eightpost.report.page import Block, Section, digest, document, write_page

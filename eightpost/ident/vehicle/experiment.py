@@ -80,6 +80,11 @@ def channel(port: str, quantity: str) -> str:
     return f"{port}.{quantity}" if port else quantity
 
 
+def quantity(name: str) -> str:
+    """Return the quantity of a channel: its name without corner or axle."""
+    return name.rpartition(".")[2]
+
+
 def experiment_of(
     names: Iterable[str],
     baseline_damping: Mapping[str, float],

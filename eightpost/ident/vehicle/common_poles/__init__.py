@@ -2,15 +2,14 @@
 
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel, OrderStudy
 from eightpost.ident.vehicle.common_poles.deviations import (
-    Ranges,
     output_trust,
-    ranges_of,
     response_deviation,
     sampled_models,
     spread,
     unmodelled,
 )
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
+from eightpost.ident.vehicle.ranges import Ranges
 
 __all__ = [
     "CommonPoleFit",
@@ -19,7 +18,6 @@ __all__ = [
     "Ranges",
     "Refinement",
     "output_trust",
-    "ranges_of",
     "response_deviation",
     "sampled_models",
     "spread",

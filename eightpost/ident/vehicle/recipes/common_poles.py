@@ -10,13 +10,12 @@ from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe,
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
-    Ranges,
     output_trust,
-    ranges_of,
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
+from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
