@@ -43,6 +43,8 @@ def write_shock_page(
 ) -> Path:
     """Write a validation of shocks as an interactive page; an existing file is replaced only when it is complete.
 
+    Names of shocks, records and files are escaped.
+
     Args:
         path: File to write, such as out/report.html.
         study: Validation to show.
@@ -52,12 +54,7 @@ def write_shock_page(
     Returns:
         Path of the written file.
     """
-    return write_page(path, shock_page(study, limit=limit, title=title))
-
-
-def shock_page(study: ShockValidation, *, limit: float | None, title: str) -> str:
-    """Return the page's HTML; names of shocks, records and files are escaped."""
-    return document(title, shock_verdict(study, limit), list(_shock_sections(study)))
+    return write_page(path, document(title, shock_verdict(study, limit), list(_shock_sections(study))))
 
 
 def _shock_sections(study: ShockValidation) -> Iterator[Section]:

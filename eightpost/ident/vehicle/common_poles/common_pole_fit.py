@@ -147,7 +147,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
         orders: Even numbers of states in increasing order.
     """
     values = subspace.values
-    found = [start(points, subspace, order, through)[0] for order in orders]
+    found = [_start(points, subspace, order, through)[0] for order in orders]
     p, m = through.direct.shape
     return OrderStudy(
         orders,
@@ -159,7 +159,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
     )
 
 
-def start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
+def _start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
     """Return the subspace's model of an order and the number of unstable poles that were mirrored."""
     blocks, C, mirrored = subspace.blocks(order)
     return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
@@ -228,9 +228,9 @@ class CommonPoleFit:
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
-        found, mirrored = start(points, subspace, self.order or study.suggested, plain)
+        found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
         refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
-        return _model(response, joined, points, refined, Start(study, mirrored, found.cost))
+        return _model(response, joined, points, refined, _Start(study, mirrored, found.cost))
 
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
@@ -248,7 +248,7 @@ class CommonPoleFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class _Start:
     """Start model from the subspace method.
 
     Attributes:
@@ -285,7 +285,7 @@ class CommonPoleModel:
     points: Points
     inputs: Channels
     fitted: Channels
-    start: Start
+    start: _Start
     band: tuple[float, float]
 
     @property
@@ -343,7 +343,7 @@ def state_space(
 
 
 def _model(
-    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: Start
+    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: _Start
 ) -> CommonPoleModel:
     misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
     known = np.maximum(points.known.sum(axis=(1, 2)), 1)
