@@ -89,10 +89,10 @@ def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Exper
     return {
         "law": name,
         "width": search.velocities[0],
-        "force, % of true": ", ".join(f"{100.0 * force / true[port]:.1f}" for port, force in found.force.items()),
-        "one sigma, %": max(100.0 * found.deviation[port] / true[port] for port in found.force),
+        "force, % of true": ", ".join(f"{100.0 * one.value / true[port]:.1f}" for port, one in found.forces.items()),
+        "one sigma, %": max(100.0 * one.deviation / true[port] for port, one in found.forces.items()),
         "unexplained, %": 100.0 * float(np.mean(list(found.residual.values()))),
-        "forces": dict(found.force),
+        "forces": {port: one.value for port, one in found.forces.items()},
     }
 
 

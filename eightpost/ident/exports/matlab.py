@@ -24,8 +24,8 @@ from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.ident.response import FrequencyResponse, frequency_response
 from eightpost.vehicle import IdentifiedVehicle
-from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
+from eightpost.vehicle.storage import document, from_document
 
 _MATRICES = ("A", "B", "C", "D")
 

@@ -75,6 +75,11 @@ class Experiment:
         return replace(self, outputs=tuple(name for name in self.outputs if name in kept))
 
 
+def quantity(name: str) -> str:
+    """Return the quantity of a channel: its name without corner or axle."""
+    return name.rpartition(".")[2]
+
+
 def experiment_of(
     names: Iterable[str],
     baseline_damping: Mapping[str, float],
