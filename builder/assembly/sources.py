@@ -9,6 +9,7 @@ from builder.assembly.parts import VEHICLE, Part, model_files
 from builder.assembly.plan import Assembly
 from builder.fmu.interface import Interface, source_folder
 from builder.native.native_fmu import COMMON
+from builder.native.source_folder import prefix_header
 from builder.native.tables import c_number, interface_header, interface_source, layout
 
 _OWN = (
@@ -37,6 +38,7 @@ def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dic
         "assembly_data.h": _wiring(assembly, interface),
         "interface.h": interface_header(plan, assembly.identifier, guid),
         "interface.c": interface_source(plan, interface.variables),
+        "prefix.h": prefix_header(assembly.identifier),
     }
     return files | {name: text.encode() for name, text in generated.items()}
 

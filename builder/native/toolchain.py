@@ -23,23 +23,24 @@ from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.workers.process import usable_processors
 
-# ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
+# ---- Location of the FMI 2.0 header files ---------------------------------------------------------------------------
 
 NAMES = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmi_headers() -> Path:
-    """Return the folder that contains the header files.
+    """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
 
     Raises:
-        FmuError: FMPy is not installed, or no longer contains the header files.
+        FmuError: The package that contains the header files is not installed, or no longer contains them.
     """
-    spec = importlib.util.find_spec("fmpy")
+    package = "fmu_manipulation_toolbox"
+    spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
-        raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
-    folder = Path(spec.origin).with_name("c-code")
+        raise FmuError(f"{package}, which contains the FMI header files, is not installed; reinstall eightpost")
+    folder = Path(spec.origin).parent / "resources" / "fmi"
     if missing := [name for name in NAMES if not (folder / name).is_file()]:
-        raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
+        raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
     return folder
 
 
@@ -129,8 +130,17 @@ def universal(slices: Sequence[bytes]) -> bytes:
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 
 #: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
-#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent.
-FLAGS = ("-std=c99", "-O2", "-g0", "-fomit-frame-pointer", "-ffp-contract=off", "-fvisibility=hidden")
+#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent; no
+#: prefix of function names (fmus/common/names.h).
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-fomit-frame-pointer",
+    "-ffp-contract=off",
+    "-fvisibility=hidden",
+    "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
+)
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
@@ -278,7 +288,7 @@ _WIDE_UNIT = """\
 #else
 #pragma GCC target("avx")
 #endif
-#define FMI2_FUNCTION_PREFIX wide_
+#define FMI2_ACTUAL_FUNCTION_PREFIX wide_
 {includes}#if defined(__clang__)
 #pragma clang attribute pop
 #endif
