@@ -18,11 +18,12 @@ MODELS = (*LAWS, "seven_dof", "quarter_car")
 HERE = Path(__file__).parent
 STEPS = 500
 
-#: Emulator and target of zig: 32-bit ARM with its vector unit, 32- and 64-bit RISC-V with fused operations.
+#: Emulator and target of zig: 32-bit ARM; RISC-V, which has fused operations; PowerPC, which has the other byte order.
 PROCESSORS = {
     "arm": "arm-linux-musleabihf",
     "riscv64": "riscv64-linux-musl",
     "riscv32": "riscv32-linux-musl",
+    "ppc": "powerpc-linux-musleabihf",
 }
 
 
