@@ -17,6 +17,7 @@ from builder.build import fmu_identifier
 from builder.fmu.description import Description
 from builder.fmu.interface import Interface, source_folder
 from builder.native.native_fmu import CAPABILITIES, COMMON, Source, compiled, sealed
+from builder.native.source_folder import prefix_header
 from builder.native.tables import c_number, interface_header, interface_source, layout
 from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
@@ -53,6 +54,7 @@ def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dic
         "assembly_data.h": _wiring(assembly, interface),
         "interface.h": interface_header(plan, assembly.identifier, guid),
         "interface.c": interface_source(plan, interface.variables),
+        "prefix.h": prefix_header(assembly.identifier),
     }
     return files | {name: text.encode() for name, text in generated.items()}
 

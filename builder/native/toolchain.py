@@ -24,29 +24,30 @@ from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.workers.process import usable_processors
 
-# ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
+# ---- Location of the FMI 2.0 header files ---------------------------------------------------------------------------
 
-_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmi_headers() -> Path:
-    """Return the folder that contains the header files.
+    """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
 
     Raises:
-        FmuError: FMPy is not installed, or no longer contains the header files.
+        FmuError: The package that contains the header files is not installed, or no longer contains them.
     """
-    folder = _installed("fmpy", "c-code")
+    package = "fmu_manipulation_toolbox"
+    folder = _installed(package, "resources/fmi")
     if folder is None:
-        raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
-    if missing := [name for name in _HEADERS if not (folder / name).is_file()]:
-        raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
+        raise FmuError(f"{package}, which contains the FMI header files, is not installed; reinstall eightpost")
+    if missing := [name for name in HEADERS if not (folder / name).is_file()]:
+        raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
     return folder
 
 
 def _installed(package: str, name: str) -> Path | None:
     """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
     spec = importlib.util.find_spec(package)
-    return None if spec is None or spec.origin is None else Path(spec.origin).with_name(name)
+    return None if spec is None or spec.origin is None else Path(spec.origin).parent / name
 
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -108,8 +109,17 @@ def this_platform() -> Platform:
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 
 #: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
-#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent.
-FLAGS = ("-std=c99", "-O2", "-g0", "-fomit-frame-pointer", "-ffp-contract=off", "-fvisibility=hidden")
+#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent; no
+#: prefix of function names (fmus/common/names.h).
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-fomit-frame-pointer",
+    "-ffp-contract=off",
+    "-fvisibility=hidden",
+    "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
+)
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
@@ -234,7 +244,7 @@ _WIDE_UNIT = """\
 #else
 #pragma GCC target("avx")
 #endif
-#define FMI2_FUNCTION_PREFIX wide_
+#define FMI2_ACTUAL_FUNCTION_PREFIX wide_
 {includes}#if defined(__clang__)
 #pragma clang attribute pop
 #endif
@@ -349,7 +359,7 @@ def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[
     for name, content in sorted(library.files.items()):
         parts += [name, content]
     own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
-    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in _HEADERS)))])
+    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in HEADERS)))])
 
 
 def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:
