@@ -26,7 +26,8 @@ from scipy.signal import resample
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import CASES, Case, records_of
 from benchmarks.identification_measures import QUANTITIES
-from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.corners import channel
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch, direction
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 
@@ -88,10 +89,10 @@ def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Exper
     return {
         "law": name,
         "width": search.velocities[0],
-        "force, % of true": ", ".join(f"{100.0 * force / true[port]:.1f}" for port, force in found.force.items()),
-        "one sigma, %": max(100.0 * found.deviation[port] / true[port] for port in found.force),
+        "force, % of true": ", ".join(f"{100.0 * one.value / true[port]:.1f}" for port, one in found.forces.items()),
+        "one sigma, %": max(100.0 * one.deviation / true[port] for port, one in found.forces.items()),
         "unexplained, %": 100.0 * float(np.mean(list(found.residual.values()))),
-        "forces": dict(found.force),
+        "forces": {port: one.value for port, one in found.forces.items()},
     }
 
 

@@ -78,7 +78,7 @@ def build(
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
-    products = [(str(source), _product(Path(source))) for source in sources]
+    products = [(str(source), product_of(Path(source))) for source in sources]
     names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
@@ -125,7 +125,13 @@ def _built(product: Product, path: Path, source: str, target: str, limits: str =
     return Built(path, source, product.interface, target, validity_of(product.source), limits)
 
 
-def _product(source: Path) -> Product:
+def product_of(source: Path) -> Product:
+    """Return the product of a shock file or vehicle file.
+
+    Raises:
+        FmuError: The file is not one, or its vehicle cannot become an FMU.
+        InputError: The file cannot be read.
+    """
     identifier = fmu_identifier(source.stem)
     if not source.is_file():
         raise FmuError(f"{source}: the file does not exist; correct the path, or create the file (eightpost fit)")

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from builder.check.description import Variable, read_description
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, InputError, WiringError
@@ -35,23 +36,17 @@ _CONNECTORS = ("Real", "Integer", "Boolean", "String")  # an enumeration's conne
 
 
 @dataclass(frozen=True)
-class _Variable:
-    name: str
-    causality: str
-    variability: str
-    type: str
-    unit: str | None
-    start: str | None
-
-
-@dataclass(frozen=True)
 class _Fmu:
     """The data of an FMU that the package needs: its path in the package, its variables, its units."""
 
     member: str
     content: bytes
-    variables: Mapping[str, _Variable]
+    variables: Mapping[str, Variable]
     units: Mapping[str, Mapping[str, str]]
+
+    def unit(self, variable: Variable) -> dict[str, str]:
+        """Return the attribute for a variable's unit; empty without a definition, which SSP requires of every unit."""
+        return {"unit": variable.unit} if variable.unit and variable.unit in self.units else {}
 
 
 def setup_member(component: str) -> str:
@@ -134,20 +129,9 @@ def _fmu(path: Path, member: str, content: bytes, members: Mapping[str, bytes]) 
         root = ET.fromstring(members["modelDescription.xml"])
     except (KeyError, ET.ParseError) as error:
         raise FmuError(f"{path}: its modelDescription.xml is missing or cannot be read ({error})") from error
-    units = {
-        u.get("name", ""): dict(base.attrib) for u in root.iter("Unit") if (base := u.find("BaseUnit")) is not None
-    }
-    types = {t.get("name"): kind.get("unit") for t in root.iter("SimpleType") for kind in t}
-    variables = {}
-    for element in root.iter("ScalarVariable"):
-        kind = element[0]
-        name = element.get("name", "")
-        causality, variability = element.get("causality", "local"), element.get("variability", "continuous")
-        unit = kind.get("unit") or types.get(kind.get("declaredType"))
-        # SSP requires a definition of every unit that is used.
-        known = unit if unit in units else None
-        variables[name] = _Variable(name, causality, variability, kind.tag, known, kind.get("start"))
-    return _Fmu(member, content, variables, units)
+    description = read_description(root)
+    units = {unit.name: unit.base for unit in description.units if unit.base is not None}
+    return _Fmu(member, content, description.by_name, units)
 
 
 def _check_end(fmus: Mapping[str, _Fmu], full_name: str, causality: str) -> None:
@@ -214,8 +198,7 @@ def _component(elements: ET.Element, name: str, fmu: _Fmu) -> None:
     for variable in fmu.variables.values():
         if variable.causality in ("input", "output", "parameter") and variable.type in _CONNECTORS:
             connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
-            unit = {"unit": variable.unit} if variable.unit else {}
-            _child(connector, "ssc", variable.type, **unit)
+            _child(connector, "ssc", variable.type, **fmu.unit(variable))
     source = setup_member(name)
     _child(_child(element, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=source)
 
@@ -251,15 +234,10 @@ def _setup(component: str, values: Mapping[str, Value], fmu: _Fmu) -> ET.Element
             raise WiringError(
                 f"{component}.{name} cannot be set: it is not a Real, Integer or Boolean parameter or input"
             )
-        unit = {"unit": variable.unit} if variable.unit else {}
+        unit = fmu.unit(variable)
         used |= {name: fmu.units[name] for name in unit.values()}
-        _child(
-            _child(parent, "ssv", "Parameter", name=name),
-            "ssv",
-            variable.type,
-            value=_text(value, variable.type),
-            **unit,
-        )
+        parameter = _child(parent, "ssv", "Parameter", name=name)
+        _child(parameter, "ssv", variable.type, value=_text(value, variable.type), **unit)
     _units(root, "ssv", used)
     return root
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -15,16 +14,16 @@ from cosim.components.conversion import convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated_component import IsolatedComponent
 from cosim.session.automatic import SCHEMES, Automatic
+from cosim.session.case import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.systems.algorithm import Adaptive, Algorithm
+from cosim.systems.algorithm import Algorithm
 from cosim.systems.scenario import Scenario
-from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System, find_variable
+from cosim.systems.system import Bond, Connection, System, find_variable
 from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text
 from eightpost.signals import ChannelMap, Drivefile
-from eightpost.wiring import Wiring
 
 # ---- Opening of an FMU as a component, in this process or in its own ------------------------------------------------
 
@@ -70,9 +69,6 @@ _FIELDS: Mapping[str, Mapping[str, str]] = {
     "values": {"gauss-seidel": "values", "jacobi": "values"},
     "tolerance": {"default": "tolerance", "adaptive": "relative"},
 }
-
-#: Tolerances are given in percent.
-_PERCENT = 0.01
 
 
 class _Strict(BaseModel):
@@ -126,54 +122,6 @@ class _File(_Strict):
     scenario: _Scenario
 
 
-@dataclass(frozen=True)
-class Case:
-    """Contents of a system file or a package, the files of its FMUs by component, and notes from reading it."""
-
-    name: str
-    system: System
-    scenario: Scenario
-    algorithm: Algorithm | Automatic
-    step: float | None
-    fmus: Mapping[str, Path] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-    @property
-    def wiring(self) -> Wiring:
-        """FMUs and connections, for a package (`builder.ssp`) or an assembled FMU (`builder.assembly`)."""
-        step = self.step or DEFAULT_STEP
-        return self.system.wiring(self.fmus, name=self.name, step=step, stop=self.scenario.stop)
-
-    def with_coupling(
-        self, algorithm: str | None = None, step: float | None = None, tolerance: float | None = None
-    ) -> Case:
-        """Return the case with another coupling; None keeps that of the file.
-
-        Args:
-            algorithm: Name of an algorithm; the step of the file is dropped if the algorithm finds its own.
-            step: Coupling step [s].
-            tolerance: Tolerated coupling error [%].
-
-        Raises:
-            InputError: A tolerance is given, but the algorithm has none.
-        """
-        chosen, size = self.algorithm, self.step
-        if algorithm is not None and algorithm != chosen.name:
-            chosen = SCHEMES[algorithm]
-            size = None if isinstance(chosen, Automatic) else size
-        if tolerance is not None:
-            chosen = _with_tolerance(chosen, tolerance)
-        return replace(self, algorithm=chosen, step=size if step is None else step)
-
-
-def _with_tolerance(algorithm: Algorithm | Automatic, percent: float) -> Algorithm | Automatic:
-    if isinstance(algorithm, Automatic):
-        return replace(algorithm, tolerance=percent)
-    if isinstance(algorithm, Adaptive):
-        return replace(algorithm, relative=_PERCENT * percent)
-    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
-
-
 def read_case(
     path: str | Path,
     *,
@@ -199,7 +147,7 @@ def read_case(
     path = Path(path)
     load = partial(open_component, isolate=isolate, compile_missing=compile_missing)
     if path.suffix.lower() in SUFFIXES:
-        return _package(path, fmus, given, load)
+        return read_ssp(path, fmus=fmus, given=given, load=load)
     if given not in (None, Given()):
         raise InputError(
             f"{path}: a drive file, stop time, record step or input is given on the command line, but a system file "
@@ -233,24 +181,6 @@ def _opened(path: Path, name: str, file: Path, load: Callable[[Path, str], Compo
         return load(file, name)
     except FmuError as error:
         raise FmuError(f"{path}: components.{name}: {error}") from error
-
-
-def _package(
-    path: Path,
-    fmus: Mapping[str, str | Path] | None,
-    given: Given | None,
-    load: Callable[[Path, str], Component],
-) -> Case:
-    contents = read_ssp(path, fmus=fmus, given=given, load=load)
-    return Case(
-        name=contents.name,
-        system=contents.system,
-        scenario=contents.scenario,
-        algorithm=Automatic(),
-        step=contents.step,
-        fmus=contents.fmus,
-        notes=contents.notes,
-    )
 
 
 def _system(content: _File, components: Mapping[str, Component]) -> System:
@@ -329,7 +259,7 @@ def _algorithm(content: _Scenario) -> Algorithm | Automatic:
         if name not in fields:
             fitting = ", ".join(fields)
             raise InputError(f"scenario.{option}: {name} has no such option, only {fitting}; remove one of the two")
-        options[fields[name]] = _PERCENT * value if fields[name] == "relative" else value
+        options[fields[name]] = PERCENT * value if fields[name] == "relative" else value
     return type(chosen)(**options)
 
 

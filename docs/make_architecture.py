@@ -43,7 +43,7 @@ _RECIPES = (
         "check.md",
     ),
     ("dynamic rule of `check`", ("builder/check/catalogue/behaviour.py", "builder/check/probes/states.py"), "check.md"),
-    ("file format of signals", ("eightpost/signals/read.py", "eightpost/signals/csv_file.py"), "files.md"),
+    ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "files.md"),
     (
         "coupling scheme",
         ("cosim/systems/algorithm.py", "cosim/engine/sweep.py", "cosim/engine/march.py"),

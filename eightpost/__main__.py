@@ -33,6 +33,7 @@ VERBS = {
     "vehicle": "Show modes and frequency responses of a vehicle, and the effect of a parameter on them.",
     "export": "Export models and frequency responses for other tools.",
     "build": "Build an FMI 2.0 co-simulation FMU from each source.",
+    "page": "Write a page on which a shock and a quarter car run live.",
     "check": "Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.",
     "run": "Run a system of coupled FMUs.",
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",

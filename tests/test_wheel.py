@@ -39,7 +39,7 @@ def test_an_unpacked_wheel_builds_an_fmu_without_the_checkout(wheel, tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     script = (
         "from pathlib import Path; import builder.build as b, eightpost.vehicle as v; "
-        "from eightpost.app.demo import examples_folder; "
+        "from eightpost.examples_folder import examples_folder; "
         "assert 'site' in b.__file__ and 'site' in str(examples_folder()); "
         "print(b.build([v.shipped('quarter_car')], 'out')[0].path)"
     )

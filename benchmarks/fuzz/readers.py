@@ -60,7 +60,7 @@ _FMU = _in_archive("modelDescription.xml")
 
 def _record(path: Path) -> Any:
     from eightpost.signals import read_series  # noqa: PLC0415
-    from eightpost.signals.read import read_records  # noqa: PLC0415
+    from eightpost.signals.formats import read_records  # noqa: PLC0415
 
     records = read_records(path)
     if len(records) == 1:

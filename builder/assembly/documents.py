@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 
 from builder.assembly.parts import Part
-from builder.assembly.plan import Assembly
+from builder.assembly.plan import Assembly, coupling_step
 from builder.documents.equations import equations
 from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
@@ -28,7 +28,7 @@ from eightpost.wiring import Wire
 # ---- The parts as models of the library, read from the contents of their FMUs, for pictures and ---------------------
 
 
-def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
+def _start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
     """Return the start values of a part's variables in the assembly, by their names in the part."""
     own = {v.name: v.start for v in part.interface.variables if v.start is not None}
     return {name: assembly.starts.get(f"{part.name}.{name}", value) for name, value in own.items()}
@@ -36,7 +36,7 @@ def start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
 
 def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
     """Return a shock's law with its start values."""
-    values = {name: float(value) for name, value in start_values(assembly, part).items()}
+    values = {name: float(value) for name, value in _start_values(assembly, part).items()}
     law = LAWS[part.kind.removeprefix("shock_")]
     lists: dict[str, tuple[float, ...]] = {}
     for name, value in values.items():
@@ -62,7 +62,7 @@ class _VehicleModel:
 def _vehicle_model(assembly: Assembly) -> _VehicleModel:
     """Return the vehicle with its start values."""
     part = assembly.vehicle
-    values, data, named = start_values(assembly, part), _Data(part.data), part.interface
+    values, data, named = _start_values(assembly, part), _Data(part.data), part.interface
     inputs, outputs = named.names("input"), named.names("output")
     stepper = LinearStepper(*data.state_space(len(inputs), len(outputs)))
     ports = friction_ports(named)
@@ -134,8 +134,7 @@ def _assembly_reference(assembly: Assembly, interface: Interface) -> Reference |
     starts = np.array([float(v.start or 0.0) for v in inputs])
     u = rounded(starts + vehicle_inputs([v.unit or "1" for v in inputs]))
     run = _Run(assembly, tuple(v.name for v in inputs), interface.names("output"))
-    step = next(float(v.start or 0.0) for v in interface.variables if v.name == "coupling_step")
-    count = ceil(STEP / step * (1.0 - 1e-9))
+    count = ceil(STEP / coupling_step(interface) * (1.0 - 1e-9))
     try:
         run.start(u[0])
     except ValueError:

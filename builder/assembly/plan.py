@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part, read_parts
-from builder.fmu.interface import RATES, Interface, Variable, read_table
+from builder.fmu.interface import RATES, Interface, Variable, read_table, variable_of
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire, Wiring
 
@@ -144,7 +144,9 @@ KIND = "assembly"
 
 #: Offset of the value references of each part; the references of the assembly's own variables are below it.
 REFERENCES_PER_PART = 1000
-_ERROR_REFERENCE = 900
+
+#: Row of interface.toml that becomes one variable for each shock.
+_ERROR = "<shock>.coupling_error"
 
 #: Parameters that affect the force of a shock at rest; all others only have an effect when it moves.
 _AT_REST = ("motion_ratio", "gas_stiffness", "gas_preload")
@@ -154,13 +156,14 @@ def assembly_interface(assembly: Assembly) -> Interface:
     """Return the interface of an assembly."""
     table = read_table(KIND)
     own = {row["name"]: row for row in table["variable"]}
-    variables = [_own(own["coupling_step"], "coupling_step"), _own(own["coupling_error"], "coupling_error")]
+    variables = [
+        variable_of(row, name, row["reference"], row.get("start")) for name, row in own.items() if name != _ERROR
+    ]
     for number, part in enumerate(assembly.parts, start=1):
         variables += _of_part(assembly, part, REFERENCES_PER_PART * number)
         if not part.is_vehicle:
-            row = own["<shock>.coupling_error"]
-            reference = REFERENCES_PER_PART * number + _ERROR_REFERENCE
-            variables.append(replace(_own(row, f"{part.name}.coupling_error"), reference=reference))
+            reference = REFERENCES_PER_PART * number + own[_ERROR]["reference"]
+            variables.append(variable_of(own[_ERROR], f"{part.name}.coupling_error", reference, None))
     outputs = [v.name for v in variables if v.causality == "output"]
     initial, direct = _initial(assembly), _direct(assembly)
     return Interface(
@@ -173,27 +176,9 @@ def assembly_interface(assembly: Assembly) -> Interface:
     )
 
 
-def _own(row: Mapping[str, object], name: str) -> Variable:
-    def text(key: str) -> str | None:
-        return None if row.get(key) is None else str(row[key])
-
-    def number(key: str) -> float | None:
-        value = row.get(key)
-        return float(value) if isinstance(value, (int, float)) else None
-
-    return Variable(
-        name=name,
-        reference=int(str(row["reference"])),
-        type="Real",
-        causality=str(row["causality"]),
-        variability=str(row.get("variability", "continuous")),
-        unit=text("unit"),
-        display=text("display"),
-        start=number("start"),
-        minimum=number("min"),
-        maximum=number("max"),
-        description=str(row["description"]),
-    )
+def coupling_step(interface: Interface) -> float:
+    """Return the start value of an assembled FMU's parameter for its largest micro step [s]."""
+    return next(float(v.start or 0.0) for v in interface.variables if v.name == "coupling_step")
 
 
 def _of_part(assembly: Assembly, part: Part, first: int) -> Iterator[Variable]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
@@ -109,7 +109,6 @@ class Description:
     variables: tuple[Variable, ...]
     sections: frozenset[str]
     unknowns: tuple[Unknown, ...]
-    declared_types: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def identifier(self) -> str:
@@ -179,7 +178,6 @@ def read_description(root: ET.Element) -> Description:
         ),
         sections=frozenset(s for s in SECTIONS if root.find(f"ModelStructure/{s}") is not None),
         unknowns=tuple(_unknown(s, e) for s in SECTIONS for e in root.iterfind(f"ModelStructure/{s}/Unknown")),
-        declared_types=dict(_declared(root)),
     )
 
 
@@ -196,13 +194,6 @@ def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Mapping[str, str]
 
 def _typed(element: ET.Element) -> ET.Element | None:
     return next((child for child in element if child.tag in TYPES), None)
-
-
-def _declared(root: ET.Element) -> Iterator[tuple[str, str]]:
-    for element in root.iterfind("ModelVariables/ScalarVariable"):
-        child = _typed(element)
-        if child is not None and "declaredType" in child.attrib:
-            yield element.get("name", ""), child.attrib["declaredType"]
 
 
 def _unit(element: ET.Element) -> Unit:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from builder.check.catalogue import CATALOGUE, GROUPS
 from builder.check.catalogue import behaviour as rules
-from builder.check.catalogue.behaviour import CRASH_MISUSE, FREE_NULL
 from builder.check.probes.library import FREEING_NOTHING
 from builder.check.rules import Finding, Rule, listed
 from eightpost.errors import EightpostError
@@ -42,14 +41,6 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """Working folder and environment of a probe's process; None keeps the environment of this process."""
-
-    folder: Path
-    environment: Mapping[str, str] | None = None
-
-
-@dataclass(frozen=True)
 class Unpacked:
     """An unpacked FMU, and the number of steps after which it ends the simulation itself (None if it does not)."""
 
@@ -57,10 +48,13 @@ class Unpacked:
     reach: int | None = None
 
 
-def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, probe: str = "") -> Outcome:
+def _run_probe(
+    group: str, unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None, *, probe: str = ""
+) -> Outcome:
     """Run the probe of a group on an unpacked FMU; `probe` is another one to run in its place.
 
-    The process is not a sandbox: it only protects this process from a crash.
+    The process runs in `folder`, with the environment of this process if `environment` is None. It is not a sandbox:
+    it only protects this process from a crash.
 
     Raises:
         EightpostError: The probe ended before it loaded the FMU.
@@ -69,8 +63,8 @@ def run_probe(group: str, unpacked: Unpacked, surroundings: Surroundings, *, pro
         name = probe or f"{GROUPS[group].module}.probe_{group}"
         reach = [] if unpacked.reach is None else [str(unpacked.reach)]
         command = python_command("builder.check.probes", name, str(unpacked.folder), progress.name, *reach)
-        patience = _MISUSE_TIMEOUT if GROUPS[group].crash is CRASH_MISUSE else _TIMEOUT
-        ran = run(command, patience, folder=surroundings.folder, environment=surroundings.environment)
+        patience = _MISUSE_TIMEOUT if GROUPS[group].crash is rules.CRASH_MISUSE else _TIMEOUT
+        ran = run(command, patience, folder=folder, environment=environment)
         outcome, code = _read(ran.output), ran.code
         if code is None:
             return _failed(group, outcome, f"did not end within {patience:g} s{_last_call(progress.name)}")
@@ -93,7 +87,7 @@ def _not_started(group: str, printed: bytes) -> EightpostError:
 
 
 def _failed(group: str, outcome: Outcome, message: str) -> Outcome:
-    rule = FREE_NULL if FREEING_NOTHING in message else GROUPS[group].crash
+    rule = rules.FREE_NULL if FREEING_NOTHING in message else GROUPS[group].crash
     crash = rule.finding(f"the process of the probe {group!r} {message}")
     return Outcome((*outcome.findings, crash), outcome.skipped, completed=False, values=outcome.values)
 
@@ -130,7 +124,7 @@ def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
     """Run a probe in an empty working folder; any file left there by a completed probe is a finding."""
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
-        outcome = run_probe(group, unpacked, Surroundings(folder))
+        outcome = _run_probe(group, unpacked, folder)
         left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
     if not left or not outcome.completed:  # after a crash, the system may write files such as core
         return outcome
@@ -139,7 +133,7 @@ def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
 
 def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
     """Run the probe that computes a digest of the outputs, in a working folder."""
-    return run_probe("surroundings", unpacked, Surroundings(folder, environment), probe="simulation.probe_trace")
+    return _run_probe("surroundings", unpacked, folder, environment, probe="simulation.probe_trace")
 
 
 def surroundings(unpacked: Unpacked) -> Outcome:

@@ -87,7 +87,7 @@ def _finding(finding: Finding) -> dict[str, str]:
         "title": finding.rule.title,
         "source": finding.rule.source,
         "message": finding.message,
-        "advice": finding.advice,
+        "advice": finding.rule.advice,
     }
 
 

@@ -56,11 +56,6 @@ class Finding:
     rule: Rule
     message: str
 
-    @property
-    def advice(self) -> str:
-        """Instruction for correcting the defect."""
-        return self.rule.advice
-
 
 @dataclass(frozen=True, slots=True)
 class Skipped:

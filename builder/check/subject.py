@@ -182,7 +182,6 @@ class Subject:
     path: Path
     entries: tuple[zipfile.ZipInfo, ...]
     members: Mapping[str, bytes]
-    root: ET.Element | None
     xml_error: str
     description: Description | None
 
@@ -218,14 +217,14 @@ def read_subject(path: str | Path) -> Subject:
     if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
         raise FmuError(f"{path}: is not an FMU: it contains no {XML}")
     if XML not in members:
-        return Subject(path, entries, members, None, "", None)
+        return Subject(path, entries, members, "", None)
     try:
         root = ET.fromstring(members[XML])
     except (ET.ParseError, ValueError, LookupError) as error:
-        return Subject(path, entries, members, None, f"{type(error).__name__}: {error}", None)
+        return Subject(path, entries, members, f"{type(error).__name__}: {error}", None)
     if root.get("fmiVersion", "2").startswith(("1.", "3.")):
         raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0")
-    return Subject(path, entries, members, root, "", read_description(root))
+    return Subject(path, entries, members, "", read_description(root))
 
 
 def _read(path: Path) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:

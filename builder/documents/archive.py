@@ -219,7 +219,7 @@ def documents(subject: Subject, *, disclosure: Disclosure) -> dict[str, bytes]:
     The same subject gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
     neither names nor digests of source files. It also omits the subject's name, which is often the name of its file.
     """
-    disclosed = _DISCLOSE[disclosure](subject)
+    disclosed = _full(subject) if disclosure is Disclosure.FULL else _confidential(subject)
     shown, picture = disclosed.subject, disclosed.picture
     reference = results(shown, disclosed.recorded)
     contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference))
@@ -256,9 +256,3 @@ def _confidential(subject: Subject) -> _Disclosed:
         origin,
         ("force",),
     )
-
-
-_DISCLOSE: dict[Disclosure, Callable[[Subject], _Disclosed]] = {
-    Disclosure.FULL: _full,
-    Disclosure.CONFIDENTIAL: _confidential,
-}

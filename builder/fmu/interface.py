@@ -9,17 +9,14 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-
-if TYPE_CHECKING:
-    from eightpost.shock import Shock
-    from eightpost.vehicle import StateSpace
-
+from eightpost.shock import Shock
+from eightpost.vehicle import StateSpace
 
 # ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
 
@@ -50,19 +47,9 @@ def shock_kinds() -> tuple[str, ...]:
 RATES = ("m/s", "rad/s", "m/s2")
 
 _KEYS = {
-    "name",
-    "reference",
-    "type",
-    "causality",
-    "variability",
-    "unit",
-    "display",
-    "start",
-    "min",
-    "max",
-    "size",
-}
-_KEYS |= {"description", "offset", "with", "at_start", "derivative_of", "nominal"}
+    "name", "reference", "type", "causality", "variability", "unit", "display", "start", "min", "max", "size",
+    "description", "offset", "with", "at_start", "derivative_of", "nominal",
+}  # fmt: skip
 
 #: Name of a vehicle's continuous states: `mode.real[1]`, `mode.imaginary[1]`, in an assembly `<vehicle>.mode.real[1]`.
 _MODE = re.compile(r"(?:\w+\.)?mode\.(?:real|imaginary)\[\d+\]")
@@ -230,7 +217,7 @@ def read_table(folder: str) -> dict[str, Any]:
 
 
 def variable_of(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
-    """Return the variable of a row of interface.toml, with its name, reference, start value and offset."""
+    """Return the variable that a row of interface.toml describes."""
     return Variable(
         name=name,
         reference=reference,

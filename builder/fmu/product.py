@@ -44,9 +44,12 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     if model.dt is not None:
         raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
     _refuse_direct_velocity(model)
-    interface = _with_static(with_modes(vehicle_interface(model), model), vehicle.static)
+    interface = with_modes(vehicle_interface(model), model)
+    starts = {v.offset: vehicle.static.get(v.name, 0.0) for v in interface.variables if v.offset}
     if isinstance(vehicle, IdentifiedVehicle):
-        interface = _with_friction(interface, vehicle.friction)
+        starts |= _friction_starts(vehicle.friction)
+    variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
+    interface = replace(interface, variables=variables)
     return Product(identifier, f"{interface.description}: {vehicle.name}", interface, vehicle)
 
 
@@ -61,18 +64,10 @@ def _refuse_direct_velocity(model: StateSpace) -> None:
             )
 
 
-def _with_static(interface: Interface, static: Mapping[str, float]) -> Interface:
-    """Return the interface with start values for the static offsets; `static` holds them by output."""
-    starts = {v.offset: static.get(v.name, 0.0) for v in interface.variables if v.offset}
-    variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
-    return replace(interface, variables=variables)
-
-
-def _with_friction(interface: Interface, friction: Mapping[str, Friction]) -> Interface:
-    """Return the interface with start values for the friction; `friction` holds it by port."""
+def _friction_starts(friction: Mapping[str, Friction]) -> dict[str, float]:
+    """Return the start values of the friction parameters; `friction` holds the friction by port."""
     starts: dict[str, float] = {}
     for port, law in friction.items():
         prefix = f"{port}." if port else ""
         starts |= {f"{prefix}friction_force": law.force, f"{prefix}friction_velocity": law.velocity}
-    variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
-    return replace(interface, variables=variables)
+    return starts

@@ -9,6 +9,7 @@ from builder.documents import SECRET, Disclosure, Subject, documents
 from builder.fmu.description import Description, content_guid, model_description
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
+from builder.native.source_folder import build_members, prefix_header
 from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
 from builder.native.vehicle_data import kept_numbers, vehicle_data
@@ -65,6 +66,7 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
     generated |= {
         "interface.h": interface_header(plan, product.identifier, guid),
         "interface.c": interface_source(plan, visible.variables),
+        "prefix.h": prefix_header(product.identifier),
     }
     common = {name: (folder / "common" / name).read_bytes() for name in COMMON}
     return common | model | {name: text.encode() for name, text in generated.items()}
@@ -123,7 +125,9 @@ def native_fmus(
     Raises:
         FmuError: A vehicle has no modal form, or the compiler fails.
     """
-    return compiled([_source(product, disclosure) for product in products], toolchain=toolchain, progress=progress)
+    return compiled(
+        [without_binaries(product, disclosure) for product in products], toolchain=toolchain, progress=progress
+    )
 
 
 def compiled(
@@ -135,7 +139,12 @@ def compiled(
     return [source.members | found for source, found in zip(sources, binaries, strict=True)]
 
 
-def _source(product: Product, disclosure: Disclosure) -> Source:
+def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL) -> Source:
+    """Return a product's FMU without its binaries.
+
+    Raises:
+        FmuError: A vehicle has no modal form.
+    """
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description
@@ -183,6 +192,7 @@ def sealed(
     named = {f"sources/{name}": content for name, content in drafted.items()}
     if disclosure is Disclosure.FULL:
         description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
+        members = {**members, **build_members(description.identifier, description.source_files)}
     guid = content_guid(description, {**members, **named})
     found = code(guid)
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}

@@ -10,37 +10,44 @@ import struct
 import subprocess
 import sys
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 
 from builder.fmu.interface import source_folder
+from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.workers.process import usable_processors
 
-# ---- Location of the FMI 2.0 header files, which the importer must provide, not the FMU -----------------------------
+# ---- Location of the FMI 2.0 header files ---------------------------------------------------------------------------
 
-NAMES = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmi_headers() -> Path:
-    """Return the folder that contains the header files.
+    """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
 
     Raises:
-        FmuError: FMPy is not installed, or no longer contains the header files.
+        FmuError: The package that contains the header files is not installed, or no longer contains them.
     """
-    spec = importlib.util.find_spec("fmpy")
-    if spec is None or spec.origin is None:
-        raise FmuError("fmpy, which contains the FMI header files, is not installed; reinstall eightpost")
-    folder = Path(spec.origin).with_name("c-code")
-    if missing := [name for name in NAMES if not (folder / name).is_file()]:
-        raise FmuError(f"{folder}: {missing[0]} is missing; reinstall fmpy (pip install --force-reinstall fmpy)")
+    package = "fmu_manipulation_toolbox"
+    folder = _installed(package, "resources/fmi")
+    if folder is None:
+        raise FmuError(f"{package}, which contains the FMI header files, is not installed; reinstall eightpost")
+    if missing := [name for name in HEADERS if not (folder / name).is_file()]:
+        raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
     return folder
+
+
+def _installed(package: str, name: str) -> Path | None:
+    """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
+    spec = importlib.util.find_spec(package)
+    return None if spec is None or spec.origin is None else Path(spec.origin).parent / name
 
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -82,6 +89,9 @@ PLATFORMS: Mapping[str, Platform] = MappingProxyType(
     }
 )
 
+#: A page in a browser: a module without imports.
+BROWSER = Platform("a browser", ".wasm", ("wasm32-freestanding",))
+
 _MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
 
 
@@ -96,97 +106,67 @@ def this_platform() -> Platform:
     return PLATFORMS.get(name) or Platform(name, ".so", ("",))
 
 
-# ---- Creation of a universal macOS library from several thin Mach-O files, one per processor ------------------------
-
-_FAT_MAGIC = 0xCAFEBABE
-_THIN_MAGIC = 0xFEEDFACF
-#: Alignment of slices (power of 2): the largest page size in use, 16 KiB on Apple's processors.
-_ALIGNMENT = 14
-
-
-def universal(slices: Sequence[bytes]) -> bytes:
-    """Return the fat file of 64-bit slices, in the given order.
-
-    Source: Apple, "Mach-O Programming Topics" and <mach-o/fat.h>: a big-endian header, then one entry per slice with
-    processor type and subtype, offset, size and alignment.
-
-    Raises:
-        ValueError: A slice is not a 64-bit Mach-O file.
-    """
-    offset = 8 + 20 * len(slices)
-    header = struct.pack(">II", _FAT_MAGIC, len(slices))
-    body = b""
-    for content in slices:
-        magic, kind, subkind = struct.unpack_from("<IiI", content)
-        if magic != _THIN_MAGIC:
-            raise ValueError(f"a slice starts with {magic:#x} and is not a 64-bit Mach-O file")
-        start = -(-(offset + len(body)) >> _ALIGNMENT) << _ALIGNMENT
-        header += struct.pack(">iIIII", kind, subkind, start, len(content), _ALIGNMENT)
-        body += b"\0" * (start - offset - len(body)) + content
-    return header + body
-
-
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 
 #: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
-#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent.
-FLAGS = ("-std=c99", "-O2", "-g0", "-fomit-frame-pointer", "-ffp-contract=off", "-fvisibility=hidden")
+#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent; no
+#: prefix of function names (fmus/common/names.h).
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-fomit-frame-pointer",
+    "-ffp-contract=off",
+    "-fvisibility=hidden",
+    "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
+)
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
-class Toolchain(Protocol):
+class Toolchain(ABC):
     """A compiler.
 
     Attributes:
+        path: Program.
         name: Name and version, for messages and for the cache.
         platforms: Platforms that it builds for.
         limits: Sentence about its limits, or an empty string.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def platforms(self) -> tuple[Platform, ...]: ...  # noqa: D102
-    @property
-    def limits(self) -> str: ...  # noqa: D102
+    path: str
+    name: str
+    platforms: tuple[Platform, ...]
+    limits: str = ""
 
+    @abstractmethod
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder into `identifier` + the platform's suffix."""
-        ...
 
 
-@dataclass(frozen=True)
-class Zig:
+class Zig(Toolchain):
     """The compiler zig from PyPI's package ziglang (`eightpost[build]`)."""
 
-    path: str
+    platforms = tuple(PLATFORMS.values())
 
-    @property
-    def name(self) -> str:
-        """Name and version."""
-        return f"zig {_first_line((self.path, 'version'))}"
-
-    @property
-    def platforms(self) -> tuple[Platform, ...]:
-        """All six platforms."""
-        return tuple(PLATFORMS.values())
-
-    @property
-    def limits(self) -> str:
-        """Empty: there are no limits."""
-        return ""
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.name = f"zig {_first_line((path, 'version'))}"
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
         """Return the command that compiles files of the working folder."""
-        options = ["build-lib", "-dynamic", "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
+        form = ["build-exe", "-fno-entry"] if platform == BROWSER else ["build-lib", "-dynamic"]
+        options = [*form, "-OReleaseFast", "-fstrip", "-target", target, "-mcpu", platform.processor]
         options += ["--name", identifier, f"-femit-bin={identifier}{platform.suffix}", *_includes()]
         entry: list[str] = []
+        headers = Path(self.path).parent / "lib" / "libc" / "include"
         if platform.suffix == ".dll":
             # The MinGW runtime of zig takes minutes to build, and an FMU only needs three functions of Windows.
             entry = [str(source_folder() / "common" / "windows_entry.c")]
-            include = Path(self.path).parent / "lib" / "libc" / "include" / "any-windows-any"
-            options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(include)]
+            options += ["-fno-emit-implib", "-fcompiler-rt", "-isystem", str(headers / "any-windows-any")]
             options += ["-lapi-ms-win-crt-heap-l1-1-0", "-lapi-ms-win-crt-string-l1-1-0"]
+        elif platform == BROWSER:  # without the C library: fmus/common/browser.c has what an FMU needs of it
+            options += ["-fcompiler-rt", "-isystem", str(headers / "wasm-wasi-musl")]
+            options += ["-isystem", str(headers / "generic-musl")]
         else:
             options += ["-fno-compiler-rt", "-lc"]
         if platform.suffix == ".so":
@@ -199,27 +179,16 @@ class Zig:
         return [self.path, *options, "-cflags", *flags, "--", *files, *entry]
 
 
-@dataclass(frozen=True)
-class SystemCompiler:
+class SystemCompiler(Toolchain):
     """The installed compiler, gcc or clang, which only builds for this platform."""
 
-    path: str
-
-    @property
-    def name(self) -> str:
-        """First line of its --version output."""
-        return _first_line((self.path, "--version"))
-
-    @property
-    def platforms(self) -> tuple[Platform, ...]:
-        """Only the platform of this machine."""
-        return (this_platform(),)
-
-    @property
-    def limits(self) -> str:
-        """Sentence that it only builds for this platform, with the package that builds for all."""
-        return (
-            f"built for {this_platform().name} only, with {Path(self.path).name}; to build for all six platforms, "
+    def __init__(self, path: str) -> None:
+        here = this_platform()
+        self.path = path
+        self.name = _first_line((path, "--version"))
+        self.platforms = (here,)
+        self.limits = (
+            f"built for {here.name} only, with {Path(path).name}; to build for all six platforms, "
             "install the compiler zig: pip install 'eightpost[build]'"
         )
 
@@ -252,11 +221,8 @@ def _includes() -> list[str]:
 
 
 def _zig() -> str | None:
-    spec = importlib.util.find_spec("ziglang")
-    if spec is None or spec.origin is None:
-        return None
-    found = Path(spec.origin).with_name("zig.exe" if sys.platform == "win32" else "zig")
-    return str(found) if found.is_file() else None
+    found = _installed("ziglang", "zig.exe" if sys.platform == "win32" else "zig")
+    return str(found) if found and found.is_file() else None
 
 
 @cache
@@ -278,7 +244,7 @@ _WIDE_UNIT = """\
 #else
 #pragma GCC target("avx")
 #endif
-#define FMI2_FUNCTION_PREFIX wide_
+#define FMI2_ACTUAL_FUNCTION_PREFIX wide_
 {includes}#if defined(__clang__)
 #pragma clang attribute pop
 #endif
@@ -309,20 +275,23 @@ class Library:
     @property
     def units(self) -> tuple[str, ...]:
         """Names of the C files that are compiled."""
-        if not self.is_one_unit:
-            return _c_files(self.sources)
-        return (_WHOLE, _WIDE) if self.is_wide else (_WHOLE,)
+        return tuple(self._whole) or _c_files(self.sources)
 
     @property
     def files(self) -> Mapping[str, bytes]:
         """Files in the compiler's working folder."""
+        return {**self.sources, **self._whole}
+
+    @property
+    def _whole(self) -> dict[str, bytes]:
+        """The C files that include all others; empty if they are compiled separately."""
         if not self.is_one_unit:
-            return self.sources
+            return {}
         includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
         if not self.is_wide:
-            return {**self.sources, _WHOLE: includes.encode()}
-        units = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
-        return {**self.sources, **{name: text.encode() for name, text in units.items()}}
+            return {_WHOLE: includes.encode()}
+        texts = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
+        return {name: text.encode() for name, text in texts.items()}
 
 
 def compile_libraries(
@@ -355,6 +324,19 @@ def compile_libraries(
     return [{p.member(library.identifier): next(found) for p in toolchain.platforms} for library in libraries]
 
 
+def compile_for_browser(library: Library) -> bytes:
+    """Return a library as a WebAssembly module, with the functions of fmus/common/browser.c.
+
+    Raises:
+        FmuError: The compiler zig is not installed, or it fails.
+    """
+    toolchain = find_toolchain()
+    if not isinstance(toolchain, Zig):
+        raise FmuError("a page in a browser needs the compiler zig: pip install 'eightpost[build]'")
+    browser = (source_folder() / "common" / "browser.c").read_bytes()
+    return _binary(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER)
+
+
 def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
     slices = [_slice(toolchain, library, platform, target) for target in platform.targets]
     return slices[0] if len(slices) == 1 else universal(slices)
@@ -377,7 +359,7 @@ def _key(toolchain: Toolchain, library: Library, target: str, command: Sequence[
     for name, content in sorted(library.files.items()):
         parts += [name, content]
     own = [Path(part) for part in command if Path(part).is_absolute() and part.endswith(".c")]
-    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in NAMES)))])
+    return digest([*parts, *(path.read_bytes() for path in (*own, *(fmi_headers() / name for name in HEADERS)))])
 
 
 def _compile(toolchain: Toolchain, library: Library, platform: Platform, command: Sequence[str]) -> bytes:

@@ -60,8 +60,7 @@ class _Room:
     @staticmethod
     def of(form: ModalForm) -> _Room:
         """Return the sizes that a vehicle needs."""
-        used = int(np.count_nonzero(form.omega))
-        return _Room(_whole(form.sigma.size), _whole(used), used)
+        return _Room(_whole(form.sigma.size), _whole(form.pairs), form.pairs)
 
     def rows(self, re: Array, im: Array) -> Array:
         """Return the rows (modes, n) of real and imaginary parts, padded with zeros."""

@@ -13,19 +13,8 @@ from typing import Any
 from fmpy import fmi1, fmi2
 
 from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
-from cosim.components.fmu_instance import FmuInstance, State, TypedBuffer, typed_buffers
-from cosim.components.fmu_log import (
-    DISCARD,
-    ERROR,
-    FATAL,
-    PENDING,
-    FmuLog,
-    advice,
-    no_state,
-    not_begun,
-    returned,
-    unknown_state,
-)
+from cosim.components.fmu_instance import FmuInstance, State
+from cosim.components.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, returned
 from cosim.components.functions import FunctionTable
 from cosim.components.watch import Surroundings, calling
 from eightpost.errors import EightpostError, StepError, TerminatedError
@@ -67,8 +56,6 @@ class FmuComponent(OpenedFmu):
         self._instance = FmuInstance(fmu, name, self._log, shared)
         # close() releases everything: on call, or when the component or the interpreter ends; runs may precede it.
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
-        self._references = fmu.references
-        self._arrays: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = {}
         self._slave: Any = None
         self._steps = self._begun = False
         # In its own process it shares nothing with other components.
@@ -96,7 +83,7 @@ class FmuComponent(OpenedFmu):
             StepError: The component has not begun.
         """
         self._running()
-        return self._instance.functions(self._references)
+        return self._instance.functions()
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
         """Return the error for a call of the loop that the FMU refused, and handle the instance accordingly.
@@ -155,7 +142,7 @@ class FmuComponent(OpenedFmu):
         """
         slave = self._running()
         self._inputs.update(zip(names, values, strict=True))
-        for part in self._buffers(names):
+        for part in self._instance.buffers(names):
             part.buffer[:] = [part.number(values[place]) for place in part.places]
             setter = getattr(slave, f"fmi2Set{part.kind}")
             self._call("set inputs", setter, slave.component, part.references, len(part.buffer), part.buffer)
@@ -171,7 +158,7 @@ class FmuComponent(OpenedFmu):
             StepError: The component has not begun, or the FMU refuses the call (`capabilities.interpolates_inputs`).
         """
         slave = self._running()
-        (part,), count = self._buffers(names), len(names)
+        (part,), count = self._instance.buffers(names), len(names)
         orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
         arguments = (slave.component, part.references, count, orders, slopes)
         self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
@@ -183,7 +170,7 @@ class FmuComponent(OpenedFmu):
             StepError: The component has not begun, or the FMU refuses the call.
         """
         slave, values = self._running(), [0.0] * len(names)
-        for part in self._buffers(names):
+        for part in self._instance.buffers(names):
             getter = getattr(slave, f"fmi2Get{part.kind}")
             self._call("get outputs", getter, slave.component, part.references, len(part.buffer), part.buffer)
             for place, value in zip(part.places, part.buffer, strict=True):
@@ -210,7 +197,7 @@ class FmuComponent(OpenedFmu):
         """
         slave = self._running()
         if not self.capabilities.state:
-            raise StepError(no_state(self._name, self.source))
+            raise self._no_state()
         pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
         self._call("save its state", slave.fmi2GetFMUstate, slave.component, ctypes.byref(pointer))
         state = State(pointer, self._time, dict(self._inputs))
@@ -260,13 +247,13 @@ class FmuComponent(OpenedFmu):
 
     def _known(self, state: object) -> State:
         if not isinstance(state, State) or state not in self._instance.states:
-            raise StepError(unknown_state(self._name, self.source))
+            raise self._unknown_state()
         return state
 
     def _running(self) -> Any:
         # fmi2Fatal of another instance of this FMU ends this one too.
         if self._slave is None or self._instance.slave is None:
-            raise StepError(not_begun(self._name, self.source))
+            raise self._not_begun()
         return self._slave
 
     def _ready(self) -> Any:
@@ -296,7 +283,7 @@ class FmuComponent(OpenedFmu):
             self._slave.setDebugLogging(bool(categories), categories)
 
     def _set_parameter(self, name: str, value: float | bool | str) -> None:
-        kind, references = self.variables[name].type, [self._references[name]]
+        kind, references = self.variables[name].type, [self._fmu.references[name]]
         if kind == "Real":
             self._slave.setReal(references, [value])
         elif kind == "Boolean":
@@ -305,14 +292,6 @@ class FmuComponent(OpenedFmu):
             self._slave.setString(references, [str(value)])
         else:
             self._slave.setInteger(references, [int(value)])
-
-    def _buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
-        """Return buffers for the values, grouped by the types of the names."""
-        key = tuple(names)
-        if key not in self._arrays:
-            types = {name: self.variables[name].type for name in key}
-            self._arrays[key] = typed_buffers(key, types, self._references)
-        return self._arrays[key]
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
         try:

@@ -217,28 +217,18 @@ def _identity(path: Path) -> tuple[str, int, int] | None:
 
 
 def _unpack_apart(path: str | Path, compile_missing: bool) -> FmuFile:
-    folder = temporary_folder()
+    folder = tempfile.mkdtemp(prefix="fmu_")
     try:
         return FmuFile.unpack(path, folder, compile_missing=compile_missing)
     except BaseException:
-        remove(folder)
+        shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
 def _remove_own(folder: Path, owner: int) -> None:
     """Remove the folder, except in a process that was forked off the owner, which still needs it."""
     if os.getpid() == owner:
-        remove(folder)
-
-
-def temporary_folder() -> str:
-    """Return a new folder to unpack into; the caller removes it."""
-    return tempfile.mkdtemp(prefix="fmu_")
-
-
-def remove(folder: str | Path) -> None:
-    """Remove a folder with its contents; ignore errors."""
-    shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _read_description(path: Path, folder: Path) -> Any:
@@ -318,10 +308,14 @@ class OpenedFmu:
         fmu: Unpacked FMU.
         name: Name of the component.
         messages: Messages of the FMU.
+
+    Attributes:
+        validity: Range of validity of its model; None if the FMU has none.
     """
 
     def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
         self._fmu, self._name, self._messages = fmu, name, messages
+        self.validity: Validity | None = fmu.validity
         self._inputs: dict[str, float] = {}
         self._time = 0.0
         self._changed: dict[str, None] = {}
@@ -342,11 +336,6 @@ class OpenedFmu:
         return self._fmu.is_ours
 
     @property
-    def validity(self) -> Validity | None:
-        """Range of validity of its model; None if the FMU has none."""
-        return self._fmu.validity
-
-    @property
     def identity(self) -> str:
         """GUID of the FMU."""
         return str(self._fmu.description.guid)
@@ -364,6 +353,24 @@ class OpenedFmu:
     def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
         """Record the state of the run: the time [s], and inputs in their own units."""
         self._time, self._inputs = time, dict(inputs)
+
+    def _no_state(self) -> StepError:
+        """Return the error for a component that cannot save its state."""
+        return StepError(
+            f"component {self._name!r} ({self.source}) cannot save its state (canGetAndSetFMUstate is false in its "
+            "model description); use an algorithm that repeats no step"
+        )
+
+    def _unknown_state(self) -> StepError:
+        """Return the error for a state that the component does not know."""
+        return StepError(
+            f"component {self._name!r} ({self.source}) does not know this state: it belongs to another component, to a "
+            "run that has ended, or has been freed; save a state in this run"
+        )
+
+    def _not_begun(self) -> StepError:
+        """Return the error for a call before the component has begun."""
+        return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
         """Return the error for a failed call: the failure, its cause, and the advice."""

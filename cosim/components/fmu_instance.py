@@ -53,26 +53,6 @@ class TypedBuffer:
         return int(value != 0.0) if self.kind == "Boolean" else round(value)
 
 
-def typed_buffers(
-    names: Sequence[str], types: Mapping[str, str], references: Mapping[str, int]
-) -> tuple[TypedBuffer, ...]:
-    """Return one buffer for each type of function that the names need.
-
-    Args:
-        names: Names of the variables.
-        types: Types of the variables; String is not supported.
-        references: Value references of the variables.
-    """
-    places: dict[str, list[int]] = {}
-    for place, name in enumerate(names):
-        places.setdefault(_KINDS[types[name]][0], []).append(place)
-    buffers = []
-    for kind, own in places.items():
-        array = (ctypes.c_uint * len(own))(*[references[names[place]] for place in own])
-        buffers.append(TypedBuffer(kind, tuple(own), array, (_KINDS[kind][1] * len(own))()))
-    return tuple(buffers)
-
-
 # ---- Instance of an FMU in this process -----------------------------------------------------------------------------
 
 #: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
@@ -116,6 +96,7 @@ class FmuInstance:
     failed: bool = False
     dead: bool = False
     addresses: dict[str, int] = field(default_factory=dict)
+    _buffers: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _instances.add(self)
@@ -135,7 +116,21 @@ class FmuInstance:
             )
         return self._reset() or self._new()
 
-    def functions(self, references: Mapping[str, int]) -> FunctionTable:
+    def buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
+        """Return one buffer for each type of function that the variables need; String is not supported."""
+        key = tuple(names)
+        if key not in self._buffers:
+            places: dict[str, list[int]] = {}
+            for place, name in enumerate(key):
+                places.setdefault(_KINDS[self.fmu.variables[name].type][0], []).append(place)
+            buffers = []
+            for kind, own in places.items():
+                references = (ctypes.c_uint * len(own))(*[self.fmu.references[key[place]] for place in own])
+                buffers.append(TypedBuffer(kind, tuple(own), references, (_KINDS[kind][1] * len(own))()))
+            self._buffers[key] = tuple(buffers)
+        return self._buffers[key]
+
+    def functions(self) -> FunctionTable:
         """Return the addresses of its functions for the loop; freeing a state is skipped after fmi2Fatal."""
         slave = self.slave
         if not self.addresses:
@@ -150,7 +145,7 @@ class FmuInstance:
             restore=found["SetFMUstate"],
             free=address_of(free) if found["FreeFMUstate"] else 0,
             instance=int(getattr(slave.component, "value", slave.component)),
-            references=references,
+            references=self.fmu.references,
             keep=free,
         )
 
@@ -259,7 +254,8 @@ class FmuInstance:
         can = self.fmu.capabilities
         needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
         needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
-        if missing := [f"fmi2{name}" for name in needed if not _address(slave, name)]:
+        functions = [f"fmi2{name}" for name in needed]
+        if missing := [name for name in functions if isinstance(getattr(slave.dll, name), _Missing)]:
             raise LookupError(f"its library has no {', '.join(missing)}")
 
     def _check_not_held(self) -> None:

@@ -22,9 +22,11 @@ from cosim.components.component import Variable
 
 # ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------
 
+#: fmi2Status above a warning.
+DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
+
 #: By FMI status: OK, warning, discard, error, fatal, pending.
 LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)
-_ERROR, _FATAL = 3, 4  # fmi2Status
 _VARIABLE = re.compile(r"#(?:#|([ribs]\d+)#)")
 
 
@@ -120,7 +122,7 @@ class FmuLog(ComponentLog):
             self.write(LEVELS[status], text)
         else:
             self._logger.error("%s", text)
-        self.errors += status in (_ERROR, _FATAL)
+        self.errors += status in (ERROR, FATAL)
 
     def _name(self, found: re.Match[str]) -> str:
         return "#" if found[1] is None else self._names.get(found[1], found[0])
@@ -146,9 +148,6 @@ def _load_formatter(folder: Path) -> Any:
 
 
 # ---- Texts for failed FMI calls -------------------------------------------------------------------------------------
-
-#: fmi2Status above a warning.
-DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
 
 _NAMES = {DISCARD: "fmi2Discard", ERROR: "fmi2Error", FATAL: "fmi2Fatal", PENDING: "fmi2Pending"}
 _ADVICE = {
@@ -210,27 +209,6 @@ def failure_text(
     parts += [_inputs(place.inputs, variables)] if place.inputs else []
     parts += [f"What to do: {to_do}"] if to_do else []
     return " ".join(parts)
-
-
-def no_state(name: str, source: str) -> str:
-    """Return the message for a component that cannot save its state."""
-    return (
-        f"component {name!r} ({source}) cannot save its state (canGetAndSetFMUstate is false in its model "
-        "description); use an algorithm that repeats no step"
-    )
-
-
-def unknown_state(name: str, source: str) -> str:
-    """Return the message for an unknown state."""
-    return (
-        f"component {name!r} ({source}) does not know this state: it belongs to another component, to a run that has "
-        "ended, or has been freed; save a state in this run"
-    )
-
-
-def not_begun(name: str, source: str) -> str:
-    """Return the message for a component that has not begun."""
-    return f"component {name!r} ({source}) is not running; call begin() first"
 
 
 def _inputs(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:

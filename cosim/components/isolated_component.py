@@ -8,13 +8,14 @@ import logging
 import os
 import shutil
 import subprocess
+import tempfile
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.components.fmu_file import FmuFile, OpenedFmu, remove, temporary_folder
-from cosim.components.fmu_log import ComponentLog, no_state, not_begun, unknown_state
+from cosim.components.fmu_file import FmuFile, OpenedFmu
+from cosim.components.fmu_log import ComponentLog
 from cosim.components.functions import FunctionTable, StateCallbacks
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
 from eightpost.workers.child import Child, EndedError
@@ -75,7 +76,7 @@ class IsolatedComponent(OpenedFmu):
         if not time_limit > 0.0:
             raise InputError(f"component {name!r}: the time limit must be positive, not {time_limit!r} s")
         self._time_limit = time_limit
-        self._folder = temporary_folder()
+        self._folder = tempfile.mkdtemp(prefix="fmu_")
         self._processes: list[_Process] = []
         # close() ends the process and removes the folder: on call, or when the component or the interpreter ends.
         self.close = weakref.finalize(self, _release, self._processes, self._folder, os.getpid())
@@ -174,7 +175,7 @@ class IsolatedComponent(OpenedFmu):
             StepError: The FMU cannot save its state (`capabilities.state`), or the component is not running.
         """
         if not self.capabilities.state:
-            raise StepError(no_state(self._name, self.source))
+            raise self._no_state()
         self._check_running()
         state = _State(next(self._numbers), self._time, dict(self._inputs))
         self._pending.append(("save", state.number))
@@ -250,12 +251,12 @@ class IsolatedComponent(OpenedFmu):
 
     def _check_running(self) -> None:
         if not (self._running and self._process.alive):
-            raise StepError(not_begun(self._name, self.source))
+            raise self._not_begun()
 
     def _checked(self, state: object) -> _State:
         self._check_running()
         if not isinstance(state, _State) or state not in self._states:
-            raise StepError(unknown_state(self._name, self.source))
+            raise self._unknown_state()
         return state
 
 
@@ -326,7 +327,7 @@ def _release(processes: Sequence[_Process], folder: str, owner: int) -> None:
     for process in processes:
         process.close()
     if os.getpid() == owner:
-        remove(folder)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _description(call: _Call) -> str:

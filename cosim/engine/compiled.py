@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from cosim.engine.blocks import Block
@@ -26,20 +25,12 @@ def shared(function: Function) -> Function:
     return function
 
 
-def can_compile() -> bool:
-    """Return whether numba is installed."""
-    try:
-        return find_spec("numba") is not None
-    except ValueError:  # another object is registered under this name
-        return False
-
-
 def bound(function: Callable[..., int]) -> Bind:
     """Return a function that takes the named tuples of `function` and returns a function of its other arguments."""
     return lambda *tuples: partial(function, *tuples)
 
 
-def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]] | None = None) -> Bind:
+def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
     """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
 
     Args:
@@ -48,10 +39,10 @@ def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]
     """
 
     def bind(*tuples: Any) -> Callable[..., int]:
-        from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- where numba is not installed
+        from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need
 
         blocks = tuple(map(Block, tuples))
-        machine = machine_code(function, tuple(block.kind for block in blocks), instead or {})
+        machine = machine_code(function, tuple(block.kind for block in blocks), instead)
         return lambda *numbers: machine(*(block.address for block in blocks), *numbers)
 
     return bind

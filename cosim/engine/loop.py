@@ -1,9 +1,9 @@
-"""Selection of the loop: compiled if numba is installed, else the same functions in plain Python."""
+"""Selection of the loop: compiled, or the same functions in plain Python."""
 
 from __future__ import annotations
 
 from cosim.engine import march as plain
-from cosim.engine.compiled import Bind, bound, can_compile, compiled
+from cosim.engine.compiled import Bind, bound, compiled
 from cosim.engine.implicit import step_once
 
 #: Number of steps between checks for Ctrl-C and updates of the progress bar.
@@ -16,11 +16,11 @@ def loop(engine: str, *, adaptive: bool, implicit: bool) -> tuple[Bind, int]:
     """Return the function that binds the loop, and the number of steps per call.
 
     Args:
-        engine: `compiled`, `python`, or `auto`: compiled if numba is installed.
+        engine: `python`, else the compiled loop.
         adaptive: Whether an error estimate controls the steps.
         implicit: Whether steps are repeated.
     """
     march = plain.march_adaptive if adaptive else plain.march
-    if engine != "python" and can_compile():
-        return compiled(march, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK
-    return bound(march), PYTHON_CHUNK
+    if engine == "python":
+        return bound(march), PYTHON_CHUNK
+    return compiled(march, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK

@@ -195,7 +195,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
 
 
 @shared
-def one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
+def _one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
     """Step every part; return 1 if one refused."""
     for g in range(plan.loops.parts.size - 1):
         if step_group(plan, m, g, drive, step, mode):
@@ -224,7 +224,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
             return STOPPED
         end = grid.times[k + 1]
         step = step_from(m, grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
-        if one_step(plan, m, grid.drive, step, mode):
+        if _one_step(plan, m, grid.drive, step, mode):
             return REFUSED
         bad = _end_step(plan, m, end, step.size, mode)
         if bad >= 0:
@@ -259,7 +259,7 @@ def _driven_step(plan: Plan, m: Memory, knots: Knots, p: Progress, time: float, 
     for d in range(samples.shape[1]):
         starts[0, d] = samples[0, d]
         means[0, d] = 0.5 * (samples[0, d] + samples[1, d])
-    return one_step(plan, m, p.drive, step_from(m, time, h, 0, 1), mode)
+    return _one_step(plan, m, p.drive, step_from(m, time, h, 0, 1), mode)
 
 
 @shared

@@ -14,7 +14,7 @@ from cosim.report.drawing import graph
 from cosim.report.origin import drive_digest, origins, versions
 from cosim.report.wiring import Group, arrows, groups
 from cosim.results.result import Coupled, Result
-from cosim.results.verdict import LARGEST_RESIDUAL
+from cosim.results.rules import LARGEST_RESIDUAL
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.report import page as html
@@ -273,7 +273,7 @@ def page(
     result: Result, system: System, scenario: Scenario, *, title: str, files: Mapping[str, Path] | None = None
 ) -> str:
     """Return the page's HTML; names of components, channels and files are escaped."""
-    settled = _settled(result)
+    settled = result.settled()
     kept, densities = traces(result.series), spectra(settled)
     manifest, numbers = _packed(result, kept, densities)
     context = _summary(result, scenario) | _signals(result, settled)
@@ -322,11 +322,6 @@ def _signals(result: Result, settled: TimeSeries) -> dict[str, Any]:
 def _drawings(result: Result, system: System, scenario: Scenario) -> list[tuple[Group, Markup]]:
     found = groups(tuple(system.components), arrows(system, scenario), result.sources)
     return [(group, Markup(graph(group, result.sources))) for group in found[:_DRAWINGS]]
-
-
-def _settled(result: Result) -> TimeSeries:
-    """Return the series without the settling time; the whole series if the run ended before the settling time."""
-    return result.settled() if result.series.time[-1] > result.settling else result.series
 
 
 def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from cosim.components.conversion import named_unit
+from cosim.systems.coupling import targets_of
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import Bond, Connection, System
 from eightpost.errors import UnknownUnitError
@@ -125,20 +126,9 @@ def _end(name: str) -> End:
 def _driven(system: System, scenario: Scenario) -> Iterator[Arrow]:
     if scenario.drive is None:
         return
-    units = dict(zip(scenario.drive.names, scenario.drive.units, strict=True))
-    for channel, target in (scenario.targets or _by_name(system, units)).items():
-        unit = _from_to(units.get(channel, ""), system, target)
-        yield Arrow(End("", channel), _end(target), unit, 1.0, DRIVE, "", target in system.sums)
-
-
-def _by_name(system: System, channels: Iterable[str]) -> Mapping[str, str]:
-    """Return the input of each channel if the scenario gives no targets: the one of the same name."""
-    return {
-        channel: f"{name}.{channel}"
-        for channel in channels
-        for name, component in system.components.items()
-        if (variable := component.variables.get(channel)) and variable.causality == "input"
-    }
+    for target, index in targets_of(system, scenario).items():
+        unit = _from_to(scenario.drive.units[index], system, target)
+        yield Arrow(End("", scenario.drive.names[index]), _end(target), unit, 1.0, DRIVE, "", target in system.sums)
 
 
 def _from_to(unit: str, system: System, target: str) -> str:

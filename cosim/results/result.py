@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from cosim.results.validity import Model
-from cosim.results.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, verdict_of
-from cosim.systems.system import System
+from cosim.results import rules
+from cosim.results.validity import LARGEST_SHARE, NOTABLE_SHARE, Model, model_reasons
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
 from eightpost.signals import TimeSeries, read_series, write_series
-from eightpost.verdict import Verdict
+from eightpost.verdict import Reason, Verdict
 
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
@@ -69,7 +69,7 @@ class BondEnergy:
     @property
     def acceptable(self) -> bool:
         """Whether the coupling adds or loses at most 5 % of the energy transferred."""
-        return abs(self.relative) <= LARGEST_RESIDUAL
+        return abs(self.relative) <= rules.LARGEST_RESIDUAL
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class Result:
     @cached_property
     def verdict(self) -> Verdict:
         """Verdict on whether the run can be used, with its reasons (docs/verdict.md)."""
-        return verdict_of(self)
+        return _verdict_of(self)
 
     @property
     def acceptable(self) -> bool:
@@ -165,19 +165,20 @@ class Result:
         return max(chosen or self.stated_error.values(), default=None)
 
     @property
+    def has_equal_steps(self) -> bool:
+        """Whether all coupling steps have the same size, except for rounding."""
+        return self.largest_step <= self.step * (1.0 + 1e-9)
+
+    @property
     def is_clean(self) -> bool:
         """Whether the run reached its stop time, every step converged, and no bond's local error is too large."""
         local = max((c.percent for c in self.coupled.values()), default=0.0)
-        return not self.partial and self.unsettled_steps == 0 and local <= LARGEST_ERROR
-
-    @property
-    def tolerance_met(self) -> bool:
-        """Whether the stated coupling error meets the default's tolerance."""
-        return self.is_clean and self.coupling_error is not None and self.coupling_error <= self.tolerance
+        return not self.partial and self.unsettled_steps == 0 and local <= rules.LARGEST_ERROR
 
     def settled(self) -> TimeSeries:
-        """Return the series without the settling time."""
-        return self.series.window(self.settling, float(self.series.time[-1])) if self.settling else self.series
+        """Return the series without the settling time; the whole series if the run ended within it."""
+        last = float(self.series.time[-1])
+        return self.series.window(self.settling, last) if 0.0 < self.settling < last else self.series
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write series.parquet, series.csv and result.json; an old file is replaced only by a complete one."""
@@ -200,6 +201,155 @@ class Result:
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
         extra = {"decisive": sorted(self.decisive), "energy": energy, "coupled": coupled}
         return heading | {"verdict": self.verdict.to_json()} | document | extra | {"channels": list(self.series.names)}
+
+
+# ---- Verdict on a run ------------------------------------------------------------------------------------------------
+
+
+def _verdict_of(result: Result) -> Verdict:
+    """Return the verdict on a run."""
+    return Verdict(
+        (
+            *_coupling(result),
+            *_energy(result),
+            *_convergence(result),
+            *_fitted(result),
+            *_tires(result),
+            *model_reasons(result.models, result.settled()),
+        )
+    )
+
+
+def _coupling(result: Result) -> Iterator[Reason]:
+    yield from _local(result)
+    known = result.stated_error
+    decisive = {name: error for name, error in known.items() if name in result.decisive} or known
+    if not decisive or not all(map(isfinite, decisive.values())):
+        yield _not_stated(result)
+        return
+    yield _stated(result, *max(decisive.items(), key=lambda item: item[1]))
+    others = {name: e for name, e in known.items() if name not in decisive and e > rules.LARGEST_ERROR}
+    if others:
+        name = max(others, key=lambda each: others[each])
+        yield rules.CHANNEL_ERROR.reason(
+            f"the coupling error of {_counted(len(others), 'other channel')} is too large; largest: {name}",
+            figure=f"{_percent(others[name])}; limit {rules.LARGEST_ERROR:g} %",
+            origin="coupling error per channel",
+        )
+
+
+def _local(result: Result) -> Iterator[Reason]:
+    for bond, coupled in result.coupled.items():
+        if not coupled.percent <= rules.LARGEST_ERROR:
+            yield rules.LOCAL_ERROR.reason(
+                "the values that the ends of a bond assume of each other are wrong in every step",
+                figure=f"{_percent(coupled.percent)} of the scale; limit {rules.LARGEST_ERROR:g} %",
+                origin=f"bond {bond}",
+            )
+
+
+def _not_stated(result: Result) -> Reason:
+    if not result.energy and not result.coupled:
+        return rules.COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
+    return rules.COUPLING_UNKNOWN.reason(
+        "the coupling error is not stated",
+        figure=f"known for 0 of {len(result.series.names)} channels",
+        origin=f"{result.algorithm} at {1e3 * result.step:g} ms",
+    )
+
+
+def _stated(result: Result, name: str, error: float) -> Reason:
+    limit = result.tolerance or rules.GOOD_ERROR
+    origin = f"channel {name}, {result.scheme or result.algorithm} at {1e3 * result.step:g} ms"
+    if error > rules.LARGEST_ERROR:
+        figure = f"{_percent(error)} of the scale; limit {rules.LARGEST_ERROR:g} %"
+        return rules.COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
+    named = "tolerance" if result.tolerance else "good up to"
+    figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
+    if error > limit:
+        return rules.COUPLING_TOLERANCE.reason(
+            "the coupling error is larger than requested", figure=figure, origin=origin
+        )
+    return rules.COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
+
+
+def _energy(result: Result) -> Iterator[Reason]:
+    shares = {bond: abs(energy.relative) for bond, energy in result.energy.items()}
+    bad = {bond: share for bond, share in shares.items() if not share <= rules.DOUBTFUL_RESIDUAL}
+    for bond, share in bad.items():
+        rule = rules.ENERGY_DOUBTFUL if share <= rules.LARGEST_RESIDUAL else rules.ENERGY_RESIDUAL
+        yield rule.reason(
+            "the coupling adds or loses energy",
+            figure=f"{share:.2%} of the energy transferred; limit {rules.LARGEST_RESIDUAL:.0%}",
+            origin=f"bond {bond}",
+        )
+    if shares and not bad:
+        worst = max(shares, key=lambda bond: shares[bond])
+        yield rules.ENERGY_GOOD.reason(
+            "the coupling conserves energy",
+            figure=f"{shares[worst]:.2%}; limit {rules.LARGEST_RESIDUAL:.0%}",
+            origin=f"bond {worst}",
+        )
+
+
+def _convergence(result: Result) -> Iterator[Reason]:
+    end = f"{float(result.series.time[-1]):g} s" if len(result.series) else "0 s"
+    if result.partial:
+        yield rules.ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=result.algorithm)
+    if not result.converged:
+        notes = result.notes[0] if result.notes else "no note"
+        yield rules.NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=result.algorithm)
+    if result.converged and not result.partial:
+        figure = f"{result.steps} steps, {end}"
+        yield rules.CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
+
+
+def _fitted(result: Result) -> Iterator[Reason]:
+    for shock, time in result.share_beyond_fit.items():
+        energy = _energy_beyond(result, shock)
+        share = max(time, energy or 0.0)
+        beyond = rules.BEYOND_FIT if share <= LARGEST_SHARE else rules.MOSTLY_BEYOND_FIT
+        rule, within = (rules.WITHIN_FIT, "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
+        dissipated = "" if energy is None else f", {energy:.1%} of its energy"
+        yield rule.reason(
+            f"the shock {within} the velocities that it was fitted on",
+            figure=f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}",
+            origin=f"component {shock}",
+        )
+
+
+def _energy_beyond(result: Result, shock: str) -> float | None:
+    """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
+    names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
+    if not set(names) <= set(result.series.names):
+        return None
+    settled = result.settled()
+    power, beyond = (abs(settled[name]) for name in names)
+    total = float(power.sum())
+    return float(power[beyond > 0.5].sum()) / total if total else 0.0
+
+
+def _tires(result: Result) -> Iterator[Reason]:
+    for tire, off in result.share_tire_off.items():
+        if off is None:
+            yield rules.STATIC_LOAD_UNKNOWN.reason(
+                "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire
+            )
+        elif off > 0.0:
+            rule = rules.TIRE_OFF if off <= LARGEST_SHARE else rules.MOSTLY_TIRE_OFF
+            figure = f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}"
+            yield rule.reason("a tire is off the ground", figure=figure, origin=tire)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if abs(value) < 10.0 else f"{value:.0f} %"
+
+
+# ---- A run in a folder -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -246,12 +396,3 @@ def _sources(document: Mapping[str, Any], path: Path) -> str:
             raise FileFormatError(f"parameters.{name} must be an object", path=path)
         parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
     return ", ".join(parts)
-
-
-def held_direct_outputs(system: System, held: frozenset[str], names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the recorded outputs that follow, without delay, an input that was held over each step."""
-    return tuple(
-        name
-        for name in names
-        if any(f"{name.partition('.')[0]}.{source}" in held for source in system.output(name).direct)
-    )

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from cosim.systems.system import System
 from eightpost.signals import TimeSeries
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule
-
-if TYPE_CHECKING:
-    from cosim.systems.system import System
 
 ABOUT = "range of the models"
 

@@ -60,18 +60,6 @@ def _can_repeat_steps(system: System) -> bool:
     return all(c.capabilities.state for c in system.components.values())
 
 
-def run_automatic(
-    system: System, scenario: Scenario, request: Automatic, engine: str, progress: Callable[[float], None] | None
-) -> Result:
-    """Run at steps that halve until the stated error is within the tolerance; return the last run.
-
-    Raises:
-        DivergedError: The coupling diverged at every step.
-        StepError: A component failed.
-    """
-    return _Refinement(system, scenario, request, engine, progress).result()
-
-
 def run_default_at_step(
     system: System,
     scenario: Scenario,
@@ -99,8 +87,16 @@ def run_default_at_step(
     return replace(result, algorithm=request.name, scheme=scheme.name)
 
 
-class _Refinement:
-    """Runs of one system at steps that are halved from one run to the next."""
+class Refinement:
+    """Runs of one system at steps that are halved from one run to the next.
+
+    Args:
+        system: Components and connections.
+        scenario: Drive, duration and recording.
+        request: Tolerance and smallest step.
+        engine: Engine of the loop; see `cosim.run`.
+        progress: Callback that receives the completed share of each run.
+    """
 
     def __init__(
         self,
@@ -133,9 +129,21 @@ class _Refinement:
         return self._record_step / self._parts
 
     def result(self) -> Result:
-        """Halve the step until the tolerance is met or the smallest step is reached."""
+        """Halve the step until the tolerance is met or the smallest step is reached; return the last run.
+
+        Raises:
+            DivergedError: The coupling diverged at every step.
+            StepError: A component failed.
+        """
         while True:
-            failure = self._run()
+            failure: DivergedError | None = None
+            try:
+                self._add(self._dense.run(self._scheme, self._step))
+            except DivergedError as error:
+                failure = error
+                self._forget()
+                self._failed_runs += 1
+                self._tried.append(f"{self._step * 1e3:g} ms diverged")
             if self._failed_runs >= _FAILED_RUNS and self._takes_implicit():
                 continue
             if self._is_met() or (self._is_smallest() and self._comparisons):
@@ -144,22 +152,14 @@ class _Refinement:
                 raise failure
             self._parts *= 2
 
-    def _run(self) -> DivergedError | None:
-        """Make one run and compare it with the one before; return the error if it diverged."""
-        try:
-            run = self._dense.run(self._scheme, self._step)
-        except DivergedError as error:
-            self._forget()
-            self._failed_runs += 1
-            self._tried.append(f"{self._step * 1e3:g} ms diverged")
-            return error
+    def _add(self, run: Result) -> None:
+        """Add a run, which is compared with the one before."""
         if self._runs:
             self._comparisons.append(compare(self._runs[-1], run))
             run = replace(run, stated_error=stated_error(self._comparisons, self._held))
         self._runs = [run]
         self._failed_runs += not run.is_clean
         self._tried.append(f"{self._step * 1e3:g} ms {self._shown_error}")
-        return None
 
     def _forget(self) -> None:
         self._runs, self._comparisons = [], []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,9 +13,6 @@ from cosim.systems.coupling import targets_of
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.signals import Drivefile
-
-#: Maximum number of solutions of the equilibrium start, which is repeated if a discrete value has changed.
-_ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +75,6 @@ class DiscreteExchange:
         """Forget the last run."""
         self.rows.clear()
         self._set.clear()
-
-    def settle(self, solve: Callable[[], None]) -> bool:
-        """Call `solve` for the equilibrium start until no discrete value changes; return whether that was reached."""
-        self.exchange(0.0)
-        for _ in range(_ROUNDS):
-            solve()
-            if not self.exchange(0.0):
-                return True
-        return False
 
     def exchange(self, time: float) -> bool:
         """Set every input whose source has changed at `time` [s]; return whether there was one."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.results.error_estimate import Comparison, compare, stated_error
 from cosim.results.result import Result
-from cosim.results.verdict import LARGEST_ERROR
+from cosim.results.rules import LARGEST_ERROR
 from cosim.session.recorder import recorded_names
 from cosim.session.session import RunInterrupted, Session
 from cosim.systems.algorithm import Adaptive, Algorithm

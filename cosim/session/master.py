@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from cosim.engine.loop import ENGINES
 from cosim.results.error_estimate import difference
 from cosim.results.result import Result
-from cosim.session.automatic import Automatic, default_scheme, run_automatic, run_default_at_step
+from cosim.session.automatic import Automatic, Refinement, default_scheme, run_default_at_step
 from cosim.session.given_step import run_at_step
 from cosim.session.session import Session
 from cosim.systems.algorithm import Adaptive, Algorithm
@@ -40,7 +40,8 @@ def run(
         compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
             coupling error. If false, the error is not stated.
         progress: Callback that receives the completed share, 0 to 1; it starts from 0 again for every run.
-        engine: `auto`: the compiled loop if numba is installed; `python`: the same loop interpreted, equal results.
+        engine: `auto`: the compiled loop if a component has C functions; `python`: the same loop interpreted, equal
+            results.
 
     Returns:
         Recorded series in SI, status and statistics. The status reports a start that did not converge.
@@ -54,7 +55,7 @@ def run(
         raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
     chosen = algorithm or Automatic()
     if isinstance(chosen, Automatic) and step is None:
-        return run_automatic(system, scenario, chosen, engine, progress)
+        return Refinement(system, scenario, chosen, engine, progress).result()
     size = DEFAULT_STEP if step is None else step
     if isinstance(chosen, Automatic):
         return run_default_at_step(system, scenario, chosen, size, engine=engine, progress=progress, compared=compared)

@@ -15,7 +15,7 @@ from cosim.components.conversion import to_si
 from cosim.components.fmu_file import OpenedFmu
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.results.error_estimate import judged_by
-from cosim.results.result import BondEnergy, Coupled, Result, held_direct_outputs
+from cosim.results.result import BondEnergy, Coupled, Result
 from cosim.results.validity import models_of
 from cosim.session.equilibrium import Equilibrium
 from cosim.session.recorder import recorded_series
@@ -256,7 +256,7 @@ class Outcome:
             partial=self.ending.why in (STOPPED, STUCK),
             ended_by=self.ending.ended_by,
             ended_at=self.ending.time if self.ending.ended_by else None,
-            held_direct=held_direct_outputs(setup.system, setup.coupling.held_inputs(), setup.names),
+            held_direct=self._held_direct(),
             identities={name: component.identity for name, component in components.items()},
             sources={name: component.source for name, component in components.items()},
             parameters={name: dict(values) for name, values in setup.system.parameters.items() if values},
@@ -265,6 +265,15 @@ class Outcome:
             share_tire_off=setup.limits.tire_off(watched),
             decisive=setup.system.decisive,
             models=models_of(setup.system, setup.names),
+        )
+
+    def _held_direct(self) -> tuple[str, ...]:
+        """Return the recorded outputs that follow, without delay, an input that was held over each step."""
+        system, held = self.setup.system, self.setup.coupling.held_inputs()
+        return tuple(
+            name
+            for name in self.setup.names
+            if any(f"{name.partition('.')[0]}.{source}" in held for source in system.output(name).direct)
         )
 
     def _energy(self) -> dict[str, BondEnergy]:

@@ -13,7 +13,7 @@ from cosim.components.conversion import to_si
 from cosim.components.functions import FunctionTable
 from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
 from cosim.systems.coupling import Coupling, Feed
-from cosim.systems.system import Bond, System
+from cosim.systems.system import System
 from eightpost.array_types import Integers
 
 
@@ -226,24 +226,16 @@ def _signals(layout: Layout, tables: Mapping[str, FunctionTable]) -> Signals:
 
 
 def _bonds(system: System, layout: Layout) -> Bonds:
-    def terms(which: str) -> Indices:
-        return _indices(layout.terms[_ends(bond, which)] for bond in system.bonds)
-
-    def factor(bond: Bond, which: str, end: int) -> float:
-        return to_si(system.output(_ends(bond, which)[end]))[0].factor
-
-    def joules(sent: str, received: str) -> NDArray[np.float64]:
-        rows = [0.5 * factor(bond, sent, 0) * factor(bond, received, 1) for bond in system.bonds]
-        return np.array(rows, dtype=np.float64)
-
+    velocities, forces = [bond.velocity for bond in system.bonds], [bond.force for bond in system.bonds]
+    ends = {name for c in (*velocities, *forces) for name in (c.source, c.target)}
+    factor = {name: to_si(system.output(name))[0].factor for name in ends}
+    pairs = list(zip(velocities, forces, strict=True))
     return Bonds(
-        terms("velocity"), terms("force"), given=joules("velocity", "force"), taken=joules("force", "velocity")
+        _indices(layout.terms[c.source, c.target] for c in velocities),
+        _indices(layout.terms[c.source, c.target] for c in forces),
+        given=_reals(0.5 * factor[v.source] * factor[f.target] for v, f in pairs),
+        taken=_reals(0.5 * factor[f.source] * factor[v.target] for v, f in pairs),
     )
-
-
-def _ends(bond: Bond, which: str) -> tuple[str, str]:
-    connection = bond.velocity if which == "velocity" else bond.force
-    return connection.source, connection.target
 
 
 def _loops(layout: Layout, position: Mapping[str, int]) -> Loops:

@@ -57,6 +57,10 @@ def undoing(setup: Setup, progress: Callable[[float], None]) -> Callable[[float]
 # ---- State of a run while its components step -----------------------------------------------------------------------
 
 
+#: Maximum number of solutions of the equilibrium start, which is repeated if a discrete value has changed.
+_ROUNDS = 10
+
+
 @dataclass(frozen=True)
 class Running:
     """Components that have begun, in the form that the loop uses.
@@ -120,32 +124,40 @@ class Ending:
     ended_by: str = ""
 
 
-def begin(setup: Setup) -> Equilibrium:
-    """Begin every component, find the equilibrium start and leave initialization.
+def begin(setup: Setup) -> None:
+    """Begin every component, which is then in initialization.
 
     Raises:
         StepError: A component failed.
     """
-    coupling, components = setup.coupling, setup.system.components
     setup.discrete.begin()
-    for name, component in components.items():
+    for name, component in setup.system.components.items():
         component.begin(0.0, setup.scenario.stop, setup.system.start_values(name))
-    equilibrium = _equilibrium_start(setup)
-    for name in setup.layout.parts:
-        components[name].end_initialization()
-        coupling.now.update(coupling.read(name))
-    return equilibrium
 
 
-def _equilibrium_start(setup: Setup) -> Equilibrium:
-    """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between."""
-    solutions: list[Equilibrium] = []
-    agrees = setup.discrete.settle(lambda: solutions.append(solve_equilibrium(setup.coupling, setup.layout.parts)))
-    return replace(solutions[-1], converged=solutions[-1].converged and agrees)
+def equilibrium_start(setup: Setup) -> Equilibrium:
+    """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between.
+
+    Raises:
+        StepError: A component failed.
+    """
+    setup.discrete.exchange(0.0)
+    for _ in range(_ROUNDS):
+        equilibrium = solve_equilibrium(setup.coupling, setup.layout.parts)
+        if not setup.discrete.exchange(0.0):
+            return equilibrium
+    return replace(equilibrium, converged=False)
 
 
 def prepare(setup: Setup) -> Running:
-    """Return the loop's arrays for components that are at the equilibrium start."""
+    """Leave initialization; return the loop's arrays for components that are at the equilibrium start.
+
+    Raises:
+        StepError: A component failed.
+    """
+    for name in setup.layout.parts:
+        setup.system.components[name].end_initialization()
+        setup.coupling.now.update(setup.coupling.read(name))
     tables = {name: function_table(component) for name, component in setup.system.components.items()}
     plan = make_plan(
         setup.system,

@@ -15,7 +15,6 @@ import numpy as np
 from cosim.components.conversion import to_si
 from cosim.components.functions import Native
 from cosim.components.watch import calling_loop
-from cosim.engine.compiled import can_compile
 from cosim.engine.loop import loop
 from cosim.engine.march import Control, Grid, Knots, Progress, record
 from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, memory
@@ -28,6 +27,7 @@ from cosim.session.running import (
     Running,
     begin,
     ended_or_failed,
+    equilibrium_start,
     guarded,
     prepare,
     terminated_at,
@@ -39,7 +39,7 @@ from cosim.session.step_times import ROUNDING, Times, among, coupling_times, joi
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
-from eightpost.errors import InputError, WiringError
+from eightpost.errors import WiringError
 from eightpost.signals import Drivefile
 
 # ---- Ctrl-C handling between steps ----------------------------------------------------------------------------------
@@ -141,16 +141,16 @@ def _driven(drive: Drivefile, request: _DriveRequest) -> tuple[Integers, Drive]:
     times = joined(coupling, own) if request.follows else coupling
     begins = np.searchsorted(times, coupling) if times.size > coupling.size else np.arange(times.size)
     samples = _rows(drive.sample(times + request.start))
-    starts = samples if request.follows else _starts(drive, times + request.start, samples)
-    means = _rows(drive.means(times + request.start)) if not request.ramps else np.zeros((times.size - 1, 0))
-    return begins, Drive(times, samples, starts, means)
+    means = _rows(drive.means(times + request.start))
+    starts = samples if request.follows else _starts(drive, times + request.start, samples, means)
+    return begins, Drive(times, samples, starts, means if not request.ramps else np.zeros((times.size - 1, 0)))
 
 
-def _starts(drive: Drivefile, times: Times, samples: Times) -> Times:
+def _starts(drive: Drivefile, times: Times, samples: Times, means: Times) -> Times:
     """Return the start (T+1, D) of each step's straight line, which ends at the drive and has the drive's mean."""
     starts, own, near = samples.copy(), drive.series.time, ROUNDING * times[-1]
     bent = np.searchsorted(own, times[:-1] + near) < np.searchsorted(own, times[1:] - near)
-    starts[:-1][bent] = (2.0 * _rows(drive.means(times)) - samples[1:])[bent]
+    starts[:-1][bent] = (2.0 * means - samples[1:])[bent]
     return starts
 
 
@@ -274,52 +274,46 @@ class Session:
         """Begin, find the equilibrium start and step to the end. The components are finished in any case.
 
         Args:
-            engine: `compiled`, `python`, or `auto`: compiled if numba is installed and a component is native.
+            engine: `compiled`, `python`, or `auto`: compiled if a component is native.
             progress: Callback that receives the completed share, 0 to 1.
 
         Raises:
-            InputError: The compiled loop is requested, but numba is not installed.
             StepError: A component failed, or the coupling diverged.
             RunInterrupted: Ctrl-C was pressed; the exception holds the result so far.
         """
-        with watched(self._setup):
-            return self._run(engine, progress or (lambda _: None))
-
-    def _run(self, engine: str, progress: Callable[[float], None]) -> Result:
-        began = clock.perf_counter()
-        try:
-            equilibrium = begin(self._setup)
-            running = prepare(self._setup)
-            ending = self._step(running, engine, undoing(self._setup, progress))
-            seconds = (ending.began - began, clock.perf_counter() - ending.began)
-            result = Outcome(self._setup, running, equilibrium, ending, seconds).result()
-            if ending.why == STOPPED:
-                raise RunInterrupted(result)
-            check_repeat(self._setup, result.series)
-            return result
-        finally:
-            for component in self._setup.system.components.values():
-                component.finish()
-
-    def _step(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
-        try:
-            with interrupts_deferred(running.stop), calling_loop():
-                return self._march(running, engine, progress)
-        finally:
-            running.free_states(self._setup)
+        setup = self._setup
+        with watched(setup):
+            began = clock.perf_counter()
+            try:
+                begin(setup)
+                equilibrium = equilibrium_start(setup)
+                running = prepare(setup)
+                ending = self._march(running, engine, undoing(setup, progress or (lambda _: None)))
+                seconds = (ending.began - began, clock.perf_counter() - ending.began)
+                result = Outcome(setup, running, equilibrium, ending, seconds).result()
+                if ending.why == STOPPED:
+                    raise RunInterrupted(result)
+                check_repeat(setup, result.series)
+                return result
+            finally:
+                for component in setup.system.components.values():
+                    component.finish()
 
     def _march(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
-        algorithm = self._setup.algorithm
-        marching = self._marching(engine, progress)
-        record(running.plan, running.memory, running.tape, 0.0)
-        self._setup.discrete.record(1)
-        ending = (
-            march_adaptive(self._setup, running, marching, algorithm)
-            if isinstance(algorithm, Adaptive)
-            else march_fixed(self._setup, running, marching)
-        )
-        progress(1.0)
-        return ending
+        setup = self._setup
+        try:
+            with interrupts_deferred(running.stop), calling_loop():
+                marching = self._marching(engine, progress)
+                record(running.plan, running.memory, running.tape, 0.0)
+                setup.discrete.record(1)
+                if isinstance(setup.algorithm, Adaptive):
+                    ending = march_adaptive(setup, running, marching, setup.algorithm)
+                else:
+                    ending = march_fixed(setup, running, marching)
+                progress(1.0)
+                return ending
+        finally:
+            running.free_states(setup)
 
     def _marching(self, engine: str, progress: Callable[[float], None]) -> Marching:
         """Return the requested loop; interpreted if every component is Python, where compiling gains nothing."""
@@ -331,7 +325,5 @@ class Session:
             adaptive=isinstance(setup.algorithm, Adaptive),
             implicit=mode.kind == IMPLICIT,
         )
-        if engine == "compiled" and not can_compile():
-            raise InputError("the compiled loop needs numba, which is not installed: pip install numba, or engine auto")
         chunk = min(chunk, CHUNK) if guarded(setup) else chunk
         return Marching(bind, chunk, mode, progress)

@@ -82,17 +82,7 @@ def _static_load(system: System, component: str, output: str) -> float:
 
 
 def _check_variable_step(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
-    """Refuse steps of several sizes for a component that accepts only one size.
-
-    Args:
-        system: System with its components.
-        algorithm: Algorithm of the run.
-        times: Communication points (K+1,) [s].
-        step: Coupling step [s].
-
-    Raises:
-        WiringError: The message names the component.
-    """
+    """Refuse steps of several sizes, with `times` (K+1,) [s], for a component that accepts only one size."""
     if not isinstance(algorithm, Adaptive) and abs(times[-1] - times[-2] - step) <= 1e-9 * step:
         return
     for name, component in system.components.items():
@@ -106,11 +96,7 @@ def _check_variable_step(system: System, algorithm: Algorithm, times: Times, ste
 
 
 def _check_repeats(system: System, algorithm: Algorithm) -> None:
-    """Refuse an algorithm that repeats steps for a component that cannot save its state.
-
-    Raises:
-        WiringError: The message names the component.
-    """
+    """Refuse an algorithm that repeats steps for a component that cannot save its state."""
     if not algorithm.repeats:
         return
     for name, component in system.components.items():

@@ -1,5 +1,5 @@
 """Reading of SSP packages from any tool: parsed, flattened and checked (docs/ssp.md)."""
 
-from cosim.ssp.read import SUFFIXES, Given, SspCase, read_ssp
+from cosim.ssp.read import SUFFIXES, Given, read_ssp
 
-__all__ = ["SUFFIXES", "Given", "SspCase", "read_ssp"]
+__all__ = ["SUFFIXES", "Given", "read_ssp"]

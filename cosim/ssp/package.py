@@ -1,4 +1,4 @@
-"""SSP packages: writing a system as an archive for other tools."""
+"""Files of SSP packages: their XML, and the folder or archive that holds them."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
+from cosim.session.case import Case
 from cosim.ssp import flatten
 from cosim.ssp.contents import Experiment, FmuElement, Structure, Value
 from cosim.ssp.description import read_structure
@@ -42,34 +43,13 @@ class Given:
     inputs: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class SspCase:
-    """Contents of a package, ready to run.
-
-    Attributes:
-        name: Name of the description.
-        system: Components, bonds, connections, values.
-        scenario: Drive and times.
-        step: Coupling step stated in the package [s]; None if it states none.
-        fmus: FMU files by component.
-        notes: Notes for the reader: names that were changed, values that match nothing.
-    """
-
-    name: str
-    system: System
-    scenario: Scenario
-    step: float | None
-    fmus: Mapping[str, Path]
-    notes: tuple[str, ...]
-
-
 def read_ssp(
     path: str | Path,
     *,
     fmus: Mapping[str, str | Path] | None = None,
     given: Given | None = None,
     load: Callable[[Path, str], Component] = FmuComponent,
-) -> SspCase:
+) -> Case:
     """Read a package or a bare description.
 
     Args:
@@ -99,7 +79,7 @@ def _naming(error: InputError, path: Path) -> EightpostError:
 
 def _case(
     structure: Structure, swaps: Mapping[str, str | Path], given: Given, load: Callable[[Path, str], Component]
-) -> SspCase:
+) -> Case:
     elements = dict(flatten.components(structure.system))
     if not elements:
         raise WiringError(f"{structure.system.where}: contains no component to run")
@@ -112,7 +92,7 @@ def _case(
     idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))
     bonds, connections = flatten.with_bonds(flatten.connections(network, names))
     parameters = _parameters(values, names)
-    return SspCase(
+    return Case(
         name=structure.name,
         system=System(components, bonds, connections, constants={**fixed, **idle}, parameters=parameters),
         scenario=_scenario(structure.experiment, given, drive),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.study.statistics import Filtered, Response, options_for, rms, statistic
+from cosim.study.statistics import Filtered, Response, options_for, statistic
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
@@ -51,8 +51,6 @@ def own_function(entry: str) -> OwnFunction:
 
 
 # ---- Response measures ----------------------------------------------------------------------------------------------
-
-__all__ = ["Measure", "available", "channel_measures", "ride_measures", "rms"]
 
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.report.plots import COLORS
+from cosim.study.measures import Measure
 from eightpost.report.pictures import new_figure, save
-
-if TYPE_CHECKING:
-    from cosim.study.measures import Measure
-    from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries
 
 
 def plot_measures(

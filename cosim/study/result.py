@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.signals.parquet_file import read_table
@@ -85,7 +85,7 @@ class StudyResult:
     table: pa.Table
     provenance: Provenance
     partial: bool = False
-    _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    _cache: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return int(self.table.num_rows)
@@ -96,12 +96,12 @@ class StudyResult:
         return self.study.measures
 
     @property
-    def setups(self) -> NDArray[np.int64]:
+    def setups(self) -> Integers:
         """Numbers of the setups (R,)."""
         return np.asarray(self.table["setup"].to_numpy(), dtype=np.int64)
 
     @property
-    def done(self) -> NDArray[np.bool_]:
+    def done(self) -> Flags:
         """Whether each setup ran successfully (R,)."""
         return np.array([status == DONE for status in self.table["status"].to_pylist()], dtype=np.bool_)
 
@@ -132,7 +132,7 @@ class StudyResult:
         """Return a measure's display unit."""
         return self.study.measure(measure).display or self.unit(measure)
 
-    def values(self, measure: str) -> NDArray[np.float64]:
+    def values(self, measure: str) -> Array:
         """Return a measure of every row (R,) in SI; NaN if the setup failed.
 
         Raises:
@@ -143,30 +143,27 @@ class StudyResult:
             self._cache[measure] = np.asarray(self.table[measure].to_numpy(zero_copy_only=False), dtype=np.float64)
         return self._cache[measure]
 
-    def shown(self, measure: str) -> NDArray[np.float64]:
+    def shown(self, measure: str) -> Array:
         """Return a measure of every row (R,) in its display unit."""
         return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
 
-    def coupling_errors(self, measure: str) -> NDArray[np.float64]:
-        """Return the coupling error of a measure for every row (R,) in SI; NaN if not known."""
-        name = error_column(self.study.measure(measure).name)
-        if name not in self.table.column_names:
-            return np.full(len(self), np.nan)
-        return np.asarray(self.table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+    def shown_difference(self, measure: str, difference: float) -> float:
+        """Return a difference between two values of a measure, given in SI, in the measure's display unit."""
+        return units.conversion(self.unit(measure), self.display(measure))[0] * difference
 
     @property
-    def objective(self) -> NDArray[np.float64] | None:
+    def objective(self) -> Array | None:
         """Objective of every row (R,) (Eq 2.6); None if the study has none."""
         if not self.study.objective:
             return None
         return np.asarray(np.sum([self._term(term) for term in self.study.objective], axis=0))
 
-    def _term(self, term: Term) -> NDArray[np.float64]:
+    def _term(self, term: Term) -> Array:
         own = self.unit(term.measure)
         return np.asarray(term.weight * units.convert(self.values(term.measure), own, term.unit or own))
 
     @property
-    def feasible(self) -> NDArray[np.bool_]:
+    def feasible(self) -> Flags:
         """Whether each setup ran and meets all constraints (R,) (Eq 2.3)."""
         kept = self.done
         for constraint in self.study.constraints:
@@ -174,7 +171,12 @@ class StudyResult:
             kept = kept & (values >= constraint.at_least) & (values <= constraint.at_most)
         return kept
 
-    def ranking(self, measure: str | None = None) -> NDArray[np.int64]:
+    @property
+    def infeasible(self) -> int:
+        """Number of setups that ran and violate a constraint."""
+        return int(np.count_nonzero(self.done & ~self.feasible))
+
+    def ranking(self, measure: str | None = None) -> Integers:
         """Return the rows of feasible setups, best first.
 
         Args:
@@ -185,7 +187,7 @@ class StudyResult:
         rows = np.flatnonzero(self.feasible)
         return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
 
-    def rows_of(self, setups: NDArray[np.int64], measure: str) -> NDArray[np.int64]:
+    def rows_of(self, setups: Integers, measure: str) -> Integers:
         """Return the rows of some setups, sorted by a measure."""
         rows = np.searchsorted(self.setups, setups)
         return np.asarray(rows[np.argsort(self.values(measure)[rows], kind="stable")], dtype=np.int64)

@@ -9,11 +9,9 @@ from functools import cached_property
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eightpost.array_types import Integers
 from eightpost.errors import InputError
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +76,7 @@ class SetupSpace:
         return (self.setup(int(index)) for index in self.indices)
 
     @cached_property
-    def indices(self) -> Indices:
+    def indices(self) -> Integers:
         """Numbers of all setups in increasing order (S,)."""
         every = np.arange(self.full, dtype=np.int64)
         if not self.alike:
@@ -91,7 +89,7 @@ class SetupSpace:
                 keep &= first == other
         return every[keep]
 
-    def digits(self, indices: Indices) -> Indices:
+    def digits(self, indices: Integers) -> Integers:
         """Return the positions of the corners' builds (S, corners) for setups by number (S,)."""
         return np.stack(np.unravel_index(indices, self.radices), axis=-1).astype(np.int64)
 

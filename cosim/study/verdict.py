@@ -8,8 +8,8 @@ from pathlib import PurePath
 
 import numpy as np
 
+from cosim.results.rules import LARGEST_ERROR
 from cosim.results.validity import MODEL_UNKNOWN
-from cosim.results.verdict import LARGEST_ERROR
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 from eightpost.validity import Validity

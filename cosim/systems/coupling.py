@@ -83,16 +83,7 @@ class Coupling:
 
     def read(self, name: str) -> dict[str, float]:
         """Return a component's connected outputs, and its other variables read in every step, by full name."""
-        return self._get(name, self.outputs[name])
-
-    def read_recorded(self) -> dict[str, float]:
-        """Return the current values of all connected and recorded variables, by full name."""
-        values = dict(self.now)
-        for name, names in self.recorded.items():
-            values.update(self._get(name, names))
-        return values
-
-    def _get(self, name: str, names: tuple[str, ...]) -> dict[str, float]:
+        names = self.outputs[name]
         if not names:
             return {}
         return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))

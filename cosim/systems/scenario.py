@@ -9,9 +9,6 @@ from math import isfinite
 from eightpost.errors import InputError
 from eightpost.signals import Drivefile
 
-#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
-DEFAULT_STEP = 1e-3
-
 
 @dataclass(frozen=True)
 class Scenario:

@@ -48,20 +48,21 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
 
 def show_assembled(console: Console, built: Assembled) -> None:
     """Print the components of the FMU, its micro step and its platforms."""
+    from eightpost.report.numbers import file_size
+    from eightpost.units import convert
+
     names = built.interface.names
     rows = []
     for part in built.assembly.parts:
         sources = [link.source for link in built.assembly.links if link.target.startswith(f"{part.name}.")]
         rows.append((part.name, part.file, f"{part.kind} {part.interface.version}", ", ".join(sources)))
     console.print(console_table([*folded("component", "FMU"), "interface", "sources"], rows))
-    step = next(float(v.start or 0.0) for v in built.interface.variables if v.name == "coupling_step")
     console.print(
         f"{escape(str(built.path))}: {len(names('input'))} inputs, {len(names('output'))} outputs, "
-        f"{len(names('parameter'))} parameters, {built.path.stat().st_size / 1024:.0f} KiB"
+        f"{len(names('parameter'))} parameters, {file_size(built.path)}"
     )
-    console.print(
-        f"micro step: {step * 1e3:g} ms at most (parameter coupling_step); error: output coupling_error, in %"
-    )
+    step = convert(built.coupling_step, "s", "ms")
+    console.print(f"micro step: {step:g} ms at most (parameter coupling_step); error: output coupling_error, in %")
     console.print(f"platforms: {', '.join(built.platforms)}")
     if built.limits:
         console.print(f"[yellow]note[/] {escape(built.limits)}")
@@ -141,12 +142,13 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print a table of the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
     from eightpost.app.show import show_verdict
+    from eightpost.report.numbers import file_size
 
     rows = []
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
         kind = f"{item.interface.kind} {item.interface.version}"
-        rows.append((str(item.path), kind, item.target, *counts, f"{item.path.stat().st_size / 1024:.0f} KiB"))
+        rows.append((str(item.path), kind, item.target, *counts, file_size(item.path)))
     columns = [*folded("FMU"), "interface", "target", "inputs", "outputs", "parameters", "size"]
     console.print(console_table(columns, rows))
     for limits in dict.fromkeys(item.limits for item in built if item.limits):

@@ -121,5 +121,5 @@ def _table(report: CheckReport) -> Table:
 def _row(finding: Finding) -> tuple[str, ...]:
     rule, level = finding.rule, finding.rule.level.value
     text = f"{rule.title}: {finding.message}" if finding.message else rule.title
-    advice = f"{escape(finding.advice)} [dim]({rule.source})[/]"
+    advice = f"{escape(rule.advice)} [dim]({rule.source})[/]"
     return (f"[{_COLOURS[level]}]{level}[/]", rule.identifier, escape(text), advice)

@@ -143,8 +143,6 @@ def _compare_with_rig(
 
 def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the quality of each measure's prediction."""
-    from eightpost import units
-
     columns = right(
         "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band"
     )
@@ -152,7 +150,7 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
     for one in entries:
         low, high = one.line.interval()
         unit = result.display(one.measure)
-        sigma = f"{units.conversion(result.unit(one.measure), unit)[0] * one.run_to_run:.2g} {unit}"
+        sigma = f"{result.shown_difference(one.measure, one.run_to_run):.2g} {unit}"
         rows.append((
             escape(one.measure),
             f"{one.spearman:.3f}",
@@ -169,11 +167,13 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
 
 def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:
     """Return a table of measures by run, with the change of the last run from the first."""
+    from cosim.study.choice.compare import percent_change
     from eightpost import units
 
     rows = []
     for measure in measures:
         values = [units.convert(measure.of(s), measure.unit(s), measure.display) for s in runs.values()]
-        change = f"{100.0 * (values[-1] / values[0] - 1.0):+.2f} %" if values[0] else ""
-        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in values), change))
+        change = percent_change(values)
+        text = "" if change is None else f"{change:+.2f} %"
+        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in values), text))
     return console_table(["measure", "unit", *runs, "change"], rows)

@@ -16,7 +16,7 @@ from eightpost.app.run import run_with_progress
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
 from eightpost.corners import CORNERS
-from eightpost.errors import InputError
+from eightpost.examples_folder import examples_folder
 from eightpost.files import check_output_folder
 from eightpost.workers.process import usable_processors
 
@@ -58,19 +58,6 @@ def demo(ctx: click.Context, output: Path) -> None:
         console.print(f"  {path}", highlight=False)
     console.print(f"Page of all setups of the three shocks: {page}", highlight=False)
     ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
-
-
-def examples_folder() -> Path:
-    """Return the folder of examples: that of the checkout, or its copy in an installed wheel.
-
-    Raises:
-        InputError: The folder does not exist; the installation is broken.
-    """
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "examples", package.parent / "examples"):
-        if (folder / "seven_dof.toml").is_file():
-            return folder
-    raise InputError(f"there is no examples/ folder in {package} or in its parent folder; reinstall eightpost")
 
 
 def _fit_builds(console: Console, examples: Path, output: Path) -> None:

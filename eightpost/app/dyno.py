@@ -62,8 +62,7 @@ def dyno(  # one parameter per option
       eightpost dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o sine.parquet
       eightpost dyno --configuration 1 --test all -o tests/
     """
-    from eightpost.rig.dynamometer import program
-    from eightpost.rig.specimen import Specimen, drivefile_of
+    from eightpost.rig.dynamometer import Specimen, drivefile_of, program
 
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)

@@ -143,12 +143,14 @@ def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> 
 
 
 def _show_rating(console: Console, rating: StaticRating, outputs: Collection[str]) -> None:
+    from eightpost.units import convert
+
     console.print(rating.summary(outputs), highlight=False, soft_wrap=True)
     if rating.modal is not None and rating.unexplained is not None:
         rows = [(mode, *(f"{value:.2f}" for value in row)) for mode, row in rating.modal_us.items()]
         title = "spring matrix, 1e3 lbf and lbf.ft per in and deg (Eq 6.11)"
         console.print(console_table(["", *right(*rating.modal_us)], rows, title=title))
-        left = ", ".join(f"{100.0 * part:.1f}" for part in rating.unexplained)
+        left = ", ".join(f"{part:.1f}" for part in convert(rating.unexplained, "1", "%"))
         console.print(f"unexplained part of each aeroloader's force: {left} %", highlight=False, soft_wrap=True)
 
 

@@ -102,7 +102,7 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def _conditions(test: DynoTest) -> list[str]:
-    from eightpost.rig.dyno_notes import temperature_drift
+    from eightpost.rig.temperature import temperature_drift
 
     known = test.conditions
     values = {
@@ -123,12 +123,12 @@ def _conditions(test: DynoTest) -> list[str]:
 def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
-    from eightpost.rig.dyno_notes import temperature_drift
+    from eightpost.rig.temperature import temperature_drift
 
     rows = []
     for i, run in enumerate(runs, 1):
         series = run.series
-        stroke = f"{float(series['displacement'].max() - series['displacement'].min()):.4g}" if _has(run) else "-"
+        stroke = "-" if run.stroke is None else f"{run.stroke:.4g}"
         drift = f"{temperature_drift(series):+.1f}" if "temperature" in series else "-"
         peaks = (f"{float(abs(series[name]).max()):.4g}" for name in ("velocity", "force"))
         rows.append((str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift))
@@ -136,14 +136,7 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
     console.print(console_table(columns, rows))
     effect = temperature_effect(runs)
     if effect:
-        console.print(
-            f"force changes by {100.0 * effect.per_kelvin:+.2f} %/K (standard error {100.0 * effect.error:.2f}), from "
-            f"{effect.runs} repeated runs over a range of {effect.spread:.1f} K"
-        )
-
-
-def _has(run: DynoTest) -> bool:
-    return "displacement" in run.series
+        console.print(escape(str(effect)))
 
 
 def show_table(console: Console, table: PeakVelocityTable) -> None:
@@ -202,8 +195,5 @@ def _show_lags(console: Console, test: RigTest) -> bool:
     if late:
         console.print("shift the channels of a late logger with delays (docs/rig_data.md)")
     for drift in changes:
-        console.print(
-            f"[red]warning[/] from start to end {escape(drift.channel)} falls behind {escape(drift.against)} by "
-            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ"
-        )
+        console.print(f"[red]warning[/] from start to end {escape(drift.drift_text)}")
     return bool(late or changes)

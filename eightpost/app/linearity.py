@@ -101,6 +101,7 @@ def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[Ri
 
 def _show(console: Console, assessment: Linearity) -> None:
     from eightpost.ident.linearity import Condition
+    from eightpost.units import convert
 
     console.print(_condition_table(assessment))
     for kind in Condition:
@@ -109,18 +110,14 @@ def _show(console: Console, assessment: Linearity) -> None:
         lost = max(
             (each for each in assessment.verdicts if each.output == output), key=lambda v: v.shares[Condition.III]
         )
-        share = 100.0 * lost.shares[Condition.III]
+        share = convert(lost.shares[Condition.III], "1", "%")
         if share >= 1.0:
             console.print(
                 f"{output}: {share:.1f} % of its energy from {lost.input} is not predictable (III)", markup=False
             )
     for effect in assessment.effects:
         if effect.is_notable:
-            console.print(
-                f"{effect.output} from {effect.input}: the response changes by {100.0 * effect.change:.1f} % at "
-                f"{effect.large / effect.small:.3g} times the amplitude; noise explains {100.0 * effect.chance:.1f} %",
-                markup=False,
-            )
+            console.print(str(effect), markup=False)
     for note in assessment.notes:
         console.print(f"note: {note}", markup=False)
 

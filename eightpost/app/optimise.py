@@ -10,10 +10,9 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, seed_option
+from eightpost.app.options import SCHEDULER, WORKERS, check_report_folder, seed_option
 from eightpost.app.progress import bar
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
-from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def optimise(
     from eightpost.app.show import write_page
 
     console = Console()
-    check_output_folder(output)
+    check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
     for name in objectives:
         described.measure(name)

@@ -1,14 +1,15 @@
-"""Types of values and options that several verbs share. A library loads when a value is read, not for a help text."""
+"""Values, options and output folders that several verbs share. A library loads when a value is read, not for help."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
 from eightpost.errors import InputError, ParameterError
+from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
@@ -141,6 +142,26 @@ def flip_option(example: str) -> Callable[[Function], Function]:
     """Return the option --flip, with an example of a channel."""
     help_text = f"Reverse the sign of a channel, e.g. {example}; may be repeated."
     return click.option("--flip", multiple=True, metavar="CHANNEL", help=help_text)
+
+
+#: File beside the report of each kind. A run writes no report into the folder of a study, so the study comes first.
+_BESIDE_REPORT = {"study": "results.parquet", "run": "result.json"}
+
+
+def check_report_folder(folder: Path, kind: Literal["run", "study"]) -> None:
+    """Check that a path can be used as the output folder of a report, and that no other report would be replaced.
+
+    Raises:
+        InputError: The path or one of its parents is a file, or the folder has the report of the other kind.
+    """
+    check_output_folder(folder)
+    page = folder / "report.html"
+    owner = next((owner for owner, name in _BESIDE_REPORT.items() if (folder / name).is_file()), kind)
+    if page.is_file() and owner != kind:
+        raise InputError(
+            f"{page} is the report of a {owner}, and the report of the {kind} would replace it; choose another folder "
+            "with -o, or delete that file first"
+        )
 
 
 WORKERS = click.option("--workers", type=click.IntRange(min=1), metavar="N",

@@ -100,7 +100,8 @@ def rig(  # one parameter per option
       eightpost rig --test static --mode warp -o warp.csv
     """
     from eightpost.rig.post import program
-    from eightpost.rig.post.bench import Bench, shocks_named
+    from eightpost.rig.post.bench import Bench
+    from eightpost.rig.post.shocks import shocks_named
 
     bench = Bench.of(truth, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))

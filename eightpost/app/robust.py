@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +86,7 @@ def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
         for note in fit.held:
             console.print(f"[yellow]note[/] {escape(f'{build}: {note}')}", highlight=False, soft_wrap=True)
     for part in parts:
-        spread = zip(part.names, part.values, part.covariance.diagonal() ** 0.5, strict=True)
+        spread = zip(part.names, part.values, part.deviations, strict=True)
         text = ", ".join(f"{name} {value:.4g} ± {deviation:.2g}" for name, value, deviation in spread)
         console.print(f"{escape(part.part)}: {text}", highlight=False, soft_wrap=True)
     for vehicle in known.vehicles:
@@ -112,16 +114,14 @@ def spread_table(spread: Spread, result: StudyResult) -> Table:
     """Return a table of setups in groups of ties, best first: no member differs significantly from the first."""
     from cosim.study.choice.robust import REACH
 
-    unit, factor = _shown(spread.measure, result)
+    unit, shown = _shown(spread.measure, result)
     sigma = f"± {REACH:g} sigma"
     groups = []
     for number, group in enumerate(spread.groups(), start=1):
-        difference, deviation = spread.difference(int(group[0]))
         rows = []
-        for row in group.tolist():
+        for row, levels in zip(group.tolist(), spread.compared(group).tolist(), strict=True):
             setup = result.study.space.setup(int(spread.setups[row]))
-            numbers = (spread.values[row], REACH * spread.deviation[row], difference[row], REACH * deviation[row])
-            cells = [f"{factor * number:.4g}" for number in numbers]
+            cells = [f"{shown(level):.4g}" for level in levels]
             rows.append((str(number), str(setup.index), *setup.builds.values(), *cells))
         groups.append(rows)
     columns = (escape(f"{spread.measure} [{unit}]"), sigma, "difference from the group's first", sigma)
@@ -140,12 +140,10 @@ def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:
         console.print(f"it is {relation} the baseline, within the stated uncertainty", highlight=False)
 
 
-def _shown(measure: str, result: StudyResult) -> tuple[str, float]:
-    """Return the display unit of a measure, and the factor from SI to it."""
+def _shown(measure: str, result: StudyResult) -> tuple[str, Callable[[float], float]]:
+    """Return the display unit of a measure, and the conversion of a difference from SI to it."""
     from cosim.study.choice.robust import OBJECTIVE
-    from eightpost import units
 
     if measure == OBJECTIVE:
-        return "1", 1.0
-    unit = result.display(measure)
-    return unit, units.conversion(result.unit(measure), unit)[0]
+        return "1", float
+    return result.display(measure), partial(result.shown_difference, measure)

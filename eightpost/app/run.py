@@ -9,13 +9,13 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Assignment, Quantity
+from eightpost.app.options import Assignment, Quantity, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.system_file import Case
+    from cosim.session.case import Case
 
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
@@ -101,6 +101,8 @@ def run(
     from cosim.system_file import read_case
     from eightpost.app.show import show_result, show_verification
 
+    if report:
+        check_report_folder(output, "run")
     check_output_folder(output)
     folder = output.absolute()  # an FMU may change the working directory
     given = Given(drive, stop, record_step, dict(inputs))

@@ -60,4 +60,6 @@ def share_table(results: Sequence[Sensitivity]) -> Table:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f}"
+    from eightpost.units import convert
+
+    return f"{convert(share, '1', '%'):.1f}"

@@ -80,9 +80,8 @@ def show_verification(console: Console, verification: cosim.Verification, result
 
 
 def _step(result: cosim.Result) -> str:
-    if result.largest_step > result.step * (1.0 + 1e-9):
-        return f"{result.step * 1e3:.3g} to {result.largest_step * 1e3:.3g} ms"
-    return f"{result.step * 1e3:.4g} ms"
+    step, largest = (units.convert(seconds, "s", "ms") for seconds in (result.step, result.largest_step))
+    return f"{step:.4g} ms" if result.has_equal_steps else f"{step:.3g} to {largest:.3g} ms"
 
 
 def _show_local_error(console: Console, result: cosim.Result) -> None:

@@ -12,10 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.build import build_with_progress
-from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity
+from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.errors import InputError
-from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
@@ -82,7 +81,7 @@ def study(
     from eightpost.signals import write_series
 
     console = Console()
-    check_output_folder(output)
+    check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
     if rank is not None:
         described.measure(rank)
@@ -187,9 +186,8 @@ def show_result(console: Console, result: StudyResult, *, rank: str | None = Non
 
     rows = result.ranking(rank)
     console.print(_ranking(result, rows[:top].tolist(), rank))
-    infeasible = int(result.done.sum()) - rows.size
-    if infeasible:
-        console.print(f"{infeasible} setups violate a constraint and are not ranked", highlight=False)
+    if result.infeasible:
+        console.print(f"{result.infeasible} setups violate a constraint and are not ranked", highlight=False)
     _show_failed(console, result)
     _show_marks(console, result)
     error = result.worst_coupling_error

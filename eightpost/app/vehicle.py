@@ -76,7 +76,9 @@ def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
 
 
 def _mode_text(mode: Mode) -> str:
-    return f"{mode.frequency_hz:.3f} Hz {100.0 * mode.damping_ratio:.2f} %"
+    from eightpost.units import convert
+
+    return f"{mode.frequency_hz:.3f} Hz {convert(mode.damping_ratio, '1', '%'):.2f} %"
 
 
 def _outputs(response: FrequencyResponse, names: Sequence[str]) -> list[str]:

@@ -155,23 +155,25 @@ class Figure:
         self._traces.append(trace | style)
 
 
-def grid(
-    count: int, columns: int, *, gap: tuple[float, float]
-) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return column and row [1] of each panel of a grid, row by row from above.
+def grid_figure(
+    caption: str, height: int, panels: Sequence[tuple[Axis, Axis, str]], columns: int, *, gap: tuple[float, float]
+) -> Figure:
+    """Return a figure with panels in a grid, row by row from above.
 
     Args:
-        count: Number of panels.
+        caption: Text below the figure.
+        height: Height [px].
+        panels: Horizontal axis, vertical axis and heading of each panel.
         columns: Number of panels in a row.
         gap: Gaps between columns and between rows [1].
     """
-    rows = -(-count // columns)
-    width, height = (1.0 - gap[0] * (columns - 1)) / columns, (1.0 - gap[1] * (rows - 1)) / rows
-    places = []
-    for k in range(count):
-        left, below = (k % columns) * (width + gap[0]), (rows - 1 - k // columns) * (height + gap[1])
-        places.append(((left, left + width), (below, below + height)))
-    return places
+    rows = -(-len(panels) // columns)
+    wide, high = (1.0 - gap[0] * (columns - 1)) / columns, (1.0 - gap[1] * (rows - 1)) / rows
+    placed = []
+    for k, (x, y, title) in enumerate(panels):
+        left, below = (k % columns) * (wide + gap[0]), (rows - 1 - k // columns) * (high + gap[1])
+        placed.append(Panel(x, y, (left, left + wide), (below, below + high), title))
+    return Figure(caption, height, placed)
 
 
 def _axes(panel: int) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
+from pathlib import Path
 from typing import Any
 
 from eightpost import units
@@ -55,6 +56,11 @@ def plain(value: float, digits: int) -> str:
 def percent(value: float) -> str:
     """Return a value given in percent, with two digits."""
     return f"{figure(value, 2 if abs(value) < 100.0 else 3)}\N{NO-BREAK SPACE}%"
+
+
+def file_size(path: Path) -> str:
+    """Return the size of a file in KiB."""
+    return f"{path.stat().st_size / 1024:.0f} KiB"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -126,7 +126,7 @@ def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead:
         lead: Text below the verdict; default none.
     """
     figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
-    shown = {unit: Display.of(unit) for figure in figures for unit in figure.units}
+    shown = {unit: Display.of(unit) for figure in figures for unit in sorted(figure.units)}
     content = {
         "figures": [figure.content() for figure in figures],
         "units": {unit: [scale.factor, scale.unit] for unit, scale in shown.items()},

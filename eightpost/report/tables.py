@@ -78,11 +78,6 @@ def _cell(value: Cell | float | None, unit: str, digits: int) -> Cell:
     return value if isinstance(value, Amount | str) else Amount(float(value), unit or "1", digits)
 
 
-def text_table(headings: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> ResultTable:
-    """Return a table of texts without a title."""
-    return ResultTable("", tuple((heading, "") for heading in headings), rows)
-
-
 def result_table(table: ResultTable) -> Table:
     """Return a table for a terminal, in US customary units."""
     columns = [

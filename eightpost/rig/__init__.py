@@ -1,13 +1,13 @@
 """Rigs: dynamometer tests, generators of drive files, and a virtual dynamometer."""
 
-from eightpost.rig.actuator import Actuator
 from eightpost.rig.damper import BUILDS, CONFIGURATIONS, PhysicalDamper, cavitation, configuration, shim_build
-from eightpost.rig.dynamometer import Damper, Sensor, Sensors, TemperatureEffect, measure, read_out, temperature_effect
+from eightpost.rig.dynamometer import Actuator, Damper, Sensor, Sensors, measure, read_out
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test, read_dyno_tests
 from eightpost.rig.excitations import SineTest, bump, random_multisine, sine_test, sine_tests, static_steps
 from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
 from eightpost.rig.runs import split_runs
+from eightpost.rig.temperature import TemperatureEffect, temperature_effect
 from eightpost.rig.track import Track, track_drivefile
 from eightpost.rig.truth_damper import TruthDamper, ValveSide, demo_damper
 

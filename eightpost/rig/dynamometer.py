@@ -1,23 +1,23 @@
-"""Virtual dynamometer: programs of motion, temperature, sensors."""
+"""Virtual dynamometer: tests, shocks under test, actuator and sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
+from eightpost import __version__
 from eightpost.array_types import Array
-from eightpost.rig.excitations import bump, random_multisine, sine_tests, static_steps
+from eightpost.errors import ParameterError
+from eightpost.rig.damper import CONFIGURATIONS, SHIMS_OF_BUILD, PhysicalDamper, cavitation, configuration, shim_build
+from eightpost.rig.excitations import bump, random_multisine, sine_test, sine_tests, static_steps
+from eightpost.signals.csv_file import write_csv
+from eightpost.signals.drivefile import Drivefile
+from eightpost.signals.parquet_file import write_parquet
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from eightpost.rig.actuator import Actuator
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.signals.drivefile import Drivefile
-
 
 # ---- Tests of the virtual dynamometer and their drive files, by name (dissertation 3.2.3) ---------------------------
 
@@ -39,80 +39,56 @@ def program(*, seed: int) -> dict[str, Drivefile]:
     return tests | {"static": static_steps(), "bump": bump()}
 
 
-# ---- Effect of temperature on the force, estimated from runs that are repeated at several temperatures --------------
+def drivefile_of(
+    test: str, seed: int, *, amplitude: float | None = None, speed: float | None = None, duration: float | None = None
+) -> Drivefile:
+    """Return the motion of a test of 3.2.3.
 
-#: Runs are repetitions if the standard deviations of their velocities agree within this share.
-ALIKE = 0.05
-#: Minimum range of temperature [K] for an estimate.
-SMALLEST_SPREAD = 1.0
+    Args:
+        test: Kind of the test: random, sine, static or bump.
+        seed: Seed of the random phases.
+        amplitude: Amplitude of a sine [m].
+        speed: Peak velocity of a sine [m/s].
+        duration: Length of a random test [s].
+    """
+    if amplitude is not None and speed is not None:
+        return sine_test(amplitude, speed).drivefile
+    if test == "random":
+        seconds = RANDOM_DURATION if duration is None else duration
+        if not 0.5 <= seconds <= 600.0:
+            raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
+        return random_multisine(seed, duration=seconds)
+    return static_steps() if test == "static" else bump()
+
+
+# ---- Actuator, whose position deviates from the command because of magnetic cogging ---------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class TemperatureEffect:
-    """Change of force with temperature, estimated from repeated runs.
+class Actuator:
+    """A linear motor whose cogging causes a position error with the pitch of its magnets (the ripple of 3.4.4).
+
+        x = x_cmd + r sin(2 pi x_cmd / p)
+
+    The ripple is real motion: it acts on the damper, and the sensors measure it.
 
     Attributes:
-        per_kelvin: Relative change of the force's standard deviation [1/K]; negative if the shock becomes softer.
-        error: Standard error of per_kelvin [1/K]; NaN if it is determined exactly by two runs.
-        runs: Number of runs.
-        spread: Range of the mean temperatures of the runs [K].
+        ripple: Amplitude r of the ripple [m]. The velocity ripple is 2 pi r / p of the velocity: 1 % with the defaults;
+            plausible values are 0 to 3 %.
+        pitch: Pitch p of the magnets [m]; 20 to 60 mm for motors of this force.
     """
 
-    per_kelvin: float
-    error: float
-    runs: int
-    spread: float
+    ripple: float = 5e-5
+    pitch: float = convert(1.2, "in", "m")
+
+    def follow(self, command: TimeSeries) -> TimeSeries:
+        """Return the motion along a command with the channel `displacement` [m]."""
+        target = command["displacement"]
+        actual = target + self.ripple * np.sin(2.0 * np.pi * target / self.pitch)
+        return command.with_channel("displacement", "m", actual)
 
 
-def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
-    """Estimate the change of force with temperature from runs that repeat each other.
-
-    The model log(standard deviation of force) = g_k + b T is fitted by least squares. The groups k are runs with the
-    same velocity (standard deviation within 5 %); within a group, the force is assumed proportional to the velocity.
-    The result is None if no runs are repeated, or if their temperatures differ by less than 1 K.
-
-    Args:
-        tests: Runs from `split_runs` or from several files of one build.
-    """
-    known = [test for test in tests if "temperature" in test.series]
-    temperatures, logs = [], []
-    for group in _groups(known):
-        if len(group) > 1:
-            heat = np.array([test.series["temperature"].mean() for test in group])
-            force = np.array([np.log(test.series["force"].std() / test.series["velocity"].std()) for test in group])
-            temperatures.append(heat - heat.mean())
-            logs.append(force - force.mean())
-    if not temperatures or max(float(np.ptp(heat)) for heat in temperatures) < SMALLEST_SPREAD:
-        return None
-    return _regress(temperatures, logs)
-
-
-def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
-    """Return the runs in groups with the same standard deviation of velocity."""
-    groups: list[list[DynoTest]] = []
-    for test in sorted(tests, key=_speed):
-        if groups and _speed(test) <= (1.0 + ALIKE) * _speed(groups[-1][0]):
-            groups[-1].append(test)
-        else:
-            groups.append([test])
-    return groups
-
-
-def _speed(test: DynoTest) -> float:
-    return float(test.series["velocity"].std())
-
-
-def _regress(temperatures: list[Array], logs: list[Array]) -> TemperatureEffect:
-    heat, force = np.concatenate(temperatures), np.concatenate(logs)
-    slope = float(heat @ force / (heat @ heat))
-    free = heat.size - len(temperatures) - 1
-    residual = force - slope * heat
-    error = float(np.sqrt(residual @ residual / free / (heat @ heat))) if free > 0 else float("nan")
-    spread = max(float(np.ptp(group)) for group in temperatures)
-    return TemperatureEffect(slope, error, heat.size, spread)
-
-
-# ---- Virtual shock dynamometer --------------------------------------------------------------------------------------
+# ---- Sensors and measurement ----------------------------------------------------------------------------------------
 
 
 class Damper(Protocol):
@@ -217,3 +193,80 @@ def _temperature(response: TimeSeries) -> Array:
     if "warming" in response:
         return WARM_START + response["warming"]
     return np.asarray(START_TEMPERATURE + WARMING * (response.time - response.time[0]), dtype=np.float64)
+
+
+# ---- Physical shocks under test, with the files that the dynamometer writes -----------------------------------------
+
+#: Units of a .csv file, as dynamometers write them; a .parquet file is in SI units.
+_CSV_UNITS = {"displacement": "in", "velocity": "in/s", "force": "lbf", "temperature": "degF"}
+_CSV_DECIMALS = {"time": 4, "displacement": 4, "velocity": 2, "force": 1, "temperature": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """A shock under test and its title in files."""
+
+    damper: PhysicalDamper
+    title: str
+
+    @classmethod
+    def configured(cls, number: int) -> Specimen:
+        """Return the shock of a row of Table 3.1."""
+        damper, setting = configuration(number), CONFIGURATIONS[number]
+        shims = SHIMS_OF_BUILD[setting.build]
+        psi = convert(setting.gas_pressure, "Pa", "psi")
+        return cls(
+            damper,
+            f"configuration {number}: build {setting.build} ({shims.compression}/{shims.rebound}, head valve "
+            f"{shims.head}), {psi:.0f} psi, {setting.clicks} clicks",
+        )
+
+    @classmethod
+    def built(cls, build: str, *, clicks: int | None = None, gas: float | None = None) -> Specimen:
+        """Return a shock of Table 7.3.
+
+        Args:
+            build: Shim codes, such as `C/B`.
+            clicks: Rebound bleed in clicks from fully open; None: 1.
+            gas: Gauge gas pressure [Pa]; None: 150 psi.
+        """
+        gas = convert(150.0, "psi", "Pa") if gas is None else gas
+        clicks = 1 if clicks is None else clicks
+        damper = shim_build(build, clicks=clicks, gas_pressure=gas)
+        nominal = convert(damper.nominal_damping(), "N.s/m", "lbf.s/in")
+        title = f"{build}, {convert(gas, 'Pa', 'psi'):.4g} psi, {clicks} clicks"
+        return cls(damper, f"{title}; nominal damping {nominal:.1f} lbf/(in/s)")
+
+    def test(self, drivefile: Drivefile, name: str, seed: int, path: Path) -> str:
+        """Run a test and write its record.
+
+        Args:
+            drivefile: Motion of the dynamometer.
+            name: Name of the test.
+            seed: Seed of the sensor noise.
+            path: Record to write, .csv or .parquet.
+
+        Returns:
+            A sentence about the test.
+        """
+        response = self.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
+        record = read_out(response, seed=seed)
+        note = f"SYNTHETIC: eightpost dyno {__version__}, {self.title}, test {name}, seed {seed}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".parquet":
+            write_parquet(record, path, note=note)
+        else:
+            write_csv(record, path, units=_CSV_UNITS, decimals=_CSV_DECIMALS, preamble=(note,))
+        return f"{name}: {_summary(response)}; wrote {path}"
+
+
+def _summary(truth: TimeSeries) -> str:
+    force = convert(truth["force"], "N", "lbf")
+    cavity = cavitation(truth)
+    lowest = convert(cavity.lowest, "Pa", "psi")
+    verdict = "cavitates" if cavity.cavitates else "does not cavitate"
+    share = f"for {100.0 * cavity.share:.1f} % of the time" if cavity.share else "never"
+    return (
+        f"{truth.duration:.1f} s at {truth.sample_rate:.0f} Hz, force {force.min():.0f} to {force.max():.0f} lbf, std "
+        f"{force.std():.1f} lbf; {verdict} (chamber pressure below 30 kPa {share}, minimum {lowest:.1f} psi absolute)"
+    )

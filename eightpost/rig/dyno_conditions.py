@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from eightpost import units
 from eightpost.errors import UnknownUnitError
+from eightpost.signals.raw_record import letters_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -114,7 +115,7 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
 def _condition(key: str) -> str | None:
     """Return the name of the condition for a key, or None."""
     match = _IN_BRACKETS.match(key)
-    plain = re.sub(r"[^a-z]", "", (match["key"] if match else key).lower())
+    plain = letters_of(match["key"] if match else key)
     for name, keys in _KEYS.items():
         if plain in keys:
             return name

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
 from scipy.signal import correlate, correlation_lags
 
 from eightpost.array_types import Array
+from eightpost.rig.temperature import warming_note
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 LONGEST = 0.25
 
 
-def _lag_between(values: Array, reference: Array, rate: float, *, longest: float = LONGEST) -> float:
+def _lag_between(values: Array, reference: Array, rate: float) -> float:
     """Return the lag [s] of `values` (N,) behind `reference` (N,); negative if `values` lead.
 
     The lag is the maximum of the cross-correlation, refined by a parabola through its neighbours. For a steady sine it
@@ -34,12 +36,11 @@ def _lag_between(values: Array, reference: Array, rate: float, *, longest: float
         values: Samples (N,) of the channel.
         reference: Samples (N,) of the reference channel.
         rate: Sample rate [Hz].
-        longest: Maximum lag of the search [s].
     """
     first, second = (row - row.mean() for row in (values, reference))
     lags = correlation_lags(first.size, second.size)
     correlation = correlate(first, second, method="fft") / (first.size - np.abs(lags))
-    near = np.abs(lags) <= min(longest * rate, first.size / 4)
+    near = np.abs(lags) <= min(LONGEST * rate, first.size / 4)
     lags, correlation = lags[near], correlation[near]
     peaks = np.flatnonzero(correlation >= correlation.max() * (1.0 - 1e-3))
     best = int(peaks[np.argmin(np.abs(lags[peaks]))]) if _separate(peaks) else int(np.argmax(correlation))
@@ -92,8 +93,6 @@ REPEATED_SHARE = 0.02
 REST_SHARE = 0.05
 #: Force at rest [N] that few gas springs reach: 2 MPa on a rod of 25 mm.
 STRONG_GAS = 1000.0
-#: Temperature change [K] that gives a note.
-DRIFT = 5.0
 
 
 def notes_of(
@@ -295,7 +294,8 @@ def _correlation(values: Array, reference: Array, lag: int) -> float:
 
 def _travel(series: TimeSeries) -> Iterator[str]:
     """Yield a note if the mean of velocity, in a record without displacement, is too large for a shock's travel."""
-    path, time = _integral(series), series.time
+    time = series.time
+    path = cumulative_trapezoid(series["velocity"], time, initial=0)
     net = float(path[-1])
     stroke = float(np.ptp(path - net * (time - time[0]) / series.duration))
     if abs(net) > max(2.0 * stroke, IMPLAUSIBLE["displacement"]) or abs(net) > 5.0 * stroke:
@@ -305,17 +305,11 @@ def _travel(series: TimeSeries) -> Iterator[str]:
         )
 
 
-def _integral(series: TimeSeries) -> Array:
-    """Return the integral of velocity (N,) [m]."""
-    velocity = series["velocity"]
-    return np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(series.time))))
-
-
 def _path(series: TimeSeries) -> Array:
     """Return displacement (N,) [m], or the integral of velocity without its drift."""
     if "displacement" in series:
         return series["displacement"]
-    path = _integral(series)
+    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
     return np.asarray(path - path[-1] * np.linspace(0.0, 1.0, path.size))
 
 
@@ -383,26 +377,6 @@ def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
             f"force: {middle:.4g} N at standstill, more than half of its range: a large gas force, or an offset of the "
             "load cell's zero"
         )
-
-
-def warming_note(series: TimeSeries) -> str | None:
-    """Return a note if the temperature changes; None if it is constant or unknown."""
-    if "temperature" not in series:
-        return None
-    drift = temperature_drift(series)
-    if abs(drift) <= DRIFT:
-        return None
-    return (
-        f"temperature: it changes by {drift:+.1f} K over the record, and so does the damping; fit parts of the record "
-        "separately, and compare them"
-    )
-
-
-def temperature_drift(series: TimeSeries) -> float:
-    """Return the change of temperature [K] over a record, from the mean of its first tenth to that of its last."""
-    values = series["temperature"]
-    tenth = max(1, values.size // 10)
-    return float(values[-tenth:].mean() - values[:tenth].mean())
 
 
 def _follows(lag: float) -> str:

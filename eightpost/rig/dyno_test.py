@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from eightpost.errors import FileFormatError, MissingChannelError
 from eightpost.files import sha256_of
@@ -16,8 +17,8 @@ from eightpost.signals import faults
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
-from eightpost.signals.raw_record import mapped_series
-from eightpost.signals.read import read_record, read_records
+from eightpost.signals.formats import read_record, read_records
+from eightpost.signals.raw_record import letters_of, mapped_series
 from eightpost.units import compatible, is_unit
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def _dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Chann
 
 def _alias(record: RawRecord, channel: str, taken: set[str]) -> MappedChannel | None:
     """Return the column that has a usual name of `channel`, or None."""
-    matches = [name for name in record.names if name not in taken and _plain(name) in _ALIASES[channel]]
+    matches = [name for name in record.names if name not in taken and letters_of(name) in _ALIASES[channel]]
     if channel == "time":
         matches = [name for name in matches if name != "T" or (len(matches) == 1 and not _is_heat(record, name))]
     if len(matches) > 1:
@@ -74,10 +75,6 @@ def _is_heat(record: RawRecord, name: str) -> bool:
     """Return whether a column has a temperature unit."""
     unit = record.units[record.names.index(name)]
     return unit is not None and is_unit(unit) and compatible(unit, "K")
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^a-z]", "", name.lower())
 
 
 # ---- Shock dynamometer tests ----------------------------------------------------------------------------------------
@@ -115,6 +112,11 @@ class DynoTest:
             if name not in self.series:
                 known = ", ".join(self.series.names)
                 raise MissingChannelError(f"a dynamometer test needs this channel; there are: {known}", channel=name)
+
+    @property
+    def stroke(self) -> float | None:
+        """Difference between the highest and the lowest displacement [m]; None if the displacement is unknown."""
+        return float(np.ptp(self.series["displacement"])) if "displacement" in self.series else None
 
 
 def read_dyno_test(

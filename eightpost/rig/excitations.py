@@ -157,10 +157,10 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
     return SineTest(amplitude, speed, start, Drivefile(series))
 
 
-def sine_tests(*, cycles: int = 3, rate: float = 2000.0) -> tuple[SineTest, ...]:
-    """Return the 14 sines of Table 3.3 in the order of the table; see `sine_test` for the arguments."""
+def sine_tests() -> tuple[SineTest, ...]:
+    """Return the 14 sines of Table 3.3 in the order of the table."""
     table = [(convert(a, "in", "m"), convert(v, "in/s", "m/s")) for a, v in TABLE_3_3]
-    return tuple(sine_test(amplitude, speed, cycles=cycles, rate=rate) for amplitude, speed in table)
+    return tuple(sine_test(amplitude, speed) for amplitude, speed in table)
 
 
 # ---- Drive files with ramps and holds -------------------------------------------------------------------------------

@@ -22,8 +22,8 @@ from eightpost.errors import (
 )
 from eightpost.files import sha256_of
 from eightpost.signals.faults import check_finite
-from eightpost.signals.raw_record import is_number
-from eightpost.signals.read import read_record
+from eightpost.signals.formats import read_record
+from eightpost.signals.raw_record import is_number, letters_of
 from eightpost.units import compatible, convert
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
 
 def is_peak_velocity(record: RawRecord) -> bool:
     """Return whether a record is a peak-velocity table: it has a speed and strokes, but no time."""
-    plain = [_plain(name) for name in record.names]
+    plain = [letters_of(name) for name in record.names]
     if {"t", "time", "timestamp", "times"} & set(plain) or not _SPEED & set(plain):
         return False
     strokes = {stroke for name in record.names for stroke in _WORDS if _COLUMN[stroke].match(name)}
@@ -225,7 +225,7 @@ class _Columns:
 
     def _is_force(self, i: int) -> bool:
         unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
-        taken = self._is_setting(i) or _plain(self.record.names[i]) in _SPEED | _STROKE
+        taken = self._is_setting(i) or letters_of(self.record.names[i]) in _SPEED | _STROKE
         try:
             return unit is not None and compatible(unit, "N") and not taken
         except UnknownUnitError:
@@ -234,7 +234,7 @@ class _Columns:
     def _is_setting(self, i: int) -> bool:
         """Return whether a column contains the setting of each line; a column `0 clicks` contains forces instead."""
         name = self.record.names[i]
-        return _plain(name) in _SETTING and not re.search(r"\d", name)
+        return letters_of(name) in _SETTING and not re.search(r"\d", name)
 
     def _settings(self) -> list[str]:
         """Return the setting of each line, from the column of settings; empty without this column."""
@@ -254,7 +254,7 @@ class _Columns:
         raise self.record.origin.fault(DataError, what, channel="side", sample=row)
 
     def _find(self, names: set[str]) -> int | None:
-        return next((i for i, name in enumerate(self.record.names) if _plain(name) in names), None)
+        return next((i for i, name in enumerate(self.record.names) if letters_of(name) in names), None)
 
     def _need(self, names: set[str], channel: str) -> int:
         found = self._find(names)
@@ -279,10 +279,6 @@ class _Columns:
         raw = self.record.numbers(i, channel=channel)
         check_finite(raw, channel=channel, origin=self.record.origin)
         return convert(raw, unit, si)
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^a-z]", "", name.lower())
 
 
 def _with_signs(points: list[_Point], path: Path) -> list[_Point]:

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
@@ -91,7 +92,7 @@ def _path(test: DynoTest) -> Array:
         path = series["displacement"]
     else:
         velocity = series["velocity"] - series["velocity"].mean()
-        path = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(series.time))))
+        path = cumulative_trapezoid(velocity, series.time, initial=0)
     rate = series.sample_rate
     return lowpass(path, rate, min(50.0, 0.1 * rate), order=2)
 

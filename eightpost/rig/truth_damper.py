@@ -78,9 +78,8 @@ class TruthDamper:
         rebound: Valve side for negative force.
         fluid_stiffness: Fluid stiffness k0 at zero force [N/m].
         stiffening_force: Force F1 at which the fluid is twice as stiff [N].
-        gas_pressure: Static gas pressure [Pa], for information only: it corresponds to K and F0.
         gas_stiffness: Gas stiffness K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
-        gas_preload: Gas force F0 at zero displacement [N] (Eq 3.18).
+        gas_preload: Gas force F0 at zero displacement [N] (Eq 3.18); that of 150 psi.
         seal_drag: Seal friction F_seal [N]; 3 to 5 lbf (3.4.3).
         seal_velocity: Transition velocity v_seal of the seal friction [m/s].
     """
@@ -89,7 +88,6 @@ class TruthDamper:
     rebound: ValveSide
     fluid_stiffness: float
     stiffening_force: float
-    gas_pressure: float = convert(150.0, "psi", "Pa")
     gas_stiffness: float = convert(4.0, "lbf/in", "N/m")
     gas_preload: float = 46.0 * _POUND
     seal_drag: float = 4.0 * _POUND

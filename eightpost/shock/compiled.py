@@ -36,7 +36,7 @@ def compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
     return found
 
 
-def registered(*functions: Any) -> set[FunctionType]:
+def _registered(*functions: Any) -> set[FunctionType]:
     """Register functions, and all that they call by name, with the compiler; return them all."""
     found: set[FunctionType] = set()
     waiting = [cast("FunctionType", function) for function in functions]
@@ -57,7 +57,7 @@ def _register(function: FunctionType) -> None:
     register_jitable(function)
 
 
-def number_of(functions: set[Any]) -> int:
+def _number_of(functions: set[Any]) -> int:
     """Return a positive number that changes with the files that functions come from."""
     digest = hashlib.sha256()
     for path in sorted({Path(function.__code__.co_filename) for function in functions}):
@@ -68,9 +68,7 @@ def number_of(functions: set[Any]) -> int:
 def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Callable[..., Any]:
     """Return a function of an index and further arguments that calls the function of that index, in compiled code too.
 
-    Args:
-        functions: Functions with the same arguments and results.
-        number: Index of the first one.
+    The index of the first function is `number`.
     """
     first = register_jitable(functions[0])
     rest = _choice_of(functions[1:], number + 1) if functions[1:] else None
@@ -108,7 +106,7 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
     module = law_module(law)
     advance_core, weight_core = module.advance_core, module.weight_core
     # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
-    number = number_of(registered(advance_core, weight_core, valve_force))
+    number = _number_of(_registered(advance_core, weight_core, valve_force))
 
     def loop(valve: Any, own: Any, velocity: Any, step: Any, force: Any) -> None:
         if number == 0:
@@ -206,6 +204,6 @@ _advance, _weight = (_choice_of([of(law) for law in LAWS.values()]) for of in (_
 register_jitable(law_step)
 
 #: A number that changes with any file that the code of `law_step` comes from.
-LAW_FILES = number_of(
-    {law_step}.union(*(registered(m.advance_core, m.weight_core, valve_force) for m in map(law_module, LAWS.values())))
+LAW_FILES = _number_of(
+    {law_step}.union(*(_registered(m.advance_core, m.weight_core, valve_force) for m in map(law_module, LAWS.values())))
 )

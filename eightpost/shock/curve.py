@@ -34,7 +34,7 @@ class CurveNumbers(NamedTuple):
     rebound_slope: float
 
 
-def polynomial(coefficients: tuple[float, ...], s: float) -> float:
+def _polynomial(coefficients: tuple[float, ...], s: float) -> float:
     """Return c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4, which a processor can overlap."""
     square = s * s
     fourth = square * square
@@ -56,22 +56,22 @@ def curve_force(curve: CurveNumbers | StaticCurve, velocity: float) -> float:
     """Return F_s [N] at a damper velocity [m/s], positive in compression (Eq 3.23)."""
     high, low = curve.compression_speed, -curve.rebound_speed
     if velocity > high:
-        return fitted_force(curve, high) + curve.compression_slope * (velocity - high)
+        return _fitted_force(curve, high) + curve.compression_slope * (velocity - high)
     if velocity < low:
-        return fitted_force(curve, low) + curve.rebound_slope * (velocity - low)
-    return fitted_force(curve, velocity)
+        return _fitted_force(curve, low) + curve.rebound_slope * (velocity - low)
+    return _fitted_force(curve, velocity)
 
 
-def fitted_force(curve: CurveNumbers | StaticCurve, velocity: float) -> float:
+def _fitted_force(curve: CurveNumbers | StaticCurve, velocity: float) -> float:
     """Return the blended polynomials [N] at a damper velocity [m/s], inside the fitted range."""
     share = outer_share(curve, abs(velocity))
     inner = outer = 0.0
     if share < 1.0:
         s = velocity / curve.transition_speed
-        inner = s * polynomial(curve.inner, s)
+        inner = s * _polynomial(curve.inner, s)
     if share > 0.0:
         coefficients = curve.compression if velocity > 0.0 else curve.rebound
-        outer = polynomial(coefficients, (abs(velocity) - curve.transition_speed) / curve.transition_speed)
+        outer = _polynomial(coefficients, (abs(velocity) - curve.transition_speed) / curve.transition_speed)
     return (1.0 - share) * inner + share * outer
 
 

@@ -10,8 +10,10 @@ A law is a single file (docs/add_a_law.md). Besides its class, the file has at m
   law's own parameters, in the order of its fields.
 - `FIT_PARAMETERS`: a `FitParameter` for each of these parameters.
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
-  lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1, 0
-  above the third F_2, and linear between. "series spring": the only parameter is a stiffness in series with the curve.
+  lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
+  0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1
+  and F_2, each times the factor. "series spring": the only parameter is a stiffness in series with the curve. The fit
+  evaluates both functions of alpha for arrays, with the `min`, `max` and `copysign` of numpy: they have no branches.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import copysign
 
 from .lag import advance
 from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
@@ -28,8 +29,18 @@ FIT_PARAMETERS = (
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
     """Return alpha: 1 up to F_1, 0 from F_2, linear between; own = (tau, F_1, F_2)."""
-    share = (own[2] - abs(static_force)) / (own[2] - own[1])
-    return min(max(share, 0.0), 1.0)
+    return min(max(_share(static_force, own), 0.0), 1.0)
+
+
+def weight_slopes_core(static_force: float, factor: float, own: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return the derivatives of alpha by F_s, F_1 and F_2, each times a factor."""
+    share = _share(static_force, own)
+    slope = factor / (own[2] - own[1]) * ((share > 0.0) * (share < 1.0))
+    return -copysign(1.0, static_force) * slope, slope * share, slope * (1.0 - share)
+
+
+def _share(static_force: float, own: tuple[float, ...]) -> float:
+    return (own[2] - abs(static_force)) / (own[2] - own[1])
 
 
 def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Valve) -> float:

@@ -60,36 +60,36 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
     """
     w = velocity_under(lagged, piece.velocity_start, piece.static_start, valve)
     force, time = lagged, 0.0
-    most = max(STRAIGHT, 2.0 * reach(w, piece.velocity_start, piece.velocity_end) / _MOST_PARTS)
+    most = max(STRAIGHT, 2.0 * _reach(w, piece.velocity_start, piece.velocity_end) / _MOST_PARTS)
     for part in range(_MOST_PARTS):
-        v, left = velocity_at(piece, time), piece.step - time
+        v, left = _velocity_at(piece, time), piece.step - time
         gap, last = v - w, piece.velocity_end - w
         if (gap == 0.0 and last == 0.0) or left <= 0.0:
             return force
         if gap * last < 0.0 and abs(gap) > _SHORTEST:  # w will turn: first advance to where v = w
             left, last = left * (gap / (gap - last)), 0.0
         towards = gap if abs(gap) >= abs(last) else last
-        far, room = abs(towards), room_before_kink(w, towards, valve)
-        tau = time_constant(w, force, copysign(min(far, most, room), towards), own[0], valve)
+        far, room = abs(towards), _room_before_kink(w, towards, valve)
+        tau = _time_constant(w, force, copysign(min(far, most, room), towards), own[0], valve)
         if far > most and part < _MOST_PARTS - 1:
             if tau == 0.0:  # the curve is flat, so w crosses it at once
                 w += copysign(min(most, room), towards)
                 force = valve_force(valve, w)
                 continue
             left = min(left, tau * most / far)  # |dw/dt| is at most far / tau
-        end = piece.velocity_end if time + left >= piece.step else velocity_at(piece, time + left)
-        tau = chord_time_constant(w, force, tau, v, end, left, room, own[0], valve)
-        change = followed(w, v, end, tau, left) - w
+        end = piece.velocity_end if time + left >= piece.step else _velocity_at(piece, time + left)
+        tau = _chord_time_constant(w, force, tau, v, end, left, room, own[0], valve)
+        change = _followed(w, v, end, tau, left) - w
         if abs(change) > room:
             whole = left
-            left = time_across(room, abs(change), w, v, end, tau, whole)
+            left = _time_across(room, abs(change), w, v, end, tau, whole)
             change = copysign(room, change)
-            gained = bow_of_curve(w, force, change, tau, left, own[0], valve)
-            left = min(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole)
+            gained = _bow_of_curve(w, force, change, tau, left, own[0], valve)
+            left = min(_time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole)
         else:
             # Once w follows the velocity at a constant distance, only the velocity's ramp changes w at an even rate.
             even = 1.0 if left < _AT_REST * tau else min(abs(end - v) / max(abs(change), _SHORTEST), 1.0)
-            change += even * bow_of_curve(w, force, change, tau, left, own[0], valve)
+            change += even * _bow_of_curve(w, force, change, tau, left, own[0], valve)
         after = w + copysign(min(abs(change), room), change)
         after = min(max(after, min(w, v, end)), max(w, v, end))
         change = valve_force(valve, after) - force
@@ -101,23 +101,23 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
     return force
 
 
-def velocity_at(piece: Piece, time: float) -> float:
+def _velocity_at(piece: Piece, time: float) -> float:
     """Return v [m/s] at a time [s] after the start of a piece."""
     return piece.velocity_start + (piece.velocity_end - piece.velocity_start) * (time / piece.step)
 
 
-def reach(w: float, v: float, end: float) -> float:
+def _reach(w: float, v: float, end: float) -> float:
     """Return the largest distance of w [m/s] from the velocity while that changes linearly from v to end [m/s]."""
     return max(abs(v - w), abs(end - w))
 
 
-def time_constant(w: float, force: float, change: float, stiffness: float, valve: Valve) -> float:
+def _time_constant(w: float, force: float, change: float, stiffness: float, valve: Valve) -> float:
     """Return tau [s]: the slope of the chord from w [m/s], where F = `force` [N], over a change of w, over k."""
     there = w + (change if abs(change) > _SHORTEST else copysign(_SHORTEST, change))
     return max((valve_force(valve, there) - force) / (there - w) / stiffness, 0.0)
 
 
-def room_before_kink(w: float, towards: float, valve: Valve) -> float:
+def _room_before_kink(w: float, towards: float, valve: Valve) -> float:
     """Return the distance [m/s] from w [m/s] to the next kink of the curve in a direction; infinite if none follows."""
     side = copysign(1.0, towards)
     curve, half = valve.curve, 0.5 * valve.curve.transition_width
@@ -130,7 +130,7 @@ def room_before_kink(w: float, towards: float, valve: Valve) -> float:
     return room
 
 
-def chord_time_constant(
+def _chord_time_constant(
     w: float, force: float, tau: float, v: float, end: float, step: float, room: float, stiffness: float, valve: Valve
 ) -> float:
     """Return tau [s] of the chord from w [m/s] to its value after `step` [s], or to the kink `room` [m/s] away.
@@ -139,10 +139,10 @@ def chord_time_constant(
     """
     before, miss_before = tau, 0.0
     for tries in range(_MOST_CORRECTIONS):
-        change = followed(w, v, end, tau, step) - w
+        change = _followed(w, v, end, tau, step) - w
         if change == 0.0:
             return tau
-        found = time_constant(w, force, copysign(min(abs(change), room), change), stiffness, valve)
+        found = _time_constant(w, force, copysign(min(abs(change), room), change), stiffness, valve)
         miss = found - tau
         bend = 0.0 if tries == 0 else (miss_before - miss) / (tau - before)  # 1 where the chord is that of any tau
         after = tau + miss / bend if bend > _LEAST_BEND else found
@@ -152,7 +152,7 @@ def chord_time_constant(
     return tau
 
 
-def bow_of_curve(
+def _bow_of_curve(
     w: float, force: float, change: float, tau: float, step: float, stiffness: float, valve: Valve
 ) -> float:
     """Return the correction [m/s] to a change of w [m/s] in `step` [s] for the curve's deviation from its chord.
@@ -164,7 +164,7 @@ def bow_of_curve(
     return 4.0 * bow * step / (stiffness * (6.0 * tau * tau + 3.0 * tau * step + step * step))
 
 
-def time_across(room: float, change: float, w: float, v: float, end: float, tau: float, step: float) -> float:
+def _time_across(room: float, change: float, w: float, v: float, end: float, tau: float, step: float) -> float:
     """Return the time [s] after which w [m/s] has moved by `room`; after `step` [s] it has moved by `change` [m/s].
 
     Newton's method inside a bracket is used: w is monotonic and either convex or concave in time.
@@ -172,7 +172,7 @@ def time_across(room: float, change: float, w: float, v: float, end: float, tau:
     low, high, time = 0.0, step, step * (room / change)
     for _ in range(_MOST_TRIES):
         here = v + (end - v) * (time / step)
-        after = followed(w, v, here, tau, time)
+        after = _followed(w, v, here, tau, time)
         miss = abs(after - w) - room
         if miss > 0.0:
             high = time
@@ -189,7 +189,7 @@ def time_across(room: float, change: float, w: float, v: float, end: float, tau:
     return time
 
 
-def time_less_bow(time: float, gained: float, tau: float, gap: float) -> float:
+def _time_less_bow(time: float, gained: float, tau: float, gap: float) -> float:
     """Return the time [s] of a crossing at which w is ahead by `gained` [m/s] and changes at the rate gap / tau.
 
     The time is not reduced by more than half: where w barely changes, this linear estimate is not valid.
@@ -198,7 +198,7 @@ def time_less_bow(time: float, gained: float, tau: float, gap: float) -> float:
     return time - earlier / gap if abs(earlier) < 0.5 * abs(gap) * time else time
 
 
-def followed(w: float, v: float, end: float, tau: float, step: float) -> float:
+def _followed(w: float, v: float, end: float, tau: float, step: float) -> float:
     """Return w [m/s] after `step` [s] of tau dw/dt = v(t) - w, with v linear in time up to end [m/s]; tau may be 0."""
     if step >= _SETTLED * tau:
         return end - (end - v) * (tau / step)

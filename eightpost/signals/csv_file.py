@@ -35,7 +35,7 @@ _DELIMITERS = (";", "\t", ",")
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class _Layout:
     """The layout of a delimited text file.
 
     Attributes:
@@ -57,7 +57,7 @@ class Layout:
     padding: int
 
 
-def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
+def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> _Layout:
     """Return the layout, found from the first lines of a file or of a block of it.
 
     The table is the last part of these lines in which every line has a number. The header is the last line before the
@@ -87,7 +87,7 @@ def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     names = _header_cells(lines[header], delimiter, width, offset + header + 1, path)
     split = [(cell, None) if units else split_header(cell) for cell in names]
     stated = units[: len(names)] if units else [unit for _, unit in split]
-    return Layout(
+    return _Layout(
         delimiter=delimiter,
         names=tuple(name for name, _ in split),
         units=tuple(unit or None for unit in stated),
@@ -146,7 +146,7 @@ _SHARED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class _Block:
     """A part of a text file with one table.
 
     Attributes:
@@ -160,7 +160,7 @@ class Block:
     preamble: tuple[tuple[str, ...], ...]
 
 
-def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
+def _find_blocks(lines: list[str]) -> tuple[_Block, ...]:
     """Return the blocks of a text file; a second header below a table begins a new block.
 
     A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
@@ -169,11 +169,11 @@ def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
     """
     headers = _headers(lines)
     if not headers:
-        return (Block(0, len(lines), ()),)
+        return (_Block(0, len(lines), ()),)
     starts = [0, *(_preamble_start(lines, header) for header in headers[1:])]
     stops = [*starts[1:], len(lines)]
     return tuple(
-        Block(start, stop, _preamble(lines[start:header]))
+        _Block(start, stop, _preamble(lines[start:header]))
         for start, stop, header in zip(starts, stops, headers, strict=True)
     )
 
@@ -280,7 +280,7 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     return tuple(_record(lines, block, path) for block in _find_blocks(lines))
 
 
-def _record(lines: list[str], block: Block, path: Path) -> RawRecord:
+def _record(lines: list[str], block: _Block, path: Path) -> RawRecord:
     """Parse one block of the file's lines."""
     layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
@@ -297,7 +297,7 @@ def _text(content: bytes) -> str:
         return content.decode("latin-1")
 
 
-def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
+def _columns(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
     """Return one vector (N,) for each named column of the table; of type object if a cell is not a number."""
     width = len(layout.names) + layout.padding
     decimal = "," if layout.delimiter != "," and "," in body else "."
@@ -329,7 +329,7 @@ def _vector(column: Any) -> NDArray[Any]:
     return np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
 
 
-def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:
+def _ragged(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:
     """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
     width = len(layout.names) + layout.padding
     for line, number in zip(body.split("\n"), numbers, strict=True):

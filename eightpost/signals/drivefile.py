@@ -10,8 +10,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.signals.faults import Origin, check_gaps
-from eightpost.signals.read import read_series
-from eightpost.signals.write import write_series
+from eightpost.signals.formats import read_series, write_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -90,7 +90,7 @@ def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> 
         )
 
 
-def check_time(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY) -> None:
+def check_time(time: Array, *, origin: Origin = IN_MEMORY) -> None:
     """Raise BackwardTimeError or DuplicateTimeError where `time` (N,) [s] does not increase."""
     bad = np.flatnonzero(np.diff(time) <= 0.0)
     if not bad.size:
@@ -102,19 +102,19 @@ def check_time(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY
             BackwardTimeError,
             f"time decreases from {before:.9g} s to {after:.9g} s ({bad.size} such places); "
             "sort the record, or split it where two runs were joined",
-            channel=channel,
+            channel="time",
             sample=sample,
         )
     raise origin.fault(
         DuplicateTimeError,
         f"the time {after:.9g} s is repeated ({bad.size} such places); "
         "remove the repeated samples, or export time with more digits",
-        channel=channel,
+        channel="time",
         sample=sample,
     )
 
 
-def check_gaps(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY) -> None:
+def check_gaps(time: Array, *, origin: Origin = IN_MEMORY) -> None:
     """Raise TimeGapError where a step of `time` (N,) [s] exceeds 1.5 median steps."""
     steps = np.diff(time)
     median = float(np.median(steps)) if steps.size else 0.0
@@ -126,14 +126,12 @@ def check_gaps(time: Array, *, channel: str = "time", origin: Origin = IN_MEMORY
             f"there is a gap of {steps[sample]:.6g} s between {time[sample]:.9g} s and {time[sample + 1]:.9g} s, "
             f"while the median step is {median:.6g} s ({bad.size} such gaps); "
             "use a part without gaps, or fill the gaps",
-            channel=channel,
+            channel="time",
             sample=sample + 1,
         )
 
 
-def check_length(
-    time: Array, *, shortest: float, fewest: int, channel: str = "time", origin: Origin = IN_MEMORY
-) -> None:
+def check_length(time: Array, *, shortest: float, fewest: int, origin: Origin = IN_MEMORY) -> None:
     """Raise TooShortError if `time` (N,) [s] spans less than `shortest` [s] or has fewer than `fewest` samples."""
     span = float(time[-1] - time[0])
     if span < shortest or time.size < fewest:
@@ -141,7 +139,7 @@ def check_length(
             TooShortError,
             f"the record has {time.size} samples over {span:.4g} s; at least {fewest} samples over "
             f"{shortest:g} s are needed: record longer or export at a higher sample rate",
-            channel=channel,
+            channel="time",
             sample=time.size - 1,
         )
 

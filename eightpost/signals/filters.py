@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy
 
 from eightpost.array_types import Array
-
-if TYPE_CHECKING:
-    pass
 
 
 def lowpass(values: Array, rate: float, cutoff_hz: float, *, order: int = 8) -> Array:

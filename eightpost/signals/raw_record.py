@@ -98,6 +98,15 @@ def is_number(cell: str) -> bool:
     return True
 
 
+def letters_of(name: str) -> str:
+    """Return a name in lower case and reduced to its letters, for the comparison with usual names.
+
+    >>> letters_of("Shock Vel. 1")
+    'shockvel'
+    """
+    return re.sub(r"[^a-z]", "", name.lower())
+
+
 # ---- Raw records ----------------------------------------------------------------------------------------------------
 
 

@@ -141,7 +141,11 @@ class TimeSeries:
         if not first < last:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
             raise ValueError(f"there is no sample between {start:g} and {stop:g} s; the series covers {span}")
-        return TimeSeries(self.time[first:last], self.values[:, first:last], self.names, self.units)
+        return self.at(slice(first, last))
+
+    def at(self, chosen: slice | NDArray[np.bool_]) -> TimeSeries:
+        """Return the chosen samples, by position."""
+        return TimeSeries(self.time[chosen], self.values[:, chosen], self.names, self.units)
 
     def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
         """Return a series with the channel `name` added, or replaced if it exists.

@@ -1,9 +1,8 @@
 """Linear vehicle models with named channels; docs/ports.md defines names and signs."""
 
 from eightpost.corners import CORNERS
-from eightpost.vehicle.exchange import discretise
+from eightpost.vehicle.conversions import add_port_damping, discretise
 from eightpost.vehicle.kernel import LinearStepper
-from eightpost.vehicle.port_damping import add_port_damping
 from eightpost.vehicle.quantities import Corners
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof

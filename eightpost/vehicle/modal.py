@@ -31,7 +31,6 @@ ACCURACY = 1e-10
 #: (measured: 1.9 times, on random models with nearly equal eigenvalues).
 WORST_CONDITION = ACCURACY / (2.0 * float(np.finfo(np.float64).eps))
 
-_SERIES_TERMS = 18
 _TIE = 1.0 - 1e-6
 
 
@@ -54,8 +53,6 @@ class ModalForm:
         C_im: Outputs per Im z (p, K).
         D: Direct terms (p, m).
         steady: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
-        condition: Condition number of the eigenvectors of the balanced state matrix, each of length 1.
-        residual: Relative error `|V Lambda V^-1 - A| / |A|` of the balanced state matrix (Frobenius norm).
     """
 
     sigma: Array
@@ -66,8 +63,6 @@ class ModalForm:
     C_im: Array
     D: Array
     steady: bool
-    condition: float
-    residual: float
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -86,20 +81,6 @@ class ModalForm:
         """Eigenvalues, one per mode (K,) [1/s]; for a pair the one with positive imaginary part."""
         return np.asarray(self.sigma + 1j * self.omega)
 
-    def output(self, z: Complex, u: Array) -> Array:
-        """Return the outputs (p,) for state `z` (K,) and inputs `u` (m,)."""
-        return np.asarray(self.C_re @ z.real + self.C_im @ z.imag + self.D @ u)
-
-    def steady_state(self, u: Array) -> Complex:
-        """Return the steady state `z = -b u / lambda` (K,) for constant inputs `u` (m,).
-
-        Raises:
-            ParameterError: There is no steady state, or more than one.
-        """
-        if not self.steady:
-            raise ParameterError("no unique steady state: a part of the model is free to drift; start from z = 0")
-        return np.asarray(-(self.B_re @ u + 1j * (self.B_im @ u)) / self.eigenvalues)
-
 
 def modal_form(model: StateSpace) -> ModalForm:
     """Return the complete modal form of a continuous model; equal models give bitwise equal results.
@@ -117,14 +98,9 @@ def modal_form(model: StateSpace) -> ModalForm:
     """
     if model.dt is not None:
         raise ParameterError(f"{model.name}: a discrete model has no modal form; convert it to continuous time first")
-    modes: list[_Mode] = []
-    condition, residual = 1.0, 0.0
-    for states in _separate_parts(model.A):
-        part = _diagonalise(model, states)
-        condition, residual = max(condition, part.condition), max(residual, part.residual)
-        modes.extend(_part_modes(model, part))
+    modes = [mode for states in _separate_parts(model.A) for mode in _part_modes(model, _diagonalise(model, states))]
     modes.sort(key=lambda mode: (mode.eigenvalue.imag == 0.0, abs(mode.eigenvalue)))
-    return _collected(model, modes, condition, residual)
+    return _collected(model, modes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +120,6 @@ class _Part:
     scaling: Array
     eigenvalues: Complex
     vectors: Complex
-    condition: float
-    residual: float
 
 
 def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
@@ -163,10 +137,7 @@ def _diagonalise(model: StateSpace, states: NDArray[np.intp]) -> _Part:
     condition = float(np.linalg.cond(vectors))
     if not condition <= WORST_CONDITION:
         raise ParameterError(_why_defective(model.name, eigenvalues, vectors, condition))
-    rebuilt = np.linalg.solve(vectors.T, (vectors * eigenvalues).T).T
-    size = float(np.linalg.norm(balanced)) or 1.0
-    residual = float(np.linalg.norm(rebuilt - balanced)) / size
-    return _Part(states, scaling, eigenvalues, vectors, condition, residual)
+    return _Part(states, scaling, eigenvalues, vectors)
 
 
 def _why_defective(name: str, eigenvalues: Complex, vectors: Complex, condition: float) -> str:
@@ -221,7 +192,7 @@ def _scaled(eigenvalue: complex, b: Complex, c: Complex) -> _Mode:
     return _Mode(eigenvalue, b * factor, c / factor)
 
 
-def _collected(model: StateSpace, modes: Sequence[_Mode], condition: float, residual: float) -> ModalForm:
+def _collected(model: StateSpace, modes: Sequence[_Mode]) -> ModalForm:
     eigenvalues = np.array([mode.eigenvalue for mode in modes], dtype=np.complex128)
     b = np.array([mode.b for mode in modes], dtype=np.complex128).reshape(len(modes), len(model.inputs))
     c = np.array([mode.c for mode in modes], dtype=np.complex128).reshape(len(modes), len(model.outputs)).T
@@ -234,8 +205,6 @@ def _collected(model: StateSpace, modes: Sequence[_Mode], condition: float, resi
         -c.imag,
         model.D,
         steady=_has_steady_state(model),
-        condition=condition,
-        residual=residual,
     )
 
 
@@ -245,44 +214,3 @@ def _has_steady_state(model: StateSpace) -> bool:
     except ValueError:
         return False
     return True
-
-
-def advance(form: ModalForm, z: Complex, u0: Array, u1: Array, h: float) -> Complex:
-    """Return the exact state after `h` seconds for inputs that change linearly from `u0` to `u1`.
-
-        z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
-        phi1(x) = (e^x - 1) / x,   phi2(x) = (phi1(x) - 1) / x
-
-    Args:
-        form: Model in modal form.
-        z: State (K,) at t.
-        u0: Inputs (m,) at t.
-        u1: Inputs (m,) at t + h.
-        h: Step [s], above zero.
-
-    Source: M. Hochbruck, A. Ostermann, "Exponential integrators", Acta Numerica 19 (2010) 209-286,
-    doi 10.1017/S0962492910000048 (the phi functions).
-    """
-    e, phi1, phi2 = exponential_functions(form.eigenvalues * h)
-    B = form.B_re + 1j * form.B_im
-    return np.asarray(e * z + h * ((phi1 - phi2) * (B @ u0) + phi2 * (B @ u1)))
-
-
-def exponential_functions(x: Complex) -> tuple[Complex, Complex, Complex]:
-    """Return e^x, phi1(x) and phi2(x), each (K,), to machine precision; for |x| <= 1 by the series of phi2."""
-    near = np.abs(x) <= 1.0
-    e, phi1, phi2 = _by_series(np.where(near, x, 0.0))
-    far = np.where(near, 1.0, x)
-    far_e = np.exp(far)
-    far_phi1 = (far_e - 1.0) / far
-    far_phi2 = (far_phi1 - 1.0) / far
-    return np.where(near, e, far_e), np.where(near, phi1, far_phi1), np.where(near, phi2, far_phi2)
-
-
-def _by_series(x: Complex) -> tuple[Complex, Complex, Complex]:
-    total = np.ones_like(x)
-    for k in range(_SERIES_TERMS, 2, -1):  # 1 + x/3 (1 + x/4 (1 + ...))
-        total = 1.0 + x * total / k
-    phi2 = 0.5 * total
-    phi1 = 1.0 + x * phi2
-    return 1.0 + x * phi1, phi1, phi2

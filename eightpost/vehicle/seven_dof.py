@@ -7,7 +7,6 @@ rear rises.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from eightpost.errors import ParameterError
 from eightpost.vehicle.assembly import Outputs, state_matrices
 from eightpost.vehicle.quantities import Corners, anywhere, check_ranges, not_negative, positive
 from eightpost.vehicle.statespace import Channel, StateSpace
-
-if TYPE_CHECKING:
-    pass
-
 
 #: Distance from axle to nose and from axle to spoiler [m]. The dissertation does not give them; with 45 in, a car with
 #: a wheelbase of 110 in is 200 in long.

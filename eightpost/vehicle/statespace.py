@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -116,15 +116,9 @@ class StateSpace:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, StateSpace):
             return NotImplemented
-        named = (self.inputs, self.outputs, self.dt, self.name) == (
-            other.inputs,
-            other.outputs,
-            other.dt,
-            other.name,
-        )
-        return named and all(
-            np.array_equal(getattr(self, field), getattr(other, field)) for field in ("A", "B", "C", "D")
-        )
+        return all(
+            getattr(self, field) == getattr(other, field) for field in ("inputs", "outputs", "dt", "name")
+        ) and all(np.array_equal(getattr(self, field), getattr(other, field)) for field in ("A", "B", "C", "D"))
 
     def __hash__(self) -> int:
         return hash((self.inputs, self.outputs, self.dt, self.name, self.A.tobytes(), self.B.tobytes()))
@@ -147,15 +141,13 @@ class StateSpace:
         """
         columns = _positions(self.input_names, inputs, f"{self.name}: unknown input")
         rows = _positions(self.output_names, outputs, f"{self.name}: unknown output")
-        return StateSpace(
-            self.A,
-            self.B[:, columns],
-            self.C[rows],
-            self.D[np.ix_(rows, columns)],
-            tuple(self.inputs[i] for i in columns),
-            tuple(self.outputs[i] for i in rows),
-            self.dt,
-            self.name,
+        return replace(
+            self,
+            B=self.B[:, columns],
+            C=self.C[rows],
+            D=self.D[np.ix_(rows, columns)],
+            inputs=tuple(self.inputs[i] for i in columns),
+            outputs=tuple(self.outputs[i] for i in rows),
         )
 
     def poles(self) -> Complex:
@@ -221,28 +213,12 @@ class StateSpace:
         Raises:
             ParameterError: The state matrix is singular, so that a constant input has no steady response.
         """
-        return np.asarray(self.C @ self._steady(np.eye(len(self.inputs))) + self.D, dtype=np.float64)
-
-    def steady_state(self, u: ArrayLike) -> Array:
-        """Return the steady state (n,) for constant inputs `u` (m,).
-
-        Raises:
-            ParameterError: There is no steady state or more than one, or `u` does not have one value per input.
-        """
-        values = np.asarray(u, dtype=np.float64)
-        if values.shape != (len(self.inputs),):
-            raise ParameterError(
-                f"{self.name}: the inputs have the shape {values.shape}; give one value for each of "
-                f"{', '.join(self.input_names)}"
-            )
-        return self._steady(values)
-
-    def _steady(self, u: Array) -> Array:
         A = self.A if self.dt is None else self.A - np.eye(len(self.A))
         try:
-            return kernel.equilibrium(A, self.B, u)
+            states = kernel.equilibrium(A, self.B, np.eye(len(self.inputs)))
         except ValueError as error:
             raise ParameterError(f"{self.name}: {error}") from error
+        return np.asarray(self.C @ states + self.D, dtype=np.float64)
 
     def direct_terms(self) -> NDArray[np.bool_]:
         """Return the mask of outputs that depend on inputs without delay (p, m).

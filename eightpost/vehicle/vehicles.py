@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from eightpost.errors import ParameterError
 from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
-from eightpost.vehicle.port_damping import add_port_damping
+from eightpost.vehicle.conversions import add_port_damping
 from eightpost.vehicle.quantities import check_static
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof

@@ -1,7 +1,18 @@
-/* With FMI2_FUNCTION_PREFIX set (static linking, HIL targets) every external name carries the prefix, so that several FMUs can be
- * linked into one program. */
+/* External names. Every name carries the prefix FMI2_FUNCTION_PREFIX if it is set, so that several FMUs fit in one program. By
+ * default it is the model identifier and an underscore, or nothing in a shared library (prefix.h). A host that defines
+ * FMI2_FUNCTION_PREFIX, possibly as nothing, sets another one. With FMI2_OVERRIDE_FUNCTION_PREFIX, as in the headers of FMI 3.0,
+ * the prefix is FMI2_ACTUAL_FUNCTION_PREFIX if that is defined, otherwise nothing. */
 #ifndef EIGHTPOST_NAMES_H
 #define EIGHTPOST_NAMES_H
+
+#if defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
+#undef FMI2_FUNCTION_PREFIX
+#if defined(FMI2_ACTUAL_FUNCTION_PREFIX)
+#define FMI2_FUNCTION_PREFIX FMI2_ACTUAL_FUNCTION_PREFIX
+#endif
+#elif !defined(FMI2_FUNCTION_PREFIX)
+#include "prefix.h"
+#endif
 
 #include "fmi2Functions.h"
 
@@ -11,6 +22,11 @@
 #define EIGHTPOST_PASTE(prefix, name) prefix##name
 #define EIGHTPOST_PREFIXED(prefix, name) EIGHTPOST_PASTE(prefix, name)
 #define fmi2FullName(name) EIGHTPOST_PREFIXED(FMI2_FUNCTION_PREFIX, name)
+#endif
+
+/* No fused multiply-add, so that all processors give the same bits; gcc needs -ffp-contract=off or -std=c99. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
 #endif
 
 #define say fmi2FullName(say)

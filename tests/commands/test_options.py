@@ -8,6 +8,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
+from eightpost.__main__ import main
 from eightpost.app import options
 from eightpost.errors import InputError, ParameterError
 from eightpost.signals import ChannelMap
@@ -102,3 +103,30 @@ def test_a_channel_map_is_read_once(tmp_path: Path) -> None:
     kind = options.ChannelMapFile()
     read = kind.convert(str(tmp_path / "map.toml"), None, None)
     assert isinstance(read, ChannelMap) and kind.convert(read, None, None) is read
+
+
+@pytest.mark.parametrize(
+    ("present", "verb", "refused"),
+    [
+        (("results.parquet",), ("run", "--report"), "the report of a study"),
+        (("results.parquet", "result.json"), ("run", "--report"), "the report of a study"),
+        (("results.parquet",), ("run",), ""),
+        (("result.json",), ("run", "--report"), ""),
+        (("result.json",), ("study",), "the report of a run"),
+        (("result.json",), ("optimise",), "the report of a run"),
+        (("results.parquet", "result.json"), ("study",), ""),
+        (("results.parquet",), ("optimise",), ""),
+        ((), ("study",), ""),
+    ],
+)
+def test_a_run_and_a_study_do_not_replace_each_others_report(
+    tmp_path: Path, present: tuple[str, ...], verb: tuple[str, ...], refused: str
+) -> None:
+    for name in (*present, "report.html"):
+        (tmp_path / name).touch()
+    name, *options_given = verb
+    done = CliRunner().invoke(main, [name, str(tmp_path / "missing.toml"), "-o", str(tmp_path), *options_given])
+    assert done.exit_code == 2
+    expected = refused or "missing.toml"
+    assert expected in " ".join(done.output.split())
+    assert (refused == "") == ("would replace it" not in done.output)

@@ -14,6 +14,7 @@ from eightpost.corners import CORNERS
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
 from eightpost.signals import Drivefile
 from eightpost.vehicle import read_vehicle
+from eightpost.vehicle.kernel import equilibrium
 
 ROOT = Path(__file__).resolve().parents[2]
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
@@ -140,7 +141,7 @@ def closed_loop(car, damper, drive, stop):
     loop = control.feedback(plant, through, sign=1)
     series = drive.series.window(0.0, stop)
     u = np.stack([series[name] if name in series else np.zeros(len(series)) for name in car.input_names])
-    start = np.concatenate([car.steady_state(u[:, 0]), np.zeros(loop.nstates - car.A.shape[0])])
+    start = np.concatenate([equilibrium(car.A, car.B, u[:, 0]), np.zeros(loop.nstates - car.A.shape[0])])
     return dict(
         zip(car.output_names, np.asarray(control.forced_response(loop, series.time, u, start).outputs), strict=True)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import cosim
-from cosim.system_file import Case
+from cosim.session.case import Case
 from eightpost.errors import InputError
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import cosim.results.verdict as rules
 from cosim import Result
+from cosim.results import rules
 from cosim.results.result import BondEnergy, Coupled
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Verdict

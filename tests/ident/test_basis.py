@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from eightpost.ident.shock.curve import (
     COEFFICIENTS,
     CurveBasis,
-    curve_coefficients,
+    _curve_coefficients,
     curve_forces,
     split_coefficients,
     working_basis,
@@ -46,7 +46,7 @@ def test_the_curve_for_arrays_is_the_scalar_curve_beyond_the_fitted_range_too(co
 
 
 def test_coefficients_come_back(curve):
-    inner, compression, rebound = split_coefficients(curve_coefficients(curve))
+    inner, compression, rebound = split_coefficients(_curve_coefficients(curve))
     assert (inner, compression, rebound) == (curve.inner, curve.compression, curve.rebound)
 
 

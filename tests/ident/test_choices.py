@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve import curve_coefficients, fitted_curve
+from eightpost.ident.shock.curve import _curve_coefficients, fitted_curve
 from eightpost.shock import Lpf1
 
 
@@ -45,14 +45,14 @@ def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
 
 
 def test_a_falling_curve_is_reported_with_its_velocities(basis, curve):
-    coefficients = curve_coefficients(curve)
+    coefficients = _curve_coefficients(curve)
     coefficients[15] -= 300.0
     _, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
     assert any("not monotone" in warning and "14.6 to 15.3 in/s" in warning for warning in warnings)
 
 
 def test_an_implausible_end_slope_is_replaced_by_a_robust_one(basis, curve):
-    coefficients = curve_coefficients(curve)
+    coefficients = _curve_coefficients(curve)
     coefficients[15:19] = coefficients[15], 900.0, 0.0, -500.0  # falls at the end
     found, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
     assert found.compression_slope >= 0.0

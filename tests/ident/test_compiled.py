@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.lag import lag
-from eightpost.ident.shock.stepped import lagged_columns
+from eightpost.ident.shock.stepped import _lagged_columns
 from eightpost.shock import Maxwell
-from eightpost.shock.compiled import machine, number_of, stepped_force
+from eightpost.shock.compiled import _number_of, machine, stepped_force
 
 
 @pytest.fixture
@@ -45,17 +45,17 @@ def test_the_cache_key_changes_when_a_file_changes(tmp_path):
         path.write_text(f"def core(x):\n    return {factor} * x\n")
         module = module_from_spec(spec_from_file_location("law", path))
         module.__spec__.loader.exec_module(module)
-        numbers.append(number_of({module.core}))
+        numbers.append(_number_of({module.core}))
     assert numbers[0] != numbers[1]
     assert min(numbers) > 0
 
 
 def test_a_varying_lag_with_a_constant_time_constant_is_the_lag():
     columns = np.random.default_rng(3).normal(size=(300, 4))
-    found = lagged_columns(columns, np.full(300, 1.3e-3), 5e-4)
+    found = _lagged_columns(columns, np.full(300, 1.3e-3), 5e-4)
     np.testing.assert_allclose(found, lag(columns, 1.3e-3, 5e-4), rtol=1e-10, atol=1e-12)
 
 
 def test_no_lag_leaves_the_columns_as_they_are():
     columns = np.random.default_rng(4).normal(size=(50, 2))
-    np.testing.assert_allclose(lagged_columns(columns, np.zeros(50), 1e-3), columns, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(_lagged_columns(columns, np.zeros(50), 1e-3), columns, rtol=1e-8, atol=1e-8)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import InputError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.robust import downweighted_rows, huber, spikes_of, tukey
+from eightpost.ident.shock.robust import _huber, _spikes_of, _tukey, downweighted_rows
 from eightpost.shock import Lpf1
 
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
@@ -77,7 +77,7 @@ def test_a_clean_record_loses_nothing_to_robustness(record):
 def test_a_lone_spike_is_found_whatever_the_noise(noise, place, size):
     raw = np.array(noise)
     raw[place] += size
-    clean, spiked = spikes_of(raw, np.zeros_like(raw), 100.0)
+    clean, spiked = _spikes_of(raw, np.zeros_like(raw), 100.0)
     if size > 10.0 * 1.4826 * 10.0:
         assert spiked[place]
         assert abs(clean[place]) <= 10.0
@@ -85,6 +85,6 @@ def test_a_lone_spike_is_found_whatever_the_noise(noise, place, size):
 
 def test_weights_fall_with_the_residual():
     residual = np.append(np.random.default_rng(1).standard_normal(500), 50.0)
-    assert huber(residual)[-1] < 0.1
-    assert tukey(residual)[-1] == 0.0
-    assert downweighted_rows(tukey(residual)) == 1
+    assert _huber(residual)[-1] < 0.1
+    assert _tukey(residual)[-1] == 0.0
+    assert downweighted_rows(_tukey(residual)) == 1

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.joint import choose_order, left_out_errors
+from eightpost.ident.shock.joint import _choose_order, _left_out_errors
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.shock import Lpf1
@@ -37,7 +37,7 @@ def test_the_left_out_error_is_that_of_fits_without_each_block(runs, columns):
             weights = np.linalg.lstsq(design[kept], target[kept], rcond=None)[0]
             errors.append(target[block] - design[block] @ weights)
         expected.append(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-    np.testing.assert_allclose(left_out_errors(runs, columns, [3, 9]), expected, rtol=1e-6)
+    np.testing.assert_allclose(_left_out_errors(runs, columns, [3, 9]), expected, rtol=1e-6)
 
 
 def test_a_column_that_one_block_alone_determines_does_not_spoil_the_error(runs, columns):
@@ -45,7 +45,7 @@ def test_a_column_that_one_block_alone_determines_does_not_spoil_the_error(runs,
     alone = np.zeros((columns.shape[0], 1))
     alone[700] = 1.0
     plain, more = (
-        left_out_errors(runs, c, [c.shape[1]])[0] for c in (columns[:, :5], np.hstack([alone, columns[:, :5]]))
+        _left_out_errors(runs, c, [c.shape[1]])[0] for c in (columns[:, :5], np.hstack([alone, columns[:, :5]]))
     )
     assert more == pytest.approx(plain, rel=0.02)
 
@@ -55,7 +55,7 @@ def test_the_chosen_order_is_the_next_above_the_lowest_that_predicts_as_well(run
     generator = np.random.default_rng(1)
     truth = columns[:, :5] @ np.array([900.0, 100.0, -300.0, 50.0, 400.0])
     orders = [
-        choose_order(with_force(runs, truth + 2.0 * generator.standard_normal(truth.size)), columns) for _ in range(9)
+        _choose_order(with_force(runs, truth + 2.0 * generator.standard_normal(truth.size)), columns) for _ in range(9)
     ]
     assert min(orders) == 7
     assert np.median(orders) == 7

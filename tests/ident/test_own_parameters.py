@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.force import Limits
-from eightpost.ident.shock.stepped import OwnParameters, SteppedLaw
+from eightpost.ident.shock.stepped import SteppedLaw, _OwnParameters
 from eightpost.shock import FitParameter, Lpnl2, Port, fit_parameters
 
 CHAIN = (
@@ -18,7 +18,7 @@ CHAIN = (
 
 @pytest.fixture(params=[CHAIN, fit_parameters(Lpnl2)])
 def own(request):
-    return OwnParameters(request.param)
+    return _OwnParameters(request.param)
 
 
 def inside(own, count, generator):
@@ -50,7 +50,7 @@ def test_the_jacobian_is_the_central_difference(own):
 
 
 def test_a_start_that_breaks_a_gap_is_moved_inside():
-    own = OwnParameters(CHAIN)
+    own = _OwnParameters(CHAIN)
     first, second, third = own.values(own.start())
     assert first == pytest.approx(2.0)
     assert second == pytest.approx(20.0)
@@ -59,7 +59,7 @@ def test_a_start_that_breaks_a_gap_is_moved_inside():
 
 def test_a_parameter_above_an_undeclared_one_is_rejected():
     with pytest.raises(ValueError, match="second is above 'first', which must be declared before it"):
-        OwnParameters(CHAIN[1:])
+        _OwnParameters(CHAIN[1:])
 
 
 def test_the_generic_path_makes_no_law_that_refuses_its_parameters(curve):

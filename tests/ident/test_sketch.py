@@ -9,7 +9,7 @@ from eightpost.ident import fit_shock
 from eightpost.ident.shock.closed import FadingLag, dynamics_for
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.joint import sketched
+from eightpost.ident.shock.joint import _sketched
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.stepped import SeriesSpring
 from eightpost.rig.dyno_test import DynoTest
@@ -31,7 +31,7 @@ def faulty(digressive_record):
 def test_the_fit_is_that_on_all_samples(law, dynamics, fault, digressive_record, faulty, monkeypatch):
     test = faulty if fault else digressive_record(1)
     quick = fit_shock(test, law)
-    monkeypatch.setattr(dynamics, "sketched_on", lambda self, model: model)
+    monkeypatch.setattr(dynamics, "is_costly", False)
     slow = fit_shock(test, law)
     assert (quick.downweighted > 0) is fault
     assert quick.percent == pytest.approx(slow.percent, rel=1e-3)
@@ -60,6 +60,6 @@ def test_models_at_other_weights_have_the_same_curves(models):
 
 def test_a_law_that_is_linear_in_its_curve_is_not_sketched(models):
     whole = models("slope", 9)
-    assert sketched(whole).model is whole.coarse
+    assert _sketched(whole).model is whole.coarse
     lpf1 = whole.with_dynamics(dynamics_for(LAWS["lpf1"], whole.dynamics.limits))
-    assert sketched(lpf1).model is lpf1
+    assert _sketched(lpf1).model is lpf1

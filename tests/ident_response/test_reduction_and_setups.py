@@ -12,8 +12,8 @@ from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
-from eightpost.ident.vehicle.balanced import balance
 from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.parallel import balance
 from eightpost.ident.vehicle.rational_fit import TransferFunction
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock

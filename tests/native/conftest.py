@@ -15,18 +15,20 @@ from types import ModuleType
 import pytest
 
 from builder.assembly import Assembly, read_parts
-from builder.assembly.assembled import _unbuilt as assembled_source
+from builder.assembly.assembled_fmu import _unbuilt as assembled_source
+from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
-from builder.assembly.sources import assembly_sources
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import c_sources, compiled
-from builder.native.toolchain import find_toolchain
+from builder.native.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped
 from eightpost.wiring import Wire
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
+#: Plain function names in programs, too.
+PLAIN = "-DFMI2_OVERRIDE_FUNCTION_PREFIX"
 
 
 @pytest.fixture(scope="session")
@@ -66,10 +68,8 @@ def assembly(fmus: dict[str, Path]) -> Assembly:
 
 @pytest.fixture(scope="session")
 def headers() -> Path:
-    """Return the folder of fmpy's FMI headers."""
-    spec = importlib.util.find_spec("fmpy")
-    assert spec is not None and spec.origin is not None
-    return Path(spec.origin).with_name("c-code")
+    """Return the folder of the FMI headers."""
+    return fmi_headers()
 
 
 @pytest.fixture(scope="session")
@@ -80,7 +80,7 @@ def compiler(headers: Path) -> Callable[..., Path]:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine")
 
     def run(folder: Path, options: Sequence[str], output: Path) -> Path:
-        line = [command, *STRICT, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
+        line = [command, *STRICT, PLAIN, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
         ran = subprocess.run(line, capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr[:2000]
         return output

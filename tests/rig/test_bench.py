@@ -8,9 +8,10 @@ import pytest
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.rig import configuration
+from eightpost.rig.dynamometer import Specimen, drivefile_of
 from eightpost.rig.post import LinearDamper
-from eightpost.rig.post.bench import Bench, shocks_named
-from eightpost.rig.specimen import Specimen, drivefile_of
+from eightpost.rig.post.bench import Bench
+from eightpost.rig.post.shocks import shocks_named
 from eightpost.signals import read_series
 
 

@@ -158,6 +158,18 @@ def test_the_weight_of_lpnl2_falls_linearly_between_its_two_forces(static, weigh
     assert LAWS["lpnl2"].lag_weight(static) == pytest.approx(weight)
 
 
+@pytest.mark.parametrize("static", [-300.0, -801.0, 1200.0, -1400.0, 1599.0, 5000.0])
+def test_the_slopes_of_lpnl2s_weight_are_its_differences(static):
+    core, small = law_module(Lpnl2), 1e-3
+    here = np.array([static, 800.0, 1600.0])
+
+    def weight(values):
+        return core.weight_core(values[0], (TAU, *values[1:]))
+
+    differences = [(weight(here + step) - weight(here - step)) / (2.0 * small) for step in small * np.eye(3)]
+    assert core.weight_slopes_core(static, 30.0, (TAU, 800.0, 1600.0)) == pytest.approx(30.0 * np.array(differences))
+
+
 @given(velocities, forces)
 def test_lpnl2_is_lpf1_at_low_force_and_polylinear_at_high_force(v, lagged):
     law = LAWS["lpnl2"]

@@ -13,15 +13,15 @@ from eightpost.shock import Maxwell, Port, law, maxwell
 from eightpost.shock import curve as shock_curve
 from eightpost.shock.law import Piece
 from eightpost.shock.maxwell import (
-    bow_of_curve,
-    chord_time_constant,
-    followed,
-    reach,
-    room_before_kink,
-    time_across,
-    time_constant,
-    time_less_bow,
-    velocity_at,
+    _bow_of_curve,
+    _chord_time_constant,
+    _followed,
+    _reach,
+    _room_before_kink,
+    _time_across,
+    _time_constant,
+    _time_less_bow,
+    _velocity_at,
     velocity_under,
 )
 
@@ -75,44 +75,44 @@ def test_the_room_is_the_distance_to_the_next_kink_of_the_curve(w):
     """The scales of both sides are equal, so there is no kink at zero."""
     for side in (1.0, -1.0):
         ahead = [side * (kink - w) for kink in KINKS if side * (kink - w) > 1e-9]
-        assert room_before_kink(w, 0.3 * side, LAW.valve) == pytest.approx(min(ahead, default=inf), rel=1e-9)
+        assert _room_before_kink(w, 0.3 * side, LAW.valve) == pytest.approx(min(ahead, default=inf), rel=1e-9)
 
 
 def test_where_the_sides_are_scaled_differently_zero_is_a_kink():
     valve = Maxwell(curve(), STIFFNESS, port=Port(compression_scale=1.2)).valve
-    assert room_before_kink(-0.1, 1.0, valve) == pytest.approx(0.1)
-    assert room_before_kink(0.1, -1.0, valve) == pytest.approx(0.1)
-    assert room_before_kink(-0.1, 1.0, LAW.valve) == pytest.approx(0.47465)
-    assert room_before_kink(0.0, 1.0, valve) == pytest.approx(0.37465)
+    assert _room_before_kink(-0.1, 1.0, valve) == pytest.approx(0.1)
+    assert _room_before_kink(0.1, -1.0, valve) == pytest.approx(0.1)
+    assert _room_before_kink(-0.1, 1.0, LAW.valve) == pytest.approx(0.47465)
+    assert _room_before_kink(0.0, 1.0, valve) == pytest.approx(0.37465)
 
 
 def test_a_kink_that_w_is_at_is_passed():
     valve = LAW.valve
-    assert room_before_kink(0.37465 - 0.5e-9, 1.0, valve) == pytest.approx(0.0127, rel=1e-6)
-    assert room_before_kink(0.37465 - 2e-9, 1.0, valve) == pytest.approx(2e-9, rel=1e-3)
-    assert room_before_kink(1.3, 1.0, valve) == inf
+    assert _room_before_kink(0.37465 - 0.5e-9, 1.0, valve) == pytest.approx(0.0127, rel=1e-6)
+    assert _room_before_kink(0.37465 - 2e-9, 1.0, valve) == pytest.approx(2e-9, rel=1e-3)
+    assert _room_before_kink(1.3, 1.0, valve) == inf
 
 
 @given(velocities, velocities, velocities)
 def test_the_reach_is_the_distance_to_the_farther_end(w, v, end):
-    assert reach(w, v, end) == max(abs(v - w), abs(end - w))
+    assert _reach(w, v, end) == max(abs(v - w), abs(end - w))
 
 
 def test_the_velocity_of_a_piece_is_linear():
     piece = Piece(0.2, 0.6, 0.0, 0.0, 4e-3)
-    assert [velocity_at(piece, t) for t in (0.0, 1e-3, 4e-3)] == pytest.approx([0.2, 0.3, 0.6])
+    assert [_velocity_at(piece, t) for t in (0.0, 1e-3, 4e-3)] == pytest.approx([0.2, 0.3, 0.6])
 
 
 def test_a_time_constant_is_the_slope_of_the_chord_over_the_stiffness():
     force = LAW.static_force(0.1)
     chord = (LAW.static_force(0.3) - force) / 0.2
-    assert time_constant(0.1, force, 0.2, STIFFNESS, LAW.valve) == pytest.approx(chord / STIFFNESS, rel=1e-12)
+    assert _time_constant(0.1, force, 0.2, STIFFNESS, LAW.valve) == pytest.approx(chord / STIFFNESS, rel=1e-12)
     # A chord of no length is one of 1 nm/s, in its direction.
     tangent = (LAW.static_force(0.1 + 1e-6) - LAW.static_force(0.1 - 1e-6)) / 2e-6
     for change in (0.0, -1e-12):
-        assert time_constant(0.1, force, change, STIFFNESS, LAW.valve) == pytest.approx(tangent / STIFFNESS, rel=1e-4)
+        assert _time_constant(0.1, force, change, STIFFNESS, LAW.valve) == pytest.approx(tangent / STIFFNESS, rel=1e-4)
     # A falling curve, as may occur during a fit, causes no lag.
-    assert time_constant(0.1, force + 1e3, 0.01, STIFFNESS, LAW.valve) == 0.0
+    assert _time_constant(0.1, force + 1e3, 0.01, STIFFNESS, LAW.valve) == 0.0
 
 
 def test_w_follows_as_a_first_order_lag_for_any_time_constant():
@@ -120,34 +120,34 @@ def test_w_follows_as_a_first_order_lag_for_any_time_constant():
     for tau in (1e-5, 1e-3, 0.1):
         slope = (end - v) / step
         expected = end - slope * tau + (w - v + slope * tau) * exp(-step / tau)
-        assert followed(w, v, end, tau, step) == pytest.approx(expected, rel=1e-10)
-    assert followed(w, v, end, 0.0, step) == end
-    assert followed(w, v, end, 1e-6, step) == pytest.approx(end - (end - v) * 1e-3, rel=1e-15)
+        assert _followed(w, v, end, tau, step) == pytest.approx(expected, rel=1e-10)
+    assert _followed(w, v, end, 0.0, step) == end
+    assert _followed(w, v, end, 1e-6, step) == pytest.approx(end - (end - v) * 1e-3, rel=1e-15)
 
 
 @given(velocities, velocities, velocities, st.floats(1e-5, 1e-1), st.floats(1e-5, 1e-2))
 def test_the_time_across_is_when_w_has_moved_by_the_room(w, v, end, tau, step):
-    whole = followed(w, v, end, tau, step) - w
+    whole = _followed(w, v, end, tau, step) - w
     gaps = v - w, end - w
     if min(gaps) * max(gaps) < 0.0 or abs(whole) < 1e-6:  # a step is divided so that w is monotonic
         return
     room = 0.3 * abs(whole)
-    time = time_across(room, abs(whole), w, v, end, tau, step)
+    time = _time_across(room, abs(whole), w, v, end, tau, step)
     assert 0.0 < time < step
-    moved = followed(w, v, v + (end - v) * time / step, tau, time) - w
+    moved = _followed(w, v, v + (end - v) * time / step, tau, time) - w
     assert abs(moved) == pytest.approx(room, rel=1e-6, abs=1e-12)
 
 
 def test_the_time_across_takes_few_steps(monkeypatch):
-    counts, calls, real = [], [], maxwell.followed
-    monkeypatch.setattr(maxwell, "followed", lambda *given: calls.append(1) or real(*given))
+    counts, calls, real = [], [], maxwell._followed
+    monkeypatch.setattr(maxwell, "_followed", lambda *given: calls.append(1) or real(*given))
     rng = np.random.default_rng(2)
     for _ in range(500):
         w, v, end = 0.0, *np.sort(rng.uniform(0.01, 1.0, 2))
         tau, step = 10.0 ** rng.uniform(-5.0, -2.0), 10.0 ** rng.uniform(-4.0, -2.0)
         whole = real(w, v, end, tau, step)
         calls.clear()
-        time_across(rng.uniform(0.05, 0.95) * whole, whole, w, v, end, tau, step)
+        _time_across(rng.uniform(0.05, 0.95) * whole, whole, w, v, end, tau, step)
         counts.append(len(calls))
     assert np.median(counts) <= 4
     assert max(counts) <= 60
@@ -155,12 +155,12 @@ def test_the_time_across_takes_few_steps(monkeypatch):
 
 def test_the_curves_deviation_from_its_chord_makes_a_crossing_earlier():
     """w is ahead by 1e-3 m/s and changes at 0.1 / 0.01 m/s2."""
-    assert time_less_bow(1e-2, 1e-3, 1e-2, 0.1) == pytest.approx(1e-2 - 1e-4)
-    assert time_less_bow(1e-2, -1e-3, 1e-2, 0.1) == pytest.approx(1e-2 + 1e-4)
-    assert time_less_bow(1e-2, 1e-3, 1e-2, -0.1) == pytest.approx(1e-2 + 1e-4)
+    assert _time_less_bow(1e-2, 1e-3, 1e-2, 0.1) == pytest.approx(1e-2 - 1e-4)
+    assert _time_less_bow(1e-2, -1e-3, 1e-2, 0.1) == pytest.approx(1e-2 + 1e-4)
+    assert _time_less_bow(1e-2, 1e-3, 1e-2, -0.1) == pytest.approx(1e-2 + 1e-4)
     # A reduction by more than half is not applied.
-    assert time_less_bow(1e-4, 1e-3, 1e-2, 0.1) == 1e-4
-    assert time_less_bow(1e-2, 1e-3, 1e-2, 0.0) == 1e-2
+    assert _time_less_bow(1e-4, 1e-3, 1e-2, 0.1) == 1e-4
+    assert _time_less_bow(1e-2, 1e-3, 1e-2, 0.0) == 1e-2
 
 
 @pytest.mark.parametrize("step", [1e-6, 1e-4, 1e-3, 1e-1])
@@ -171,7 +171,7 @@ def test_the_correction_for_the_curves_deviation_is_that_of_the_exact_integral(s
     bow = LAW.static_force(w + 0.5 * change) - (force + 0.5 * STIFFNESS * tau * change)
     z = step / tau
     expected = 4.0 * bow / (STIFFNESS * tau) * z / (6.0 + 3.0 * z + z * z)
-    assert bow_of_curve(w, force, change, tau, step, STIFFNESS, LAW.valve) == pytest.approx(expected, rel=1e-9)
+    assert _bow_of_curve(w, force, change, tau, step, STIFFNESS, LAW.valve) == pytest.approx(expected, rel=1e-9)
 
 
 @given(velocities, velocities, velocities, st.floats(1e-5, 1e-2), st.floats(1e5, 1e8))
@@ -180,13 +180,13 @@ def test_a_chords_time_constant_is_consistent_with_the_w_that_results(w, v, end,
     towards = v - w if abs(v - w) >= abs(end - w) else end - w
     if towards == 0.0:
         return
-    room = room_before_kink(w, towards, LAW.valve)
-    nearby = time_constant(w, force, copysign(min(abs(towards), 0.01, room), towards), stiffness, LAW.valve)
-    tau = chord_time_constant(w, force, nearby, v, end, step, room, stiffness, LAW.valve)
-    change = followed(w, v, end, tau, step) - w
+    room = _room_before_kink(w, towards, LAW.valve)
+    nearby = _time_constant(w, force, copysign(min(abs(towards), 0.01, room), towards), stiffness, LAW.valve)
+    tau = _chord_time_constant(w, force, nearby, v, end, step, room, stiffness, LAW.valve)
+    change = _followed(w, v, end, tau, step) - w
     if abs(change) < 1e-7 or change * towards < 0.0:
         return
-    found = time_constant(w, force, copysign(min(abs(change), room), change), stiffness, LAW.valve)
+    found = _time_constant(w, force, copysign(min(abs(change), room), change), stiffness, LAW.valve)
     assert tau == pytest.approx(found, rel=1e-3)
 
 
@@ -197,10 +197,10 @@ def test_a_chord_takes_few_evaluations(evaluations):
         w = rng.uniform(-1.0, 1.0)
         v, end = w + rng.normal(0.0, 0.05, 2)
         force, stiffness = LAW.static_force(w), 10.0 ** rng.uniform(5.0, 7.5)
-        room = room_before_kink(w, v - w if abs(v - w) >= abs(end - w) else end - w, LAW.valve)
-        tau = time_constant(w, force, 1e-3, stiffness, LAW.valve)
+        room = _room_before_kink(w, v - w if abs(v - w) >= abs(end - w) else end - w, LAW.valve)
+        tau = _time_constant(w, force, 1e-3, stiffness, LAW.valve)
         evaluations.clear()
-        chord_time_constant(w, force, tau, v, end, 10.0 ** rng.uniform(-4.0, -2.0), room, stiffness, LAW.valve)
+        _chord_time_constant(w, force, tau, v, end, 10.0 ** rng.uniform(-4.0, -2.0), room, stiffness, LAW.valve)
         counts.append(len(evaluations))
     assert np.mean(counts) < 2.6
     assert max(counts) <= 10

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation.dyno_record import dyno_record
-from eightpost.ident.validation.shock_page import shock_page, write_shock_page
+from eightpost.ident.validation.shock_page import write_shock_page
 from eightpost.ident.validation.shocks import validate_shocks
 
 from .conftest import INCH, POUND, shock_of
@@ -75,9 +75,9 @@ def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
     assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
 
 
-def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test):
+def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test, tmp_path):
     named = validate_shocks([shock_of(truth, name="<b>x")], [dyno_record(random_test(1), name="</script><i>")])
-    html = shock_page(named, limit=0.0001, title="a < b")
+    html = write_shock_page(tmp_path / "page.html", named, limit=0.0001, title="a < b").read_text(encoding="utf-8")
     assert "<b>x" not in html
     assert "</script><i>" not in html
     assert 'class="verdict not-usable"' in html
@@ -85,9 +85,9 @@ def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test
     assert "No record of this validation does" in html
 
 
-def test_a_good_validation_has_a_good_verdict(lagged, random_test):
+def test_a_good_validation_has_a_good_verdict(lagged, random_test, tmp_path):
     study = validate_shocks([lagged], [dyno_record(random_test(1))])
     for limit in (1.0, None):
-        html = shock_page(study, limit=limit, title="t")
+        html = write_shock_page(tmp_path / "page.html", study, limit=limit).read_text(encoding="utf-8")
         assert 'class="verdict usable"' in html
         assert f"limit{'s 10 and 30' if limit is None else ' 1'} %" in html

@@ -86,18 +86,9 @@ def test_dc_gain_agrees_with_python_control_and_the_response_at_zero():
     np.testing.assert_allclose(discretise(CAR, 0.01).dc_gain(), CAR.dc_gain(), atol=1e-8)
 
 
-def test_steady_state_is_steady():
-    u = np.arange(1.0, 12.0)
-    x = CAR.steady_state(u)
-    assert np.abs(CAR.A @ x + CAR.B @ u).max() < 1e-8
-    with pytest.raises(ParameterError, match=r"one value for each of lf\.road"):
-        CAR.steady_state([1.0])
-
-
 def test_a_model_without_a_steady_state_is_rejected_with_the_reason():
-    for ask in (lambda: integrator().dc_gain(), lambda: integrator().steady_state([1.0])):
-        with pytest.raises(ParameterError, match="model: no unique steady state"):
-            ask()
+    with pytest.raises(ParameterError, match="model: no unique steady state"):
+        integrator().dc_gain()
 
 
 @given(gains=st.tuples(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6)))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TextIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Result, Results, Skip, open_bench
+from builder.check.probes.bench import Bench, Result, Results, Skip
 from builder.check.probes.instance import CallError, TerminatedError
 from builder.check.probes.library import MissingFunctionError
 from builder.check.rules import Finding
@@ -32,7 +32,7 @@ def main(name: str, folder: Path, progress: Path, reach: int | None = None) -> N
     probe: Callable[[Bench], Results] = getattr(importlib.import_module(f"builder.check.probes.{module}"), function)
     completed = True
     try:
-        bench = open_bench(folder, progress, reach)
+        bench = Bench(folder, progress, reach)
         try:
             for result in probe(bench):
                 _write(channel, _line(result))

@@ -13,11 +13,12 @@ from pathlib import Path
 from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR, Library, binary_path
-from builder.check.rules import Finding
+from builder.check.rules import Finding, Rule
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
 _STEPS, _WHOLE = 300, 1000  # steps of a run, and of the default experiment if the FMU states none
+_TOLERANCE = 1e-9  # largest difference of two equal runs by rounding, relative to the outputs' size
 _CYCLES = 2.7  # not a multiple of 0.5, so that the middle of a run differs from its end
 
 
@@ -46,7 +47,7 @@ Values = list[float]
 
 
 @dataclass(frozen=True)
-class Timing:
+class _Timing:
     """Communication points of a run: start [s], step [s], number of steps, steps of the whole default experiment."""
 
     start: float
@@ -64,14 +65,20 @@ class Bench:
 
     Args:
         folder: Folder of the unpacked FMU.
-        library: Binary of the FMU for this platform.
+        progress: File for the name of the current call.
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
+
+    Raises:
+        OSError: There is no binary for this platform, or it cannot be loaded.
     """
 
-    def __init__(self, folder: Path, library: Library, reach: int | None = None) -> None:
+    def __init__(self, folder: Path, progress: Path, reach: int | None = None) -> None:
         self.folder = folder
-        self.library = library
         self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
+        binary = binary_path(folder, self.description.identifier)
+        if binary is None:
+            raise OSError(f"there is no binary {self.description.identifier!r} for this platform")
+        self.library = Library(binary, progress)
         self.inputs = self.description.of("input")
         self.outputs = self.description.of("output")
         timing = _timing(self.description)
@@ -160,19 +167,6 @@ class Bench:
         return range(self.timing.count)
 
 
-def open_bench(folder: Path, progress: Path, reach: int | None = None) -> Bench:
-    """Load an unpacked FMU.
-
-    Raises:
-        OSError: There is no binary for this platform, or it cannot be loaded.
-    """
-    identifier = read_description(ET.parse(folder / "modelDescription.xml").getroot()).identifier
-    binary = binary_path(folder, identifier)
-    if binary is None:
-        raise OSError(f"there is no binary {identifier!r} for this platform")
-    return Bench(folder, Library(binary, progress), reach)
-
-
 def step(instance: Instance, time: float, h: float) -> None:
     """Do a step that must succeed.
 
@@ -237,7 +231,17 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
     return worst
 
 
-def _timing(description: Description) -> Timing:
+def compare(pair: tuple[Rule, Rule], what: str, first: Sequence[Values], again: Sequence[Values]) -> Iterator[Finding]:
+    """Compare two runs that must be equal: the first rule of the pair is for errors, the second one for rounding."""
+    differs, rounds = pair
+    worst = differ(first, again) if len(first) == len(again) else math.inf
+    if worst > _TOLERANCE:
+        yield differs.finding(f"{what} by {worst:.1e} of the outputs' size")
+    elif worst > 0.0:
+        yield rounds.finding(f"{what} by {worst:.1e}")
+
+
+def _timing(description: Description) -> _Timing:
     given = {}
     for name, text in (description.experiment or {}).items():
         try:
@@ -248,4 +252,4 @@ def _timing(description: Description) -> Timing:
     duration = given.get("stopTime", start) - start
     size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
-    return Timing(start, size, min(_STEPS, whole), whole)
+    return _Timing(start, size, min(_STEPS, whole), whole)

@@ -168,7 +168,7 @@ def probe_initial_dependencies(bench: Bench) -> Results:
     """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
     declared = declared_pairs(bench.description, "InitialUnknowns")
     unknowns = [v for v in _unknowns(bench) if v.name in declared]
-    knowns = [v for v in bench.description.variables if v.type in ("Real", "Boolean") and _is_known(v)]
+    knowns = [v for v in bench.description.variables if v.type in ("Real", "Boolean") and v.is_settable_at_start]
     if not unknowns or not knowns:
         yield Skip("no dependencies are declared" if not declared else "there is nothing to perturb")
         return
@@ -189,10 +189,6 @@ def _unknowns(bench: Bench) -> list[Variable]:
     return [v for v in found if v is not None and v.type == "Real" and v.is_callable]
 
 
-def _is_known(variable: Variable) -> bool:
-    return variable.is_settable_at_start
-
-
 def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float) -> None:
     """Set values other than the start values; variables whose value is rejected keep their value."""
     for variable in bench.description.of("parameter", "Boolean"):
@@ -202,9 +198,7 @@ def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float
         if refused(instance.get_reals(bench.outputs)[0]):
             instance.set(variable, variable.number("start") or 0.0)
     for variable in bench.inputs:
-        start = variable.number("start") or 0.0
-        value = start + scale * (other_value(variable, draw) - start)
-        instance.set(variable, inside(variable, value))
+        instance.set(variable, _input(variable, draw, scale))
 
 
 class _Point:

@@ -12,7 +12,6 @@ from builder.check.description import Variable
 from builder.check.probes.library import (
     CO_SIMULATION,
     DISCARD,
-    ERROR,
     STATUS_NAMES,
     TERMINATED,
     WARNING,
@@ -24,7 +23,7 @@ from builder.check.probes.library import (
 )
 
 Value = float | int | bool | str
-_C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
+C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
 
 
 class CallError(Exception):
@@ -40,7 +39,6 @@ class Message:
     """One log message."""
 
     status: int
-    category: bytes
     text: bytes
 
 
@@ -50,7 +48,6 @@ class Birth:
 
     guid: str
     resources: str
-    name: str = "probe"
     logging: bool = False
     kind: int = CO_SIMULATION
 
@@ -76,12 +73,12 @@ class Instance:
         function = library._function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
-            birth.name.encode(), birth.kind, birth.guid.encode(), birth.resources.encode(),
+            b"probe", birth.kind, birth.guid.encode(), birth.resources.encode(),
             ctypes.byref(self._callbacks), 0, int(birth.logging),
         )  # fmt: skip
 
     def _log(self, _environment: int, _name: bytes, status: int, category: bytes, text: bytes) -> None:
-        self.messages.append(Message(status, category or b"", text or b""))
+        self.messages.append(Message(status, text or b""))
         self.library.categories.add(category or b"")
 
     def last_message(self) -> str:
@@ -114,13 +111,13 @@ class Instance:
         """Set one variable."""
         kind = base_type(variable)
         content = value.encode() if isinstance(value, str) else value
-        buffer = (_C_TYPES[kind] * 1)(content)
+        buffer = (C_TYPES[kind] * 1)(content)
         return self.call(f"Set{kind}", _references([variable]), 1, buffer, note=f" of {variable.name} to {value}")
 
     def get(self, variable: Variable) -> tuple[int, Value]:
         """Get one variable."""
         kind = base_type(variable)
-        buffer = (_C_TYPES[kind] * 1)()
+        buffer = (C_TYPES[kind] * 1)()
         status = self.call(f"Get{kind}", _references([variable]), 1, buffer, note=f" of {variable.name}")
         value = buffer[0]
         return status, (value or b"").decode("utf-8", "replace") if kind == "String" else value
@@ -210,8 +207,3 @@ def _references(variables: Sequence[Variable]) -> Any:
 def status_name(status: int) -> str:
     """Return the name of a status."""
     return STATUS_NAMES[status] if 0 <= status < len(STATUS_NAMES) else f"the unknown status {status}"
-
-
-def is_error(status: int) -> bool:
-    """Return whether a status is fmi2Error or fmi2Fatal."""
-    return status >= ERROR

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, differ, other_value, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, other_value, step
 from builder.check.probes.instance import CallError, Instance, TerminatedError
 from builder.check.rules import Finding
 
@@ -54,16 +54,12 @@ def probe_instances(bench: Bench) -> Results:
         yield Skip("memory is only measured on Linux", "growth")
 
 
-def _quiet(bench: Bench, time: float) -> Values:
-    return bench.excitation(time, -0.4)
-
-
 def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
     rows = []
     with bench.running() as one, bench.running() as other:
         for point in bench.all_points():
             rows += bench.run(one, bench.excitation, range(point, point + 1))
-            bench.run(other, lambda time: _quiet(bench, time), range(point, point + 1))
+            bench.run(other, lambda time: bench.excitation(time, -0.4), range(point, point + 1))
     if worst := differ(alone, rows):
         yield rules.INSTANCES.finding(
             f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
@@ -116,7 +112,6 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
 
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
 
-_TOLERANCE = 1e-9
 _STRIDE = 10  # steps
 _RESET_PATIENCE, _PROCESSOR_PATIENCE = 40.0, 15.0  # s
 
@@ -224,11 +219,7 @@ def _disturb(bench: Bench, instance: Instance, where: str) -> None:
 
 
 def _compare(where: str, first: list[Values], second: list[Values]) -> Iterator[Finding]:
-    worst = differ(first, second)
-    if worst > _TOLERANCE:
-        yield rules.RESET.finding(f"after fmi2Reset {where} the same run differs by {worst:.1e} of the outputs' size")
-    elif worst > 0.0:
-        yield rules.RESET_BITS.finding(f"after fmi2Reset {where} the same run differs by {worst:.1e}")
+    yield from compare((rules.RESET, rules.RESET_BITS), f"after fmi2Reset {where} the same run differs", first, second)
 
 
 # ---- Effects of steps on the process --------------------------------------------------------------------------------

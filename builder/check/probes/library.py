@@ -13,7 +13,6 @@ from ctypes import POINTER, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_
 from pathlib import Path
 from typing import Any, Final
 
-OK: Final = 0
 WARNING: Final = 1
 DISCARD: Final = 2
 ERROR: Final = 3
@@ -28,8 +27,6 @@ FREEING_NOTHING: Final = "fmi2FreeInstance(NULL)"
 STATUS_NAMES: Final = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
 
 Logger = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
-_Allocate = ctypes.CFUNCTYPE(c_void_p, c_size_t, c_size_t)
-_Free = ctypes.CFUNCTYPE(None, c_void_p)
 
 
 class Callbacks(ctypes.Structure):
@@ -65,7 +62,6 @@ _GET_SET = {
     "String": POINTER(c_char_p),
 }
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "SetDebugLogging": (c_void_p, c_int, c_size_t, POINTER(c_char_p)),
     "FreeInstance": (c_void_p,),
     "SetupExperiment": (c_void_p, c_int, c_double, c_double, c_int, c_double),
     "EnterInitializationMode": (c_void_p,),

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
-from ctypes import c_char_p, c_double, c_int, c_uint
+from ctypes import c_double, c_uint
 from dataclasses import dataclass, replace
 from typing import Any
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, step
-from builder.check.probes.instance import CallError, Instance, Value, base_type, refused, status_name
+from builder.check.probes.instance import C_TYPES, CallError, Instance, Value, base_type, refused, status_name
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
 from builder.check.rules import Finding, Rule, listed
 
@@ -34,7 +34,8 @@ def probe_state_machine(bench: Bench) -> Results:
     yield from _refusals(bench, list(_misuses(bench)))
     yield from _guid(bench)
     yield from _tunable(bench)
-    yield from _refusals(bench, [_Misuse("fmi2DoStep of NaN", rules.STEP, bench.running, _nan_step(bench))])
+    nan_step = _Misuse("fmi2DoStep of NaN", rules.STEP, bench.running, _stepping(bench.timing.start, math.nan))
+    yield from _refusals(bench, [nan_step])
 
 
 def _refusals(bench: Bench, misuses: list[_Misuse]) -> Iterator[Finding]:
@@ -54,21 +55,18 @@ def _refusals(bench: Bench, misuses: list[_Misuse]) -> Iterator[Finding]:
             yield rule.finding(listed(titles))
 
 
-def _nan_step(bench: Bench) -> Callable[[Instance], int]:
-    return lambda instance: instance.step(bench.timing.start, math.nan)
+def _stepping(time: float, size: float) -> Callable[[Instance], int]:
+    return lambda instance: instance.step(time, size)
 
 
 def _misuses(bench: Bench) -> Iterator[_Misuse]:
     t, h = bench.timing.start, bench.timing.step
 
-    def stepping(time: float, size: float) -> Callable[[Instance], int]:
-        return lambda instance: instance.step(time, size)
-
     def calling(name: str) -> Callable[[Instance], int]:
         return lambda instance: instance.call(name)
 
-    yield _Misuse("fmi2DoStep before initialization", rules.ORDER, bench.instance, stepping(t, h))
-    yield _Misuse("fmi2DoStep in initialization mode", rules.ORDER, bench.initializing, stepping(t, h))
+    yield _Misuse("fmi2DoStep before initialization", rules.ORDER, bench.instance, _stepping(t, h))
+    yield _Misuse("fmi2DoStep in initialization mode", rules.ORDER, bench.initializing, _stepping(t, h))
     yield _Misuse(
         "fmi2ExitInitializationMode before initialization mode",
         rules.ORDER,
@@ -85,9 +83,9 @@ def _misuses(bench: Bench) -> Iterator[_Misuse]:
         calling("EnterInitializationMode"),
     )
     yield _Misuse("fmi2DoStep after fmi2Terminate", rules.ORDER, bench.running, _terminated(bench))
-    yield _Misuse("fmi2DoStep from a wrong point", rules.STEP, bench.running, stepping(t + 10 * h, h))
-    yield _Misuse("fmi2DoStep of zero length", rules.STEP, bench.running, stepping(t, 0.0))
-    yield _Misuse("fmi2DoStep of negative length", rules.STEP, bench.running, stepping(t, -h))
+    yield _Misuse("fmi2DoStep from a wrong point", rules.STEP, bench.running, _stepping(t + 10 * h, h))
+    yield _Misuse("fmi2DoStep of zero length", rules.STEP, bench.running, _stepping(t, 0.0))
+    yield _Misuse("fmi2DoStep of negative length", rules.STEP, bench.running, _stepping(t, -h))
     yield _Misuse("fmi2DoStep past the stop time", rules.STOP_TIME, bench.instance, _past_the_end(bench))
     yield from _locked(bench)
 
@@ -161,8 +159,6 @@ def _tunable(bench: Bench) -> Iterator[Finding]:
 
 # ---- Unknown references and invalid values --------------------------------------------------------------------------
 
-_BUFFERS: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
-
 
 def probe_values(bench: Bench) -> Results:
     """Try unknown references, then invalid values."""
@@ -172,7 +168,7 @@ def probe_values(bench: Bench) -> Results:
 
 def _unknown_references(bench: Bench) -> Iterator[Finding]:
     accepted = []
-    for kind, buffer_type in _BUFFERS.items():
+    for kind, buffer_type in C_TYPES.items():
         used = {int(v.reference) for v in bench.description.variables if v.is_callable and base_type(v) == kind}
         for reference in (max(used, default=0) + 1, 2**32 - 1):
             for way in ("Get", "Set"):

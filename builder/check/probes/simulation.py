@@ -14,16 +14,7 @@ from dataclasses import replace
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.bench import REACH, Bench, Measured, Results, Skip, Values, differ, other_value, step
-from builder.check.probes.instance import (
-    CallError,
-    Instance,
-    Message,
-    TerminatedError,
-    Value,
-    is_error,
-    refused,
-    status_name,
-)
+from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR
 from builder.check.rules import Finding, listed
 
@@ -184,7 +175,7 @@ def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
                 return
             if refused(status):
                 is_usual = start == bench.timing.start  # after the end of its experiment an FMU may have no data
-                rule = rules.STEPS if is_error(status) and is_usual else rules.STEPS_DISCARDED
+                rule = rules.STEPS if status >= ERROR and is_usual else rules.STEPS_DISCARDED
                 yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}")
                 return
             time += length
@@ -215,12 +206,8 @@ def probe_first_outputs(bench: Bench) -> Results:
         wrong = _jumps(bench, inputs, bench.timing.start)
         if wrong:
             wrong = {name: jump for name, jump in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
-        yield from _jump_findings(wrong)
-
-
-def _jump_findings(wrong: dict[str, str]) -> Iterator[Finding]:
-    if wrong:
-        yield rules.FIRST_OUTPUTS.finding(listed(list(wrong.values()), most=3))
+        if wrong:
+            yield rules.FIRST_OUTPUTS.finding(listed(list(wrong.values()), most=3))
 
 
 def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dict[str, str]:
@@ -248,7 +235,9 @@ def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
 def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
     """Return the outputs after a step of h [s], or before any step."""
     with bench.instance() as instance:
-        _initialize(bench, instance, inputs, start)
+        bench.enter(instance, start=start)
+        bench.drive(instance, inputs)
+        instance.need("ExitInitializationMode")
         if h > 0.0:
             bench.drive(instance, inputs)
             step(instance, start, h)
@@ -258,12 +247,6 @@ def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
 def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> bool:
     """Return whether the outputs do not change over long steps either."""
     return all(_outputs(bench, inputs, start, n * bench.timing.step) == outputs for n in (1, 2, 4))
-
-
-def _initialize(bench: Bench, instance: Instance, inputs: Values, start: float) -> None:
-    bench.enter(instance, start=start)
-    bench.drive(instance, inputs)
-    instance.need("ExitInitializationMode")
 
 
 # ---- Digest of the outputs, to compare a run with the same run elsewhere --------------------------------------------

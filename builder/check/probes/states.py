@@ -10,12 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, differ, open_bench
+from builder.check.probes.bench import Bench, Results, Skip, Values, compare
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.rules import Finding, Rule, listed
 from eightpost.workers.process import python_command, run
 
-_TOLERANCE = 1e-9
 _TIMEOUT = 60.0
 
 
@@ -33,14 +32,14 @@ def probe_state(bench: Bench) -> Results:
         yield Skip("canSerializeFMUstate is not true", "serialized states")
 
 
-def halves(bench: Bench) -> tuple[range, range]:
+def _halves(bench: Bench) -> tuple[range, range]:
     """Return the points before and after the middle of a run."""
     middle = max(bench.timing.count // 2, 1)
     return range(middle), range(middle, bench.timing.count)
 
 
 def _rollback(bench: Bench) -> Iterator[Finding]:
-    before, after = halves(bench)
+    before, after = _halves(bench)
     with bench.running() as instance:
         bench.run(instance, bench.excitation, before)
         state = instance.state()
@@ -75,7 +74,7 @@ def _freed(bench: Bench) -> Iterator[Finding]:
 
 
 def _serialized(bench: Bench) -> Iterator[Finding]:
-    before, after = halves(bench)
+    before, after = _halves(bench)
     with bench.running() as instance:
         bench.run(instance, bench.excitation, before)
         state = instance.state()
@@ -84,11 +83,11 @@ def _serialized(bench: Bench) -> Iterator[Finding]:
             yield rules.SAME_BYTES.finding("two serializations of the same state differ")
         first = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
     with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
-        yield from _compare(rules.SERIALIZED, "in another instance", first, restored(bench, other, content))
+        yield from _compare(rules.SERIALIZED, "in another instance", first, _restored(bench, other, content))
     yield from _other_process(bench, content, first)
 
 
-def restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
+def _restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
     """Run the second half from a serialized state; return the outputs at the state and after each step.
 
     Raises:
@@ -100,7 +99,7 @@ def restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
             f"fmi2DeSerializeFMUstate rejected a state that the FMU itself serialized{instance.last_message()}"
         )
     instance.need("SetFMUstate", state)
-    return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, halves(bench)[1])]
+    return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, _halves(bench)[1])]
 
 
 def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterator[Finding]:
@@ -124,11 +123,7 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
 
 
 def _compare(rule: Rule, where: str, first: list[Values], again: list[Values]) -> Iterator[Finding]:
-    worst = differ(first, again) if len(first) == len(again) else float("inf")
-    if worst > _TOLERANCE:
-        yield rule.finding(f"{where} the same steps differ by {worst:.1e} of the outputs' size")
-    elif worst > 0.0:
-        yield rules.ROLLBACK_BITS.finding(f"{where} the same steps differ by {worst:.1e}")
+    yield from compare((rule, rules.ROLLBACK_BITS), f"{where} the same steps differ", first, again)
 
 
 # ---- Damaged serialized states --------------------------------------------------------------------------------------
@@ -142,7 +137,7 @@ def probe_corrupt_state(bench: Bench) -> Results:
         yield Skip("canSerializeFMUstate is not true")
         return
     with bench.running() as instance:
-        bench.run(instance, bench.excitation, halves(bench)[0])
+        bench.run(instance, bench.excitation, _halves(bench)[0])
         content = instance.serialized(instance.state())
     accepted = []
     for what, damaged in _damaged(content):
@@ -169,9 +164,9 @@ def restore(folder: Path, progress: Path, saved: Path, reach: int) -> None:
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    bench = open_bench(folder, progress, reach)
+    bench = Bench(folder, progress, reach)
     with bench.running() as instance:
-        for row in restored(bench, instance, saved.read_bytes()):
+        for row in _restored(bench, instance, saved.read_bytes()):
             channel.write(" ".join(value.hex() for value in row) + "\n")
     channel.flush()
 

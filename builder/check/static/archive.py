@@ -23,21 +23,21 @@ _TOP = {XML, "model.png", "binaries", "sources", "documentation", "resources", "
 _DECLARATION = re.compile(rb"""\A\s*<\?xml[^>]*encoding\s*=\s*["']([^"']+)["']""")
 
 
-def at_top(subject: Subject) -> Iterator[Finding]:
+def _at_top(subject: Subject) -> Iterator[Finding]:
     """Check that modelDescription.xml is at the top of the archive."""
     if XML not in subject.members:
         found = next(name for name in subject.members if PurePosixPath(name.replace("\\", "/")).name == XML)
         yield rules.ROOT.finding(f"it is at {found!r}; nothing else could be checked")
 
 
-def paths(subject: Subject) -> Iterator[Finding]:
+def _paths(subject: Subject) -> Iterator[Finding]:
     """Check that no entry is outside the archive's folder."""
     for entry in subject.entries:
         if reason := unsafe_reason(entry):
             yield rules.PATHS.finding(f"the entry {entry.orig_filename!r} {reason}")
 
 
-def duplicates(subject: Subject) -> Iterator[Finding]:
+def _duplicates(subject: Subject) -> Iterator[Finding]:
     """Check that entries are unique, also if upper and lower case are ignored."""
     counts = Counter(entry.filename for entry in subject.entries)
     for name, count in counts.items():
@@ -49,14 +49,14 @@ def duplicates(subject: Subject) -> Iterator[Finding]:
         yield rules.CASE.finding(f"{listed(alike)} are the same file on some systems")
 
 
-def compression(subject: Subject) -> Iterator[Finding]:
+def _compression(subject: Subject) -> Iterator[Finding]:
     """Check that entries are deflated or stored."""
     odd = [e.filename for e in subject.entries if e.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)]
     if odd:
         yield rules.COMPRESSION.finding(f"compressed with other methods: {listed(odd)}")
 
 
-def dates(subject: Subject) -> Iterator[Finding]:
+def _dates(subject: Subject) -> Iterator[Finding]:
     """Check that all entries have the same date."""
     found = sorted({entry.date_time for entry in subject.entries})
     if len(found) > 1:
@@ -64,20 +64,20 @@ def dates(subject: Subject) -> Iterator[Finding]:
         yield rules.DATES.finding(f"its entries have {len(found)} dates, from {first} to {last}")
 
 
-def stray(subject: Subject) -> Iterator[Finding]:
+def _stray(subject: Subject) -> Iterator[Finding]:
     """Check that there are no unknown files at the top of the archive."""
     foreign = sorted({PurePosixPath(name).parts[0] for name in subject.members if name} - _TOP - {"/"})
     if XML in subject.members and foreign:
         yield rules.STRAY.finding(f"unknown: {listed(foreign)}")
 
 
-def well_formed(subject: Subject) -> Iterator[Finding]:
+def _well_formed(subject: Subject) -> Iterator[Finding]:
     """Check that the XML can be parsed."""
     if subject.xml_error:
         yield rules.WELL_FORMED.finding(f"{subject.xml_error}; its content could not be checked")
 
 
-def encoding(subject: Subject) -> Iterator[Finding]:
+def _encoding(subject: Subject) -> Iterator[Finding]:
     """Check that the XML is UTF-8."""
     content = subject.members.get(XML, b"").removeprefix(b"\xef\xbb\xbf")
     declared = _DECLARATION.match(content)
@@ -85,7 +85,7 @@ def encoding(subject: Subject) -> Iterator[Finding]:
         yield rules.ENCODING.finding(f"it declares {declared[1].decode('latin-1')}")
 
 
-ENTRY_RULES = (at_top, paths, duplicates, compression, dates, stray, well_formed, encoding)
+ENTRY_RULES = (_at_top, _paths, _duplicates, _compression, _dates, _stray, _well_formed, _encoding)
 
 
 # ---- Documents, sources, reference results --------------------------------------------------------------------------
@@ -93,7 +93,7 @@ ENTRY_RULES = (at_top, paths, duplicates, compression, dates, stray, well_formed
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def sources(subject: Subject) -> Iterator[Finding]:
+def _sources(subject: Subject) -> Iterator[Finding]:
     """Check that the listed sources exist."""
     listed_files = subject.description.source_files if subject.description else ()
     missing = [name for name in listed_files if f"sources/{name}" not in subject.members]
@@ -103,7 +103,7 @@ def sources(subject: Subject) -> Iterator[Finding]:
         yield rules.SOURCES.finding("no sources are listed")
 
 
-def documents(subject: Subject) -> Iterator[Finding]:
+def _documents(subject: Subject) -> Iterator[Finding]:
     """Check that documentation and licence exist and are not empty."""
     page = subject.members.get("documentation/index.html")
     if page is None:
@@ -117,7 +117,7 @@ def documents(subject: Subject) -> Iterator[Finding]:
         yield rules.LICENSE.finding(f"empty: {listed(empty)}")
 
 
-def icon(subject: Subject) -> Iterator[Finding]:
+def _icon(subject: Subject) -> Iterator[Finding]:
     """Check that model.png exists and can be decoded."""
     content = subject.members.get("model.png")
     if content is None:
@@ -145,20 +145,20 @@ def _fault_of_png(content: bytes) -> str:
     return ""
 
 
-def reference(subject: Subject) -> Iterator[Finding]:
+def _reference(subject: Subject) -> Iterator[Finding]:
     """Check that there are reference results."""
     if not any(name.startswith("extra/") and name.endswith("_ref.csv") for name in subject.members):
         yield rules.REFERENCE_GIVEN.finding("there is no extra/.../*_ref.csv")
 
 
-def file_name(subject: Subject) -> Iterator[Finding]:
+def _file_name(subject: Subject) -> Iterator[Finding]:
     """Check that the file is named after the modelIdentifier."""
     identifier = subject.description.identifier if subject.description else ""
     if identifier and subject.path.stem != identifier:
         yield rules.FILE_NAME.finding(f"the file is {subject.path.name}, the modelIdentifier {identifier}")
 
 
-CONTENT_RULES = (sources, documents, icon, reference, file_name)
+CONTENT_RULES = (_sources, _documents, _icon, _reference, _file_name)
 
 
 # ---- Terminals ------------------------------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ class _Member:
     variable: Variable
 
 
-def terminals(subject: Subject) -> Iterator[Finding]:
+def _terminals(subject: Subject) -> Iterator[Finding]:
     """Check that terminals can be read and refer to existing variables."""
     content = subject.members.get(_PATH)
     if content is None:
@@ -245,4 +245,4 @@ def _port(members: Mapping[str, _Member], velocity: _Member, force: _Member) -> 
             yield f"{motion.variable.name} is equal on both sides, and so a signal, not an {motion.kind}"
 
 
-TERMINAL_RULES = (terminals,)
+TERMINAL_RULES = (_terminals,)

@@ -72,7 +72,7 @@ _LINKER = {"__dso_handle", "_mh_dylib_header", "_init", "_fini", "__bss_start", 
 _RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
 
 
-def present(subject: Subject) -> Iterator[Finding]:
+def _present(subject: Subject) -> Iterator[Finding]:
     """Check that there is a binary with the right name, or that there are sources."""
     description = subject.description
     if description is None or description.co_simulation is None:
@@ -85,7 +85,7 @@ def present(subject: Subject) -> Iterator[Finding]:
         yield rules.BINARY_NAME.finding(f"binaries/{platform} has {listed(found)}, not {description.identifier!r}")
 
 
-def readable(subject: Subject) -> Iterator[Finding]:
+def _readable(subject: Subject) -> Iterator[Finding]:
     """Check that binaries are complete and have the right format and processor."""
     for binary in subject.own_binaries:
         wanted, machines = _PLATFORMS.get(binary.platform, ("", set()))
@@ -99,7 +99,7 @@ def readable(subject: Subject) -> Iterator[Finding]:
             yield rules.BINARY_MACHINE.finding(f"{binary.name} is for {listed(list(binary.machines))}")
 
 
-def platforms(subject: Subject) -> Iterator[Finding]:
+def _platforms(subject: Subject) -> Iterator[Finding]:
     """Check that there are binaries for all common platforms."""
     available = {binary.platform for binary in subject.own_binaries}
     missing = [platform for platform in _COMMON_PLATFORMS if platform not in available]
@@ -110,7 +110,7 @@ def platforms(subject: Subject) -> Iterator[Finding]:
             yield rules.UNIVERSAL.finding(f"{binary.name} is for {listed(list(binary.machines))} only")
 
 
-def exports(subject: Subject) -> Iterator[Finding]:
+def _exports(subject: Subject) -> Iterator[Finding]:
     """Check that all required functions and only FMI functions are exported."""
     description = subject.description
     for binary in _sound(subject):
@@ -125,7 +125,7 @@ def exports(subject: Subject) -> Iterator[Finding]:
             yield rules.OTHER_EXPORTS.finding(f"{binary.name} exports {len(other)} more: {listed(other, most=4)}")
 
 
-def model_exchange_exports(subject: Subject) -> Iterator[Finding]:
+def _model_exchange_exports(subject: Subject) -> Iterator[Finding]:
     """Check that the functions that the element ModelExchange requires are exported."""
     description = subject.description
     if description is None or description.model_exchange is None:
@@ -144,7 +144,7 @@ def _unprefixed(binary: Binary, description: Description) -> frozenset[str]:
     return frozenset(name.removeprefix(f"{description.identifier}_") for name in binary.exports)
 
 
-def libraries(subject: Subject) -> Iterator[Finding]:
+def _libraries(subject: Subject) -> Iterator[Finding]:
     """Check that only system libraries are needed."""
     for binary in _sound(subject):
         checks: dict[str, tuple[Callable[[str], bool], Rule]] = {
@@ -172,7 +172,7 @@ def _is_system_dylib(binary: Binary) -> Callable[[str], bool]:
     return lambda library: library.startswith("/usr/lib/libSystem") or PurePosixPath(library).name == own
 
 
-def runtimes(subject: Subject) -> Iterator[Finding]:
+def _runtimes(subject: Subject) -> Iterator[Finding]:
     """Check that no language runtime is needed without being declared."""
     for binary in _sound(subject):
         python = sorted(name for name in binary.undefined if name.startswith(("Py", "_Py")))
@@ -187,4 +187,4 @@ def _sound(subject: Subject) -> list[Binary]:
     return [binary for binary in subject.own_binaries if not binary.fault]
 
 
-RULES = (present, readable, platforms, exports, model_exchange_exports, libraries, runtimes)
+RULES = (_present, _readable, _platforms, _exports, _model_exchange_exports, _libraries, _runtimes)

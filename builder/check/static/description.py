@@ -20,14 +20,14 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
 _ABOUT = ("description", "author", "version", "license", "generationTool")
 
 
-def version(description: Description) -> Iterator[Finding]:
+def _version(description: Description) -> Iterator[Finding]:
     """Check that fmiVersion is 2.0."""
     stated = description.attributes.get("fmiVersion")
     if stated != "2.0":
         yield rules.VERSION.finding(f"it is {stated!r}")
 
 
-def guid(description: Description) -> Iterator[Finding]:
+def _guid(description: Description) -> Iterator[Finding]:
     """Check that there is a GUID of plain characters."""
     if not description.guid.strip():
         yield rules.GUID.finding("the attribute guid is missing or empty")
@@ -35,7 +35,7 @@ def guid(description: Description) -> Iterator[Finding]:
         yield rules.GUID_PLAIN.finding(f"it is {description.guid!r}")
 
 
-def identifier(description: Description) -> Iterator[Finding]:
+def _identifier(description: Description) -> Iterator[Finding]:
     """Check that co-simulation is supported and that its modelIdentifier is a C name."""
     if description.co_simulation is None:
         yield rules.CO_SIMULATION.finding("there is no element CoSimulation")
@@ -43,7 +43,7 @@ def identifier(description: Description) -> Iterator[Finding]:
         yield rules.IDENTIFIER.finding(f"it is {description.identifier!r}")
 
 
-def date(description: Description) -> Iterator[Finding]:
+def _date(description: Description) -> Iterator[Finding]:
     """Check that generationDateAndTime is a date in UTC."""
     stated = description.attributes.get("generationDateAndTime")
     if stated is not None and not _is_date(stated):
@@ -60,14 +60,14 @@ def _is_date(text: str) -> bool:
     return True
 
 
-def about(description: Description) -> Iterator[Finding]:
+def _about(description: Description) -> Iterator[Finding]:
     """Check that description, author, version, license and generationTool are present."""
     missing = [name for name in _ABOUT if not description.attributes.get(name, "").strip()]
     if missing:
         yield rules.ABOUT.finding(f"missing: {listed(missing)}")
 
 
-def experiment(description: Description) -> Iterator[Finding]:
+def _experiment(description: Description) -> Iterator[Finding]:
     """Check that there is a valid default experiment."""
     given = description.experiment
     if given is None or not given.keys() & {"startTime", "stopTime", "stepSize"}:
@@ -94,14 +94,14 @@ def _invalid_values(given: Mapping[str, str]) -> Iterator[str]:
         yield f"it stops at {given['stopTime']} s and starts at {given.get('startTime', '0')} s"
 
 
-def categories(description: Description) -> Iterator[Finding]:
+def _categories(description: Description) -> Iterator[Finding]:
     """Check that names of log categories are unique."""
     doubled = [name for name, count in Counter(description.categories).items() if count > 1]
     if doubled:
         yield rules.CATEGORIES.finding(f"duplicate names: {listed(doubled)}")
 
 
-IDENTITY_RULES = (version, guid, identifier, date, about, experiment, categories)
+IDENTITY_RULES = (_version, _guid, _identifier, _date, _about, _experiment, _categories)
 
 
 # ---- Model structure ------------------------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ IDENTITY_RULES = (version, guid, identifier, date, about, experiment, categories
 _KINDS = {"dependent", "constant", "fixed", "tunable", "discrete"}
 
 
-def indices(description: Description) -> Iterator[Finding]:
+def _indices(description: Description) -> Iterator[Finding]:
     """Check that indices refer to variables."""
     for unknown in description.unknowns:
         wrong = [i for i in (unknown.index, *(unknown.dependencies or ())) if description.variable(i) is None]
@@ -120,14 +120,14 @@ def indices(description: Description) -> Iterator[Finding]:
             )
 
 
-def outputs(description: Description) -> Iterator[Finding]:
+def _outputs(description: Description) -> Iterator[Finding]:
     """Check that Outputs lists all outputs."""
     expected = [v for v in description.variables if v.causality == "output"]
     if expected or "Outputs" in description.sections:
         yield from _compare(rules.OUTPUTS, _named(description, "Outputs"), _distinct(expected))
 
 
-def initial_unknowns(description: Description) -> Iterator[Finding]:
+def _initial_unknowns(description: Description) -> Iterator[Finding]:
     """Check that InitialUnknowns lists all variables that initialization computes."""
     expected = [v for v in description.variables if _is_initial_unknown(v)] + list(_initial_states(description))
     yield from _compare(rules.INITIAL_UNKNOWNS, _named(description, "InitialUnknowns"), _distinct(expected))
@@ -171,7 +171,7 @@ def _compare(rule: Rule, named: list[Variable], expected: dict[tuple[str, str], 
             yield rule.finding(f"{what}: {listed(found)}")
 
 
-def order(description: Description) -> Iterator[Finding]:
+def _order(description: Description) -> Iterator[Finding]:
     """Check that InitialUnknowns are ordered."""
     found = [v.index for v in _named(description, "InitialUnknowns")]
     for before, after in itertools.pairwise(found):
@@ -180,7 +180,7 @@ def order(description: Description) -> Iterator[Finding]:
             return
 
 
-def kinds(description: Description) -> Iterator[Finding]:
+def _kinds(description: Description) -> Iterator[Finding]:
     """Check that dependenciesKind has one valid keyword per dependency."""
     for unknown in description.unknowns:
         given = unknown.kinds
@@ -193,7 +193,7 @@ def kinds(description: Description) -> Iterator[Finding]:
             yield rules.KINDS.finding(f"{where}: {listed(strange)}")
 
 
-def twice(description: Description) -> Iterator[Finding]:
+def _twice(description: Description) -> Iterator[Finding]:
     """Check that each dependency is listed once."""
     for unknown in description.unknowns:
         doubled = [index for index, count in Counter(unknown.dependencies or ()).items() if count > 1]
@@ -201,14 +201,14 @@ def twice(description: Description) -> Iterator[Finding]:
             yield rules.DEPENDENCY_TWICE.finding(f"{unknown.section}, unknown {unknown.index}: {listed(doubled)}")
 
 
-def derivatives(description: Description) -> Iterator[Finding]:
+def _derivatives(description: Description) -> Iterator[Finding]:
     """Check that Derivatives lists derivatives."""
     for variable in _named(description, "Derivatives"):
         if description.variable(variable.attributes.get("derivative", "")) is None:
             yield rules.DERIVATIVES.finding(f"{variable.name} has no valid attribute derivative")
 
 
-def declared(description: Description) -> Iterator[Finding]:
+def _declared(description: Description) -> Iterator[Finding]:
     """Check that dependencies are declared."""
     for section in ("Outputs", "Derivatives", "InitialUnknowns"):
         bare = [_name(description, u) for u in description.in_section(section) if u.dependencies is None]
@@ -216,7 +216,7 @@ def declared(description: Description) -> Iterator[Finding]:
             yield rules.DEPENDENCIES.finding(f"{section}: not declared for {listed(bare)}")
 
 
-def knowns(description: Description) -> Iterator[Finding]:
+def _knowns(description: Description) -> Iterator[Finding]:
     """Check that outputs only depend on inputs, states and time."""
     states = {v.attributes.get("derivative") for v in description.variables}
     for unknown in description.in_section("Outputs"):
@@ -231,7 +231,7 @@ def _name(description: Description, unknown: Unknown) -> str:
     return variable.name if variable else unknown.index
 
 
-STRUCTURE_RULES = (indices, outputs, initial_unknowns, order, kinds, twice, derivatives, declared, knowns)
+STRUCTURE_RULES = (_indices, _outputs, _initial_unknowns, _order, _kinds, _twice, _derivatives, _declared, _knowns)
 
 
 # ---- Capabilities ---------------------------------------------------------------------------------------------------
@@ -243,35 +243,35 @@ _OFFERS = {
 }
 
 
-def serialize(description: Description) -> Iterator[Finding]:
+def _serialize(description: Description) -> Iterator[Finding]:
     """Check that canSerializeFMUstate is only declared with canGetAndSetFMUstate."""
     if description.can("canSerializeFMUstate") and not description.can("canGetAndSetFMUstate"):
         yield rules.SERIALIZE.finding("canSerializeFMUstate is true, canGetAndSetFMUstate is not")
 
 
-def runs_alone(description: Description) -> Iterator[Finding]:
+def _runs_alone(description: Description) -> Iterator[Finding]:
     """Check that no execution tool is needed."""
     if description.can("needsExecutionTool"):
         yield rules.RUNS_ALONE.finding("needsExecutionTool is true")
 
 
-def variable_step(description: Description) -> Iterator[Finding]:
+def _variable_step(description: Description) -> Iterator[Finding]:
     """Check that any communication step size is accepted."""
     if description.co_simulation is not None and not description.can("canHandleVariableCommunicationStepSize"):
         yield rules.VARIABLE_STEP.finding("canHandleVariableCommunicationStepSize is not true")
 
 
-def many(description: Description) -> Iterator[Finding]:
+def _many(description: Description) -> Iterator[Finding]:
     """Check that several instances per process are allowed."""
     if description.can("canBeInstantiatedOnlyOncePerProcess"):
         yield rules.MANY.finding("canBeInstantiatedOnlyOncePerProcess is true")
 
 
-def offered(description: Description) -> Iterator[Finding]:
+def _offered(description: Description) -> Iterator[Finding]:
     """Check that the optional features for coupling stiff systems are supported."""
     missing = [what for flag, what in _OFFERS.items() if not description.can(flag)]
     if description.co_simulation is not None and missing:
         yield rules.OFFERED.finding(f"not supported: {listed(missing)}")
 
 
-CAPABILITY_RULES = (serialize, runs_alone, variable_step, many, offered)
+CAPABILITY_RULES = (_serialize, _runs_alone, _variable_step, _many, _offered)

@@ -35,14 +35,14 @@ def _initials(variable: Variable) -> tuple[str, ...]:
     return ("exact", *_CALCULATED)
 
 
-def names(description: Description) -> Iterator[Finding]:
+def _names(description: Description) -> Iterator[Finding]:
     """Check that names are unique."""
     doubled = [name for name, count in Counter(v.name for v in description.variables).items() if count > 1]
     if doubled:
         yield rules.NAMES.finding(f"several variables are named {listed(doubled)}")
 
 
-def aliases(description: Description) -> Iterator[Finding]:
+def _aliases(description: Description) -> Iterator[Finding]:
     """Check that variables with the same value reference are consistent."""
     sets: dict[tuple[str, str], list[Variable]] = defaultdict(list)
     for variable in description.variables:
@@ -62,7 +62,7 @@ def _disagreement(same: list[Variable]) -> str:
     return "have several start values" if len(starts) > 1 else ""
 
 
-def combinations(description: Description) -> Iterator[Finding]:
+def _combinations(description: Description) -> Iterator[Finding]:
     """Check that causality, variability and initial are a valid combination."""
     for v in description.variables:
         if v.variability not in _VARIABILITIES.get(v.causality, ()):
@@ -71,21 +71,21 @@ def combinations(description: Description) -> Iterator[Finding]:
             yield rules.COMBINATION.finding(f"{v.name}: initial {v.initial} on a {v.variability} {v.causality}")
 
 
-def initial_on_inputs(description: Description) -> Iterator[Finding]:
+def _initial_on_inputs(description: Description) -> Iterator[Finding]:
     """Check that inputs and time have no `initial`."""
     wrong = [v.name for v in description.variables if v.causality in ("input", "independent") and v.initial]
     if wrong:
         yield rules.INITIAL_INPUT.finding(f"present on {listed(wrong)}")
 
 
-def continuous(description: Description) -> Iterator[Finding]:
+def _continuous(description: Description) -> Iterator[Finding]:
     """Check that only Reals are continuous."""
     wrong = [v.name for v in description.variables if v.type != "Real" and v.variability == "continuous"]
     if wrong:
         yield rules.CONTINUOUS.finding(f"continuous but not Real: {listed(wrong)}")
 
 
-def start_presence(description: Description) -> Iterator[Finding]:
+def _start_presence(description: Description) -> Iterator[Finding]:
     """Check that start values are present exactly if they are required or allowed."""
     missing, surplus = [], []
     for v in description.variables:
@@ -99,7 +99,7 @@ def start_presence(description: Description) -> Iterator[Finding]:
         yield rules.START_FORBIDDEN.finding(f"present on {listed(surplus)}")
 
 
-def values(description: Description) -> Iterator[Finding]:
+def _values(description: Description) -> Iterator[Finding]:
     """Check that start, min, max and nominal are valid values of their type."""
     for v in description.variables:
         for attribute in ("start", "min", "max", "nominal"):
@@ -120,7 +120,7 @@ def _is_value(variable: Variable, text: str) -> bool:
     return True
 
 
-def nominals(description: Description) -> Iterator[Finding]:
+def _nominals(description: Description) -> Iterator[Finding]:
     """Check that nominal values are positive."""
     stated = ((v, v.number("nominal")) for v in description.variables)
     wrong = [f"{v.name} has {value:g}" for v, value in stated if value is not None and value <= 0.0]
@@ -128,7 +128,7 @@ def nominals(description: Description) -> Iterator[Finding]:
         yield rules.NOMINAL.finding(listed(wrong))
 
 
-def ranges(description: Description) -> Iterator[Finding]:
+def _ranges(description: Description) -> Iterator[Finding]:
     """Check that min <= start <= max."""
     for v in description.variables:
         low, start, high = (v.number(name) for name in ("min", "start", "max"))
@@ -137,26 +137,27 @@ def ranges(description: Description) -> Iterator[Finding]:
             yield rules.START_RANGE.finding(f"{v.name}: min {low}, start {start}, max {high}")
 
 
-def declared_types(description: Description) -> Iterator[Finding]:
+def _declared_types(description: Description) -> Iterator[Finding]:
     """Check that declared types exist and match the variable's type."""
-    for name, declared in description.declared_types.items():
+    for v in description.variables:
+        declared = v.attributes.get("declaredType")
+        if declared is None:
+            continue
         kind = description.types.get(declared)
         if kind is None:
-            yield rules.DECLARED_TYPE.finding(f"{name} is of type {declared!r}, which is not declared")
-        elif kind[0] != description.by_name[name].type:
-            yield rules.DECLARED_TYPE.finding(
-                f"{name} is {description.by_name[name].type}, but its declared type {declared!r} is {kind[0]}"
-            )
+            yield rules.DECLARED_TYPE.finding(f"{v.name} is of type {declared!r}, which is not declared")
+        elif kind[0] != v.type:
+            yield rules.DECLARED_TYPE.finding(f"{v.name} is {v.type}, but its declared type {declared!r} is {kind[0]}")
 
 
-def independent(description: Description) -> Iterator[Finding]:
+def _independent(description: Description) -> Iterator[Finding]:
     """Check that at most one variable is independent."""
     times = [v.name for v in description.variables if v.causality == "independent"]
     if len(times) > 1:
         yield rules.INDEPENDENT.finding(f"independent variables: {listed(times)}")
 
 
-def descriptions(description: Description) -> Iterator[Finding]:
+def _descriptions(description: Description) -> Iterator[Finding]:
     """Check that inputs, outputs and parameters have descriptions."""
     seen = ("input", "output", "parameter")
     bare = [v.name for v in description.variables if v.causality in seen and not v.description.strip()]
@@ -165,8 +166,8 @@ def descriptions(description: Description) -> Iterator[Finding]:
 
 
 VARIABLE_RULES = (
-    names, aliases, combinations, initial_on_inputs, continuous, start_presence, values, nominals, ranges,
-    declared_types, independent, descriptions,
+    _names, _aliases, _combinations, _initial_on_inputs, _continuous, _start_presence, _values, _nominals, _ranges,
+    _declared_types, _independent, _descriptions,
 )  # fmt: skip
 
 
@@ -174,10 +175,10 @@ VARIABLE_RULES = (
 
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-#: Names with two meanings, both of which are accepted.
-_AMBIGUOUS = {
-    "g": ({"m": 1, "s": -2}, 9.80665, {"kg": 1}, 1e-3),
-    "lb": ({"kg": 1, "m": 1, "s": -2}, 4.4482216152605, {"kg": 1}, 0.45359237),
+#: Names with two meanings, both of which are accepted: SI exponents, factor, offset.
+_AMBIGUOUS: Mapping[str, tuple[tuple[Mapping[str, int], float, float], ...]] = {
+    "g": (({"m": 1, "s": -2}, 9.80665, 0.0), ({"kg": 1}, 1e-3, 0.0)),
+    "lb": (({"kg": 1, "m": 1, "s": -2}, 4.4482216152605, 0.0), ({"kg": 1}, 0.45359237, 0.0)),
 }
 #: Names that have a different meaning in this project's file headers than in FMUs.
 _UNKNOWN = {"C", "F", "c", "f", "h", "min", "-", "#", "gs"}
@@ -185,7 +186,7 @@ _UNKNOWN = {"C", "F", "c", "f", "h", "min", "-", "#", "gs"}
 _TOLERANCE = 1e-6
 
 
-def defined(description: Description) -> Iterator[Finding]:
+def _defined(description: Description) -> Iterator[Finding]:
     """Check that all used units are defined."""
     displays = {unit.name: {display.get("name") for display in unit.displays} for unit in description.units}
     for v in description.variables:
@@ -200,7 +201,7 @@ def defined(description: Description) -> Iterator[Finding]:
             )
 
 
-def unique(description: Description) -> Iterator[Finding]:
+def _unique(description: Description) -> Iterator[Finding]:
     """Check that units and display units are defined once."""
     doubled = [name for name, count in Counter(unit.name for unit in description.units).items() if count > 1]
     for unit in description.units:
@@ -210,21 +211,21 @@ def unique(description: Description) -> Iterator[Finding]:
         yield rules.UNIT_TWICE.finding(f"defined twice: {listed(doubled)}")
 
 
-def given(description: Description) -> Iterator[Finding]:
+def _given(description: Description) -> Iterator[Finding]:
     """Check that every Real has a unit."""
     bare = [v.name for v in description.variables if v.type == "Real" and not v.unit]
     if bare:
         yield rules.UNIT_MISSING.finding(f"without a unit: {listed(bare)}")
 
 
-def based(description: Description) -> Iterator[Finding]:
+def _based(description: Description) -> Iterator[Finding]:
     """Check that every unit has a BaseUnit."""
     bare = [unit.name for unit in description.units if unit.base is None]
     if bare:
         yield rules.UNIT_BASE.finding(f"without a BaseUnit: {listed(bare)}")
 
 
-def exponents(description: Description) -> Iterator[Finding]:
+def _exponents(description: Description) -> Iterator[Finding]:
     """Check that SI exponents, factor and offset match the unit's name."""
     for unit in description.units:
         known = list(_meanings(unit.name))
@@ -244,7 +245,7 @@ def exponents(description: Description) -> Iterator[Finding]:
             )
 
 
-def displays(description: Description) -> Iterator[Finding]:
+def _displays(description: Description) -> Iterator[Finding]:
     """Check the factors and offsets of display units."""
     for unit in description.units:
         for display in unit.displays:
@@ -269,9 +270,7 @@ def _display(unit: Unit, display: Mapping[str, str]) -> Iterator[Finding]:
 def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
     """Yield SI exponents, factor and offset for each meaning of a name; nothing for an unknown name."""
     if name in _AMBIGUOUS:
-        first, first_factor, second, second_factor = _AMBIGUOUS[name]
-        yield first, first_factor, 0.0
-        yield second, second_factor, 0.0
+        yield from _AMBIGUOUS[name]
     elif name and name not in _UNKNOWN and units.is_unit(name):
         try:
             si = units.si_exponents(name)
@@ -306,4 +305,4 @@ def _words(si: Mapping[str, float]) -> str:
     return " ".join(f"{base}^{power:g}" for base, power in si.items() if power) or "dimensionless"
 
 
-UNIT_RULES = (defined, unique, given, based, exponents, displays)
+UNIT_RULES = (_defined, _unique, _given, _based, _exponents, _displays)

@@ -8,17 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from cosim.study.choice.robust import REACH
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
-Flags = NDArray[np.bool_]
 
 #: Minimum number of setups for a best-fit line with an uncertainty.
 FEWEST = 3
@@ -222,6 +220,11 @@ def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reaso
     if level is not None and not one.level_error <= level:
         figure = f"level error {one.level_error:.1f} %; limit {level:g} %"
         yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
+
+
+def percent_change(values: Sequence[float]) -> float | None:
+    """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
+    return 100.0 * (values[-1] / values[0] - 1.0) if values[0] else None
 
 
 def verdict_of_runs(documents: Mapping[str, Mapping[str, Any]]) -> Verdict:

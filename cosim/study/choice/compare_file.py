@@ -122,22 +122,19 @@ def _plot_comparisons(
     path: str | Path,
     *,
     shown: Mapping[str, tuple[str, str]],
-    selected: Mapping[str, Collection[int]] | None = None,
+    selected: Mapping[str, Collection[int]],
 ) -> None:
     """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
 
-    Args:
-        comparisons: Comparisons of the measures.
-        path: Output file, .png or .svg.
-        shown: SI unit and display unit by measure.
-        selected: Setups that were selected for each measure; they have filled markers, the others hollow ones.
+    Setups that were `selected` for a measure have filled markers, the others hollow ones; `shown` are the SI unit and
+    the display unit by measure.
     """
     figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
     panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
     for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):
         si, unit = shown[comparison.measure]
         factor = units.conversion(si, unit)[0]
-        own = np.isin(comparison.setups, list((selected or {}).get(comparison.measure, comparison.setups)))
+        own = np.isin(comparison.setups, list(selected.get(comparison.measure, comparison.setups)))
         _trend(trend, comparison, factor)
         _scatter(scatter, comparison, factor, own)
         trend.set_ylabel(f"{comparison.measure} [{unit}]", fontsize=9)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from math import inf, isfinite, prod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.study.choice.optimise_genetic import Scores, evolve
 from cosim.study.choice.sensitivity import factors_of, indices_of, levels_of
@@ -17,12 +16,10 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Constraint, Study
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
 
 # ---- Pareto front of setups and its hypervolume ---------------------------------------------------------------------
-
-Flags = NDArray[np.bool_]
 
 
 def pareto_front(values: Array) -> Flags:
@@ -115,13 +112,6 @@ class Optimum:
         """Numbers of the setups on the Pareto front of the feasible ones, in increasing order."""
         values = np.where(self.allowed[:, None], self.objectives, np.nan)
         return np.sort(self.indices[pareto_front(values)])
-
-    def after(self, evaluations: int) -> Optimum:
-        """Return the state of the search after a number of evaluations."""
-        kept = slice(evaluations)
-        return Optimum(
-            self.indices[kept], self.objectives[kept], self.violations[kept], self.seed, f"after {evaluations}"
-        )
 
 
 def optimise(

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.study.choice.compare import FEWEST, Comparison
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Drive, Study
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Integers
 from eightpost.cells import plain_cell
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import read_text
@@ -50,7 +49,7 @@ class Measured:
         missing: Measures that cannot be computed from any run, with the channels that they need.
     """
 
-    setups: NDArray[np.int64]
+    setups: Integers
     values: Mapping[str, Array]
     missing: Mapping[str, str]
 
@@ -121,7 +120,7 @@ def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ..
     return tuple(_comparison(result, name, measured.setups, values) for name, values in measured.values.items())
 
 
-def _comparison(result: StudyResult, name: str, setups: NDArray[np.int64], values: Array) -> Comparison:
+def _comparison(result: StudyResult, name: str, setups: Integers, values: Array) -> Comparison:
     predicted = dict(zip(result.setups.tolist(), result.values(name).tolist(), strict=True))
     known = np.isfinite(values) & np.isfinite([predicted[int(setup)] for setup in setups])
     numbers, places, counts = np.unique(setups[known], return_inverse=True, return_counts=True)

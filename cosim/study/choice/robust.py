@@ -8,7 +8,7 @@ from math import inf
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
 from cosim.study.result import StudyResult
@@ -17,13 +17,12 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Parameters, Study
 from eightpost import units
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
 from eightpost.verdict import Grade, Rule, Verdict
 
 # ---- Robust choice --------------------------------------------------------------------------------------------------
 
-Flags = NDArray[np.bool_]
 
 #: Name of the weighted sum of Eq 2.6 among the measures.
 OBJECTIVE = "objective"
@@ -80,6 +79,15 @@ class Spread:
         noise = np.where(np.arange(self.setups.size) == other, 0.0, 2.0 * self._noise)
         return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
 
+    def compared(self, group: Integers) -> Array:
+        """Return the levels of a group of setups (G, 4).
+
+        The columns are the value and the half-width of its band, then the difference from the group's first setup and
+        the half-width of its band.
+        """
+        difference, deviation = self.difference(int(group[0]))
+        return np.stack([self.values, REACH * self.deviation, difference, REACH * deviation], axis=1)[group]
+
     def worse_than(self, other: int) -> Flags:
         """Return whether each setup is higher than another by more than the uncertainty of the difference (K,)."""
         above, deviation = self.difference(other)
@@ -107,17 +115,6 @@ class Spread:
     @property
     def _noise(self) -> float:
         return self.run_to_run**2 / self.runs
-
-
-def run_to_run(repeated: Array) -> Array:
-    """Return the standard deviation of one run (M,) from measures of repeated runs of one setup (R, M).
-
-    Raises:
-        InputError: Fewer than two runs.
-    """
-    if repeated.shape[0] < 2:
-        raise InputError(f"the run-to-run deviation needs two or more runs of one setup, not {repeated.shape[0]}")
-    return np.asarray(np.std(repeated, axis=0, ddof=1), dtype=np.float64)
 
 
 def spreads_of(
@@ -213,11 +210,10 @@ class Uncertain:
                 "parameters that the fit did not determine"
             )
 
-    @classmethod
-    def independent(cls, part: str, parameters: Mapping[str, tuple[float, float]], **limits: float) -> Uncertain:
-        """Return independent parameters, given by value and standard deviation."""
-        values, deviations = np.array(list(parameters.values()), dtype=np.float64).reshape(-1, 2).T
-        return cls(part, tuple(parameters), values, np.diag(deviations**2), **limits)
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations (n,) of the parameters."""
+        return np.asarray(self.covariance.diagonal() ** 0.5)
 
     def at(self, standard: Array) -> Array:
         """Return parameter values (S, n) for standard normal numbers (S, n)."""

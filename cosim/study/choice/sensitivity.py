@@ -297,8 +297,8 @@ _COLUMNS = pa.schema(
 )
 
 
-def _terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str]) -> pa.Table:
-    """Return a table of all terms of all measures.
+def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
+    """Write a table of all terms of all measures as a Parquet file.
 
     Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
     `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
@@ -306,15 +306,11 @@ def _terms_table(sensitivities: Sequence[Sensitivity], units: Mapping[str, str])
     Args:
         sensitivities: Sensitivities of the measures.
         units: SI units by measure.
+        path: The file.
     """
     rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
-    return pa.Table.from_pylist(rows, schema=_COLUMNS)
-
-
-def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
-    """Write `_terms_table` as a Parquet file."""
     with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(_terms_table(sensitivities, units), temporary, compression="zstd")
+        pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=_COLUMNS), temporary, compression="zstd")
 
 
 def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:

@@ -14,8 +14,8 @@ from cosim.report.origin import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import Column, Indices, Scale, Sheet, build_colors, packed, shown_columns
-from eightpost.array_types import Array
+from cosim.study.report.sheet import Column, Scale, Sheet, build_colors, packed, shown_columns
+from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.pictures import Axes, Figure, color_legend, new_figure, panels_of, save_for_print
@@ -32,7 +32,7 @@ def dominant_corner(sheet: Sheet, measure: Column) -> int:
     return int(np.argmax([_between(placed, measure.levels) for placed in sheet.placed.T]))
 
 
-def _between(placed: Indices, levels: Array) -> float:
+def _between(placed: Integers, levels: Array) -> float:
     """Return the variance of the means over the setups with each build."""
     known = np.isfinite(levels)
     counts = np.bincount(placed[known])
@@ -112,7 +112,7 @@ def _front(panel: Axes, sheet: Sheet, first: Column, second: Column) -> None:
     panel.plot(100.0 * first.levels[rows], 100.0 * second.levels[rows], "k.-", lw=1.0, ms=4, label="Pareto front")
 
 
-def front(sheet: Sheet, first: Column, second: Column) -> Indices:
+def front(sheet: Sheet, first: Column, second: Column) -> Integers:
     """Return the rows of the Pareto front of two measures among the feasible setups, ordered by the first measure."""
     costs = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
     rows = np.flatnonzero(sheet.allowed & np.isfinite(costs[0]) & np.isfinite(costs[1]))

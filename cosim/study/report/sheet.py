@@ -8,11 +8,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.report.origin import Origin
 from cosim.study.choice.sensitivity import Sensitivity
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Flags, Integers
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display
 from eightpost.report.packing import TRACES_CAPACITY, Store, traces
@@ -53,9 +52,6 @@ class Scale(NamedTuple):
 
 
 # ---- Data of the report ---------------------------------------------------------------------------------------------
-
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,15 +159,12 @@ class Sheet:
         coupling_error: Estimated coupling error [%] (S,); NaN if not known.
         baseline: Row of the baseline setup.
         background: Title, objective, constraints, notes and provenance.
-
-    Raises:
-        ValueError: There are no measures, or the shapes disagree.
     """
 
     corners: tuple[str, ...]
     builds: tuple[str, ...]
-    numbers: Indices
-    placed: Indices
+    numbers: Integers
+    placed: Integers
     measures: tuple[Column, ...]
     allowed: Flags
     coupling_error: Array
@@ -180,15 +173,6 @@ class Sheet:
     marks: Mapping[int, str] = field(default_factory=dict)
     baseline: int | None = None
     background: Background = field(default_factory=Background)
-
-    def __post_init__(self) -> None:
-        if not self.measures:
-            raise ValueError("a report needs at least one measure")
-        setups = self.numbers.size
-        shapes = {"placed": self.placed.shape[:1], "allowed": self.allowed.shape, "errors": self.coupling_error.shape}
-        shapes |= {column.name: column.values.shape for column in self.measures}
-        if wrong := [name for name, shape in shapes.items() if shape != (setups,)]:
-            raise ValueError(f"{', '.join(wrong)}: must have one value for each of the {setups} setups")
 
     @property
     def ranked_by(self) -> Column:
@@ -201,7 +185,7 @@ class Sheet:
         return np.isfinite(self.ranked_by.values) & ~np.isin(np.arange(self.numbers.size), list(self.failures))
 
     @property
-    def order(self) -> Indices:
+    def order(self) -> Integers:
         """Rows from the best to the worst (S,): feasible setups, those that break a constraint, failed ones."""
         cost = self.ranked_by.values * (1.0 if self.ranked_by.better == "low" else -1.0)
         return np.lexsort((self.numbers, cost, ~self.allowed, ~self.done)).astype(np.int64)

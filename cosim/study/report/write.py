@@ -14,15 +14,15 @@ import pyarrow as pa
 from cosim.report.origin import Origin
 from cosim.study.choice.robust import REACH, Spread
 from cosim.study.choice.selection import Selection
-from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
+from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.page import Extras, page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Indices, Scale, Sheet, Uncertainty
+from cosim.study.report.sheet import Background, Bound, Column, Scale, Sheet, Uncertainty
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
 from cosim.study.study import Build, Parameters, Study, Vehicle
 from cosim.study.verdict import study_verdict
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Integers
 from eightpost.report.page import write_page
 from eightpost.signals import TimeSeries
 
@@ -65,7 +65,7 @@ def _of_difference(band: Spread, place: int | None) -> Array:
     return np.asarray(REACH * band.difference(place)[1], dtype=np.float64)
 
 
-def _spread_out(result: StudyResult, places: np.ndarray[tuple[int], np.dtype[np.int64]], values: Array) -> Array:
+def _spread_out(result: StudyResult, places: Integers, values: Array) -> Array:
     whole = np.full(len(result), np.nan)
     whole[places] = values
     return whole
@@ -118,7 +118,7 @@ def background(result: StudyResult, trace_command: str) -> Background:
     )
 
 
-def _placed(result: StudyResult, builds: tuple[str, ...]) -> Indices:
+def _placed(result: StudyResult, builds: tuple[str, ...]) -> Integers:
     places = {build: k for k, build in enumerate(builds)}
     columns = [[places[build] for build in result.builds(corner)] for corner in result.study.corners]
     return np.array(columns, dtype=np.int64).T.reshape(len(result), len(columns))
@@ -254,9 +254,8 @@ def write_study_report(
     out_dir: str | Path,
     *,
     traces: Mapping[int, TimeSeries] | None = None,
-    sensitivities: Sequence[Sensitivity] | None = None,
     selection: Selection | None = None,
-    bands: Sequence[Spread] | None = None,
+    bands: Sequence[Spread] = (),
     trace_command: str = "",
 ) -> ReportPaths:
     """Write all files of a study's report without running a simulation.
@@ -265,19 +264,12 @@ def write_study_report(
         result: Result of the study.
         out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
         traces: Time traces of some setups by setup number.
-        sensitivities: Sensitivities of the measures; computed from the table if None.
         selection: Setups to confirm on the rig.
         bands: Spreads of measures in SI.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    sheet = sheet_of(result, bands=bands or (), trace_command=trace_command)
-    terms = available_sensitivities(result) if sensitivities is None else sensitivities
-    return _write_sheet(sheet, out_dir, Extras(traces or {}, terms, selection.chosen if selection else ()))
-
-
-def _write_sheet(sheet: Sheet, out_dir: str | Path, extras: Extras) -> ReportPaths:
-    """Write all files of a report from its data."""
-    folder = Path(out_dir)
+    sheet, folder = sheet_of(result, bands=bands, trace_command=trace_command), Path(out_dir)
+    extras = Extras(traces or {}, available_sensitivities(result), selection.chosen if selection else ())
     return ReportPaths(
         page=write_page(folder / "report.html", page(sheet, extras)),
         workbook=write_workbook(sheet, folder / "ranking.xlsx"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.results.error_estimate import difference
 from cosim.results.result import Result
-from cosim.session.automatic import FIRST_STEP, Automatic, run_automatic
+from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.setup import Setup
@@ -151,7 +151,7 @@ def _reference(evaluator: Evaluator, setup: Setup) -> Result:
     study = evaluator.study
     system, extra = evaluator.system(setup), sorted(evaluator.decisive(setup))
     scenario = replace(evaluator.scenario(study.drives[0], extra=extra), record=tuple(extra))
-    return run_automatic(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", heartbeat)
+    return Refinement(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", heartbeat).result()
 
 
 def _errors(evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling) -> list[float]:

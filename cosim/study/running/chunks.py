@@ -13,7 +13,6 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
-from pydantic import TypeAdapter
 
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
@@ -70,7 +69,6 @@ def _without_paths(value: Any, digests: dict[str, str]) -> Any:
 #: Approximate number of chunks of a study, and largest number of setups in one: few are lost if a process is killed.
 _CHUNKS, _LARGEST = 200, 64
 
-_COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 _NAME = re.compile(r"chunk_(\d+)\.parquet")
 
 
@@ -135,7 +133,7 @@ class ChunkFolder:
         if not os.path.lexists(path):
             return None
         try:
-            return _COUPLING.validate_python(json_content(path, finite=False))
+            return Coupling.from_json(json_content(path, finite=False))
         except ValueError as error:
             what = "is not the coupling of a study; delete the file to choose the coupling again"
             raise FileFormatError(f"{error}: {what}" if isinstance(error, InputError) else what, path=path) from error

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from cosim.components.component import Component
 from cosim.components.conversion import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.result import Result
-from cosim.results.verdict import LARGEST_ERROR
+from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
@@ -23,7 +24,6 @@ from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
-from cosim.systems.algorithm import GaussSeidel, Implicit
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import Bond, System
 from eightpost.errors import EightpostError, InputError, WiringError
@@ -97,17 +97,16 @@ class Coupling:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def from_json(cls, found: Mapping[str, Any]) -> Coupling:
-        """Return a coupling from the JSON content of `dataclasses.asdict`."""
-        errors = found.get("errors")
-        if errors is not None:
-            gains = {key: {k: tuple(v) for k, v in errors[key].items()} for key in ("channels", "measures")}
-            errors = ErrorModel(tuple(errors["ends"]), **gains)
-        return cls(found["scheme"], found["step"], errors, found["stated_error"], tuple(found["notes"]))
+    def from_json(cls, found: object) -> Coupling:
+        """Return a coupling from the JSON content of `dataclasses.asdict`.
 
-    def algorithm(self, system: System) -> GaussSeidel | Implicit:
-        """Return the scheme with its default settings."""
-        return default_scheme(self.scheme)
+        Raises:
+            ValueError: It is not the content of a coupling.
+        """
+        return _COUPLING.validate_python(found)
+
+
+_COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 
 
 class Evaluator:
@@ -162,14 +161,14 @@ class Evaluator:
         """
         system = self.system(setup)
         scenario = self.scenario(drive, extra=extra)
-        session = Session(system, scenario, coupling.algorithm(system), coupling.step)
+        session = Session(system, scenario, default_scheme(coupling.scheme), coupling.step)
         heartbeat()  # the first run loads its FMUs and the loop, which takes long
         return session.run(progress=heartbeat)
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
         """Run a setup on every drive and return its row; failures are reported in the row and not raised."""
         began = clock.perf_counter()
-        found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(self._names)}
+        found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(m.name for m in self.study.measures)}
         try:
             found |= self._measured(setup, coupling)
         except EightpostError as error:
@@ -194,29 +193,16 @@ class Evaluator:
         return found
 
     @property
-    def guids(self) -> dict[str, str]:
-        """GUID of every FMU, by file."""
+    def fmus(self) -> dict[str, FmuComponent]:
+        """A component of every FMU, by file."""
         study = self.study
         corner = next(iter(study.corners))
-        found = {str(build.fmu): self._shock(corner, name).identity for name, build in study.bank.items()}
-        return {str(study.vehicle.fmu): self._vehicle.identity, **found}
-
-    @property
-    def models(self) -> dict[str, Any]:
-        """Range of validity that every FMU states, as JSON content by file; None if it states none."""
-        study = self.study
-        corner = next(iter(study.corners))
-        opened = {study.vehicle.fmu: self._vehicle}
-        opened |= {build.fmu: self._shock(corner, name) for name, build in study.bank.items()}
-        return {str(file): None if c.validity is None else c.validity.to_json() for file, c in opened.items()}
+        shocks = {str(build.fmu): self._shock(corner, name) for name, build in study.bank.items()}
+        return {str(study.vehicle.fmu): self._vehicle, **shocks}
 
     def decisive(self, setup: Setup) -> frozenset[str]:
         """Return the channels whose coupling errors are compared: velocities and forces of bonds, tire forces."""
         return self.system(setup).decisive
-
-    @property
-    def _names(self) -> list[str]:
-        return [measure.name for measure in self.study.measures]
 
     def _measured(self, setup: Setup, coupling: Coupling) -> Row:
         values: Row = {}
@@ -327,23 +313,21 @@ def _percent(share: float) -> str:
 
 def coupling_of(result: StudyResult) -> Coupling:
     """Return the coupling of a study's runs."""
-    found = dict(result.provenance.settings["coupling"])
-    return Coupling.from_json(found)
+    return Coupling.from_json(result.provenance.settings["coupling"])
 
 
-def traces(result: StudyResult, setups: Iterable[int], *, evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:
+def traces(result: StudyResult, setups: Iterable[int]) -> dict[int, TimeSeries]:
     """Return the time series of the measures' channels on the first drive by setup, identical to those of the study.
 
     Args:
         result: Result of the study; its FMUs and drive files must still exist at their paths.
         setups: Numbers of the setups.
-        evaluator: Evaluator of the study; created if None.
 
     Raises:
         InputError: A file does not exist any more, or there is no such setup.
         StepError: An FMU failed.
     """
-    evaluator = evaluator or Evaluator(result.study)
+    evaluator = Evaluator(result.study)
     coupling, drive = coupling_of(result), result.study.drives[0]
     space = result.study.space
     return {index: evaluator.run(space.setup(index), drive, coupling).series for index in setups}

@@ -138,8 +138,9 @@ class Sweep:
         evaluator = Evaluator(study)
         _check_study(evaluator)
         self._digests = file_digests(study)
-        self._units, self._guids = dict(evaluator.measure_units), evaluator.guids
-        self._models = evaluator.models
+        self._units, fmus = dict(evaluator.measure_units), evaluator.fmus
+        self._guids = {file: fmu.identity for file, fmu in fmus.items()}
+        self._models = {file: fmu.validity and fmu.validity.to_json() for file, fmu in fmus.items()}
         self.digest = study_digest(study, self._digests)
         self._schema = study_schema(study, self._units)
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
@@ -241,11 +242,6 @@ class Requested(Sweep):
         self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
         self._batches = max(self._requested.numbers, default=-1) + 1
         self._rows = {int(row["setup"]): row for kept in (self._kept, self._requested) for row in kept.rows()}
-
-    @property
-    def tried(self) -> int:
-        """Number of setups whose results are available."""
-        return len(self._rows)
 
     def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
         """Return the results of setups by number; setups without a result are run.

@@ -19,20 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from eightpost import __version__
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.response import FrequencyResponse, frequency_response
 from eightpost.vehicle import IdentifiedVehicle
-from eightpost.vehicle.exchange import document, from_document
 from eightpost.vehicle.statespace import Channel
-
-#: Newest schema of a response file that can be read; it is also the one that is written.
-SCHEMA = 1
+from eightpost.vehicle.storage import document, from_document
 
 _MATRICES = ("A", "B", "C", "D")
-_OPTIONAL = ("coherence", "partial_coherence", "variance")
 
 
 def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
@@ -72,16 +67,10 @@ def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
         path: Path of the .mat file; it is replaced completely or not at all.
         response: Frequency response to write.
     """
-    metadata = {
-        "kind": "frequency_response",
-        "schema": SCHEMA,
-        "tool": f"eightpost {__version__}",
-        "inputs": [{"name": channel.name, "unit": channel.unit} for channel in response.inputs],
-        "outputs": [{"name": channel.name, "unit": channel.unit} for channel in response.outputs],
-    }
-    content: dict[str, Any] = {"H": response.H, "Frequency": response.frequency[:, None]}
-    content |= {name: getattr(response, name) for name in _OPTIONAL if getattr(response, name) is not None}
-    _write(path, {**content, **_channel_cells(response.inputs, response.outputs), "eightpost": json.dumps(metadata)})
+    arrays: dict[str, Any] = response.arrays()
+    content = {"H": arrays.pop("H"), "Frequency": arrays.pop("frequency")[:, None], **arrays}
+    header, cells = frequency_response.response_header(response), _channel_cells(response.inputs, response.outputs)
+    _write(path, {**content, **cells, "eightpost": json.dumps(header)})
 
 
 def read_response_mat(path: str | Path) -> FrequencyResponse:
@@ -93,7 +82,7 @@ def read_response_mat(path: str | Path) -> FrequencyResponse:
     path = Path(path)
     content = _read(path)
     metadata = _metadata(content, path, kind="frequency_response")
-    check_schema(metadata, SCHEMA, path)
+    check_schema(metadata, frequency_response.SCHEMA, path)
     try:
         return _response(content, metadata)
     except MALFORMED as error:
@@ -103,12 +92,12 @@ def read_response_mat(path: str | Path) -> FrequencyResponse:
 
 
 def _response(content: Mapping[str, Any], metadata: Mapping[str, Any]) -> FrequencyResponse:
-    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in metadata[side]) for side in ("inputs", "outputs"))
+    inputs, outputs = frequency_response.channels_of(metadata)
     frequency = np.asarray(content["Frequency"]).ravel()
     p, m, count = len(outputs), len(inputs), frequency.size
-    shapes = {"coherence": (p, count), "partial_coherence": (p, m, count), "variance": (p, m, count)}
+    shapes = zip(frequency_response.OPTIONAL, ((p, count), (p, m, count), (p, m, count)), strict=True)
     # MATLAB drops trailing dimensions of one.
-    optional = [np.reshape(content[name], shapes[name]) if name in content else None for name in _OPTIONAL]
+    optional = [np.reshape(content[name], shape) if name in content else None for name, shape in shapes]
     return FrequencyResponse(frequency, np.reshape(content["H"], (p, m, count)), inputs, outputs, *optional)
 
 

@@ -1,6 +1,6 @@
 """Linearity of a car on the rig: the paths that a linear model can predict (dissertation 6.2, Table 6.4)."""
 
-from eightpost.ident.linearity.excitations import excitations
+from eightpost.ident.linearity.excitations import Excitation, excitations
 from eightpost.ident.linearity.linearity import (
     AmplitudeEffect,
     Condition,
@@ -9,7 +9,7 @@ from eightpost.ident.linearity.linearity import (
     Verdict,
     judge_linearity,
 )
-from eightpost.ident.linearity.path import Excitation, Path, paths
+from eightpost.ident.linearity.path import Path, paths
 
 __all__ = [
     "AmplitudeEffect",

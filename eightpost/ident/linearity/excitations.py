@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.linearity.path import Excitation
+from eightpost.corners import channel
 from eightpost.ident.preparation import Prepared
 from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
@@ -34,6 +34,26 @@ REPEATED = 0.1
 UNCHANGED = 0.5
 
 _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
+
+
+class Excitation(NamedTuple):
+    """Input that moves alone, with the outputs.
+
+    Attributes:
+        test: Name of the test.
+        channel: Input channel.
+        u: Input (N,).
+        y: Outputs (p, N).
+        outputs: Output channels.
+        rate: Sample rate [Hz].
+    """
+
+    test: str
+    channel: Channel
+    u: Array
+    y: Array
+    outputs: tuple[Channel, ...]
+    rate: float
 
 
 class _ExcitationList(NamedTuple):
@@ -131,7 +151,7 @@ def _shock_change(
 ) -> _Change | str:
     """Return the change of the shock, or a note on why the test cannot be used."""
     first = baseline[1]
-    forces = [f"{corner}.force" if corner else "force" for corner in corners]
+    forces = [channel(corner, "force") for corner in corners]
     velocities = {force: force.removesuffix("force") + "velocity" for force in forces}
     rates = {force: _slope(first[force], first[velocity]) for force, velocity in velocities.items()}
     changes = {force: _change(record, first, force, velocities[force], rates[force]) for force in forces}

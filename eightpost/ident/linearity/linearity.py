@@ -11,7 +11,7 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.linearity.excitations import by_input, excitations
-from eightpost.ident.linearity.path import Path, outputs_of, paths
+from eightpost.ident.linearity.path import Path, paths
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.response.local_polynomial import LocalPolynomial
 
@@ -143,6 +143,12 @@ class AmplitudeEffect:
         """Whether the response depends on the amplitude by more than noise explains."""
         return self.change > max(NOTABLE, BEYOND_NOISE * self.chance)
 
+    def __str__(self) -> str:
+        return (
+            f"{self.output} from {self.input}: the response changes by {100.0 * self.change:.1f} % at "
+            f"{self.large / self.small:.3g} times the amplitude; noise explains {100.0 * self.chance:.1f} %"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearity:
@@ -205,7 +211,7 @@ def judge_linearity(
         TooShortError: A record is so short that the coherence of noise exceeds the threshold.
     """
     recipe, thresholds = recipe or BANDS, thresholds or Thresholds()
-    found = excitations(prepared, outputs_of(prepared.channels, outputs))
+    found = excitations(prepared, outputs or _key_outputs(prepared.channels))
     if not found.excitations:
         raise InputError(
             "there is no test in which one input moves alone: give tests with one actuator (eightpost rig --test "
@@ -225,6 +231,11 @@ def judge_linearity(
     ]
     verdicts = tuple(_verdict(path, largest, thresholds) for path in largest)
     return Linearity(largest, verdicts, tuple(effects), thresholds, found.notes)
+
+
+def _key_outputs(channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the key outputs of section 6.2 among the channels."""
+    return tuple(name for name in channels if name.endswith(("velocity", "tire_force", "ride_height")))
 
 
 def _check_length(found: Sequence[Path], thresholds: Thresholds) -> None:

@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
 
 from eightpost.array_types import Array, Complex
+from eightpost.ident.linearity.excitations import Excitation
 from eightpost.ident.response.local_polynomial import LocalPolynomial
 from eightpost.ident.response.records import Record, Records
 from eightpost.vehicle.statespace import Channel
 
 #: Length of the time response that is kept for plots [s] (Fig 6.9a).
 SHOWN = 2.0
-
-
-class Excitation(NamedTuple):
-    """Input that moves alone, with the outputs.
-
-    Attributes:
-        test: Name of the test.
-        channel: Input channel.
-        u: Input (N,).
-        y: Outputs (p, N).
-        outputs: Output channels.
-        rate: Sample rate [Hz].
-    """
-
-    test: str
-    channel: Channel
-    u: Array
-    y: Array
-    outputs: tuple[Channel, ...]
-    rate: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,10 +122,3 @@ def _chance(recipe: LocalPolynomial, duration: float) -> float:
     bins = 2 * max(smallest, round((recipe.half_width or 0.0) * duration)) + 1
     left = float(beta.ppf(0.05, bins - unknowns, unknowns))
     return float(max(0.0, 1.0 - left * bins / (bins - unknowns)))
-
-
-def outputs_of(names: Sequence[str], given: Sequence[str]) -> tuple[str, ...]:
-    """Return the given outputs; if `given` is empty, the key outputs of section 6.2 among `names`."""
-    if given:
-        return tuple(given)
-    return tuple(name for name in names if name.endswith(("velocity", "tire_force", "ride_height")))

@@ -11,11 +11,12 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import ConstantChannelError
 from eightpost.signals.filters import derivative, lowpass
 from eightpost.signals.timeseries import TimeSeries
 
-# ---- Check for channels that fail during a record, because a cable breaks or a logger repeats its -------------------
+# ---- Check for channels that fail during a record: a cable breaks, or a logger repeats its last value ---------------
 
 #: Time for which a failed channel repeats one value [s] ...
 HELD = 0.25
@@ -116,6 +117,14 @@ class Lag(NamedTuple):
         """Whether the channel is out of step."""
         is_certain = abs(self.seconds) > self.usual + DEVIATIONS * self.spread
         return self.correlation >= SMALLEST_CORRELATION and is_certain
+
+    @property
+    def drift_text(self) -> str:
+        """Description of a lag that `drifts` returned."""
+        return (
+            f"{self.channel} falls behind {self.against} by {1e3 * self.seconds:.2f} ms: a logger lost samples, or two "
+            "clocks differ"
+        )
 
     def __str__(self) -> str:
         side = "behind" if self.seconds >= 0.0 else "ahead of"
@@ -297,7 +306,7 @@ class _Comparison:
 
     def __init__(self, series: TimeSeries, corners: tuple[str, ...]) -> None:
         self._corners, self._rate = corners, series.sample_rate
-        known = {*(_name(corner, quantity) for corner in corners for quantity in _AT_CORNERS), *_ONCE}
+        known = {*(channel(corner, quantity) for corner in corners for quantity in _AT_CORNERS), *_ONCE}
         chosen = series.select([name for name in series.names if name in known])
         centred = chosen.values - chosen.values.mean(axis=1, keepdims=True)
         low = lowpass(centred, self._rate, min(BAND, 0.4 * self._rate))
@@ -308,7 +317,7 @@ class _Comparison:
 
         A shock that is mounted inboard on a solid axle moves with both wheels.
         """
-        pot = _name(corner, "displacement")
+        pot = channel(corner, "displacement")
         across = [other for other in self._axle(corner) if other != corner]
         if not self._there([pot, *self._accelerometers(corner)]):
             return None
@@ -322,11 +331,11 @@ class _Comparison:
         return self._corners[:2] if front else self._corners[2:]
 
     def _accelerometers(self, corner: str) -> tuple[str, str]:
-        return _name(corner, "hub_acceleration"), _name(corner, "chassis_acceleration")
+        return channel(corner, "hub_acceleration"), channel(corner, "chassis_acceleration")
 
     def force(self, corner: str) -> Lag | None:
         """Return the lag of the load cell behind the velocity of its shock."""
-        force, velocity = _name(corner, "force"), _name(corner, "velocity")
+        force, velocity = channel(corner, "force"), channel(corner, "velocity")
         if not self._there([force, velocity]):
             return None
         return self._lag(force, velocity, self._low[force], self._low[velocity], 0.015)
@@ -334,10 +343,10 @@ class _Comparison:
     def loads(self) -> Lag | None:
         """Return the lag of the sum of the tire forces behind the accelerations of the whole car."""
         quantities = ("tire_force", "hub_acceleration", "chassis_acceleration")
-        if not all(self._there([_name(corner, quantity) for corner in self._corners]) for quantity in quantities):
+        if not all(self._there([channel(corner, quantity) for corner in self._corners]) for quantity in quantities):
             return None
         total = self._sum("tire_force", self._corners)
-        down = [name for name in (*(_name(c, "aero") for c in self._corners), "aero_force") if name in self._low]
+        down = [name for name in (*(channel(c, "aero") for c in self._corners), "aero_force") if name in self._low]
         up = [name for name in ("heave_force",) if name in self._low]
         total = total - sum((self._low[name] for name in down), start=np.zeros(total.size))
         total = total + sum((self._low[name] for name in up), start=np.zeros(total.size))
@@ -350,11 +359,7 @@ class _Comparison:
         return Lag(channel, against, top.seconds, top.correlation, max(usual, 0.5 / self._rate), top.spread)
 
     def _sum(self, quantity: str, corners: Sequence[str]) -> Array:
-        return np.asarray(np.sum([self._low[_name(corner, quantity)] for corner in corners], axis=0))
+        return np.asarray(np.sum([self._low[channel(corner, quantity)] for corner in corners], axis=0))
 
     def _there(self, names: Sequence[str]) -> bool:
         return all(name in self._low for name in names)
-
-
-def _name(corner: str, quantity: str) -> str:
-    return f"{corner}.{quantity}" if corner else quantity

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.corners import CORNERS
+from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.lags import (
@@ -283,8 +283,7 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
                     f"{lag.seconds:.5f} s"
                 )
         notes += [
-            f"{single.name}: between start and end {drift.channel} falls behind {drift.against} by "
-            f"{1e3 * drift.seconds:.2f} ms: a logger lost samples, or two clocks differ; use part of the record"
+            f"{single.name}: between start and end {drift.drift_text}; use part of the record"
             for drift in single.drifts
         ]
 
@@ -321,7 +320,7 @@ def _velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) ->
     """
     rate = series.sample_rate
     cutoff = min(cutoff, HIGHEST_CUTOFF * rate)
-    pots = {_name(corner, "velocity"): _name(corner, "displacement") for corner in corners}
+    pots = {channel(corner, "velocity"): channel(corner, "displacement") for corner in corners}
     pots = {velocity: pot for velocity, pot in pots.items() if pot in series}
     if not pots:
         return _MathChannels({})
@@ -364,7 +363,3 @@ def _corners(series: TimeSeries, quantity: str) -> Array | None:
     """Return a quantity at lf, rf, lr, rr (4, N); None if a corner lacks it."""
     names = [f"{corner}.{quantity}" for corner in CORNERS]
     return np.stack([series[name] for name in names]) if all(name in series for name in names) else None
-
-
-def _name(corner: str, quantity: str) -> str:
-    return f"{corner}.{quantity}" if corner else quantity

@@ -18,7 +18,7 @@ from eightpost.ident.response.frequency_response import (
     write_response,
 )
 from eightpost.ident.response.local_polynomial import LocalPolynomial
-from eightpost.ident.response.records import Blocks, force_difference
+from eightpost.ident.response.records import Blocks
 from eightpost.ident.response.sequential import SameDrive, Sequential
 
 __all__ = [
@@ -39,7 +39,6 @@ __all__ = [
     "contribution_error",
     "estimate_response",
     "feedback_paths",
-    "force_difference",
     "read_response",
     "response_of",
     "write_response",

@@ -38,7 +38,7 @@ def input_power(records: Records, frequency: Array) -> Array:
 # ---- Multiple and partial coherence from a regression ---------------------------------------------------------------
 
 
-def multiple_coherence(solved: _Regression) -> Array:
+def _multiple_coherence(solved: _Regression) -> Array:
     """Return the fraction of each output's power that all inputs explain (p, K), 1 - |E|^2 / |Y|^2; 0 without power."""
     unexplained = np.divide(solved.residual, solved.total, out=np.ones_like(solved.total), where=solved.total > 0.0)
     return np.asarray(np.clip(1.0 - unexplained, 0.0, 1.0))
@@ -56,7 +56,7 @@ def partial_coherence(solved: _Regression) -> Array:
     return np.asarray(np.divide(growth, without, out=np.zeros_like(growth), where=without > 0.0))
 
 
-def response_variance(solved: _Regression, blocks: int, independent: float) -> Array:
+def _response_variance(solved: _Regression, blocks: int, independent: float) -> Array:
     """Return the variance of H (p, m, K) for noise on the outputs.
 
     Args:
@@ -269,9 +269,9 @@ def response_from(records: Records, spectra: Spectra, solved: _Regression, H: Co
         H,
         records.inputs,
         records.outputs,
-        multiple_coherence(solved),
+        _multiple_coherence(solved),
         partial_coherence(solved),
-        response_variance(solved, spectra.U.shape[1], spectra.independent),
+        _response_variance(solved, spectra.U.shape[1], spectra.independent),
     )
 
 

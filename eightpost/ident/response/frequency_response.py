@@ -23,6 +23,9 @@ from eightpost.vehicle.statespace import Channel, StateSpace
 
 # ---- Frequency responses between named inputs and outputs -----------------------------------------------------------
 
+#: Arrays that a frequency response may lack.
+OPTIONAL = ("coherence", "partial_coherence", "variance")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyResponse:
@@ -58,11 +61,7 @@ class FrequencyResponse:
         p, m, count = len(self.outputs), len(self.inputs), self.frequency.size
         _check_frequency(self.frequency)
         _check_shape("H", self.H, (p, m, count))
-        for name, shape in {
-            "coherence": (p, count),
-            "partial_coherence": (p, m, count),
-            "variance": (p, m, count),
-        }.items():
+        for name, shape in zip(OPTIONAL, ((p, count), (p, m, count), (p, m, count)), strict=True):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _frozen(values, np.float64))
@@ -103,8 +102,7 @@ class FrequencyResponse:
             tuple(self.inputs[i] for i in columns),
             tuple(self.outputs[i] for i in rows),
             None if self.coherence is None else self.coherence[rows],
-            None if self.partial_coherence is None else self.partial_coherence[paths],
-            None if self.variance is None else self.variance[paths],
+            *(None if values is None else values[paths] for values in (self.partial_coherence, self.variance)),
         )
 
     def band(self, low: float, high: float) -> FrequencyResponse:
@@ -117,15 +115,13 @@ class FrequencyResponse:
 
     def at(self, chosen: slice | NDArray[np.bool_]) -> FrequencyResponse:
         """Return the response at the chosen frequencies, by position."""
-        return FrequencyResponse(
-            self.frequency[chosen],
-            self.H[..., chosen],
-            self.inputs,
-            self.outputs,
-            None if self.coherence is None else self.coherence[..., chosen],
-            None if self.partial_coherence is None else self.partial_coherence[..., chosen],
-            None if self.variance is None else self.variance[..., chosen],
-        )
+        arrays: dict[str, Any] = {name: values[..., chosen] for name, values in self.arrays().items()}
+        return replace(self, **arrays)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the response by name, without those that are None."""
+        arrays = {name: getattr(self, name) for name in ("frequency", "H", *OPTIONAL)}
+        return {name: values for name, values in arrays.items() if values is not None}
 
 
 def response_of(model: StateSpace, frequency_hz: ArrayLike) -> FrequencyResponse:
@@ -199,8 +195,6 @@ def _positions(kind: str, names: tuple[str, ...], selection: Iterable[str] | Non
 #: Newest schema of these files that can be read; it is also the one that is written.
 SCHEMA = 1
 
-_ARRAYS = ("frequency", "H", "coherence", "partial_coherence", "variance")
-
 
 def write_response(path: str | Path, response: FrequencyResponse, *, sources: Mapping[str, str] | None = None) -> None:
     """Write a frequency response; an existing file is replaced only when the new one is complete.
@@ -211,18 +205,21 @@ def write_response(path: str | Path, response: FrequencyResponse, *, sources: Ma
         sources: SHA-256 digest by name of each file that the response was estimated from.
     """
     _check_suffix(Path(path))
-    header = {
+    header = {**response_header(response), "sources": dict(sources or {})}
+    arrays: dict[str, Any] = response.arrays()
+    with atomic_path(path) as temporary:
+        np.savez_compressed(temporary, header=np.array(json.dumps(header)), **arrays)
+
+
+def response_header(response: FrequencyResponse) -> dict[str, Any]:
+    """Return what a file states about a frequency response, apart from its arrays."""
+    return {
         "kind": "frequency_response",
         "schema": SCHEMA,
         "tool": f"eightpost {__version__}",
         "inputs": [{"name": channel.name, "unit": channel.unit} for channel in response.inputs],
         "outputs": [{"name": channel.name, "unit": channel.unit} for channel in response.outputs],
-        "sources": dict(sources or {}),
     }
-    arrays: dict[str, NDArray[Any]] = {name: getattr(response, name) for name in _ARRAYS}
-    with atomic_path(path) as temporary:
-        given: dict[str, Any] = {name: values for name, values in arrays.items() if values is not None}
-        np.savez_compressed(temporary, header=np.array(json.dumps(header)), **given)
 
 
 def read_response(path: str | Path) -> FrequencyResponse:
@@ -277,11 +274,14 @@ def _array(content: bytes) -> NDArray[Any]:
 
 
 def _response(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> FrequencyResponse:
-    inputs, outputs = (
-        tuple(Channel(channel["name"], channel["unit"]) for channel in header[side]) for side in ("inputs", "outputs")
-    )
-    optional = [members.get(name) for name in _ARRAYS[2:]]
-    return FrequencyResponse(members["frequency"], members["H"], inputs, outputs, *optional)
+    optional = [members.get(name) for name in OPTIONAL]
+    return FrequencyResponse(members["frequency"], members["H"], *channels_of(header), *optional)
+
+
+def channels_of(header: Mapping[str, Any]) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
+    """Return the inputs and outputs in a header of `response_header`."""
+    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in header[side]) for side in ("inputs", "outputs"))
+    return inputs, outputs
 
 
 def _check_suffix(path: Path) -> None:

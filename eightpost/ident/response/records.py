@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import get_window
 
 from eightpost.array_types import Array, Complex
+from eightpost.corners import channel
 from eightpost.errors import DataError, InputError, ParameterError, TooShortError
 from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
@@ -151,7 +152,8 @@ def gather(
         series: Records.
         inputs: Names of the inputs.
         outputs: Names of the outputs.
-        damping: C-bar by port [N.s/m], see `force_difference`; the forces among the inputs become differences.
+        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car. From the force of
+            each of these ports `c v` is subtracted (Eq 4.24, 5.36, 6.4).
 
     Raises:
         InputError: There is no record or no channel, or the rates differ.
@@ -161,7 +163,7 @@ def gather(
     """
     if not series or not inputs or not outputs:
         raise InputError("a frequency response needs at least one record, one input and one output")
-    rates = {_channel(port, "force"): (_channel(port, "velocity"), c) for port, c in (damping or {}).items()}
+    rates = {channel(port, "force"): (channel(port, "velocity"), c) for port, c in (damping or {}).items()}
     for force in rates:
         if force not in inputs:
             raise InputError(f"a baseline damping is given for {force!r}, which is not an input")
@@ -170,19 +172,6 @@ def gather(
     tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
     first = series[0]
     return Records(tests, first.sample_rate, _channels(first, inputs), _channels(first, outputs))
-
-
-def force_difference(series: TimeSeries, damping: Mapping[str, float]) -> TimeSeries:
-    """Return the record with `c v` subtracted from every shock force (Eq 4.24, 5.36, 6.4).
-
-    Args:
-        series: Record with the channels `force` and `velocity` of each port.
-        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
-    """
-    for port, rate in damping.items():
-        name = _channel(port, "force")
-        series = series.with_channel(name, "N", series[name] - rate * series[_channel(port, "velocity")])
-    return series
 
 
 def _check(number: int, record: TimeSeries, first: TimeSeries, names: Sequence[str]) -> None:
@@ -212,10 +201,6 @@ def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple
             values[i] -= rate * record[velocity]
         values[i] -= values[i].mean()
     return values
-
-
-def _channel(port: str, kind: str) -> str:
-    return f"{port}.{kind}" if port else kind
 
 
 def _channels(record: TimeSeries, names: Sequence[str]) -> tuple[Channel, ...]:

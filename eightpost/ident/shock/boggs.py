@@ -6,7 +6,6 @@ The curve is fitted without lag to the low-passed record and then kept; the mode
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
@@ -14,14 +13,10 @@ from scipy.optimize import Bounds, minimize
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
-from eightpost.ident.shock.force import FORCE, linear_solution
+from eightpost.ident.shock.force import FORCE, ForceModel, Models, linear_solution
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.uncertainty import covariance
 from eightpost.shock.curve import INNER_ORDER
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.force import ForceModel, Models
-
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
 INCREMENT = 1e-4
@@ -121,10 +116,6 @@ def _with_theta(static: Solution, theta: Array, converged: bool, status: str) ->
     parameters = np.append(static.parameters, theta)
     spread = np.zeros((parameters.size, parameters.size))
     spread[:m, :m] = static.covariance
-    spread[m:, m:] = covariance(_by_theta(model, parameters), model.rows(parameters) - model.runs.target, model.runs)
+    by_theta = model.rows_jacobian(parameters)[:, model.linear_count :]
+    spread[m:, m:] = covariance(by_theta, model.rows(parameters) - model.runs.target, model.runs)
     return Solution(model, parameters, spread, converged, status, static.notes)
-
-
-def _by_theta(model: ForceModel, parameters: Array) -> Array:
-    """Return the derivative of the rows by theta (R, k)."""
-    return model.rows_jacobian(parameters)[:, model.linear_count :]

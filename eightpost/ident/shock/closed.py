@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import Dynamics, linear_solution
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.ident.shock.simulation import array_weight
-from eightpost.shock import fit_form, fit_parameters
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import ShockLaw
-
+from eightpost.ident.shock.simulation import array_form
+from eightpost.shock import ShockLaw, fit_form, fit_parameters, law_module
 
 # ---- Variable projection --------------------------------------------------------------------------------------------
 
 #: Number of values of tau in the first scan, evenly spaced in its logarithm between the bounds.
 _SCAN = 12
-
-#: Starting points of a fading lag: tau relative to the best single lag, transition forces to the peak static force.
-_TAU_SHARES = (1.0, 1.7)
-_FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 
 
 def projected(model: ForceModel, curve_rows: Array) -> tuple[Array, float]:
@@ -58,44 +47,14 @@ def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:
     return np.append(projected(model, model.curve_rows(tau))[0], tau)
 
 
-def _fading_starts(model: ForceModel, dynamics: FadingLag, full_lag: Array, count: int) -> list[Array]:
-    """Return the best starting points (count, n + g + 3) of a fading lag, with alpha from LPF1's static force."""
-    static = model.static(full_lag[: model.curve_count])
-    taus = np.minimum(float(full_lag[-1]) * np.array(_TAU_SHARES), dynamics.limits.time_constant[1])
-    starts = []
-    for tau in taus.tolist():
-        behind = dynamics.behind(model, tau)
-        for theta in _fading_thetas(dynamics, tau, float(np.abs(static).max())):
-            linear, cost = projected(model, dynamics.faded_rows(model, static, theta, behind))
-            starts.append((cost, np.append(linear, theta)))
-    starts.sort(key=lambda start: start[0])
-    return [parameters for _, parameters in starts[:count]]
-
-
-def _fading_thetas(dynamics: FadingLag, tau: float, peak: float) -> Iterable[Array]:
-    for full in _FULL_SHARES:
-        for zero in _ZERO_SHARES:
-            if zero > full:
-                yield dynamics.theta(tau, full * peak, zero * peak)
-
-
 # ---- Dynamics of the laws whose force has a closed form over a whole record -----------------------------------------
 
 #: Relative step of tau for its derivative by differences.
 _TAU_STEP = 1e-4
 
-
-class _Blend(NamedTuple):
-    """The valve force F = alpha F_lag + (1 - alpha) F_s of a record and its derivatives."""
-
-    force: Array
-    """F (N,) [N]."""
-    weight: Array
-    """alpha (N,) [1]."""
-    slope: Array
-    """(F_lag - F_s) dalpha/dF_s (N,) [1]: effect of a change of F_s through alpha."""
-    partials: Array
-    """dF/dtheta (k, N)."""
+#: Starting points of a fading lag: tau relative to the best single lag, transition forces to the peak static force.
+_TAU_SHARES = (1.0, 1.7)
+_FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +63,7 @@ class NoLag(Dynamics):
 
     limits: Limits
     kind: type[ShockLaw] | None = None
+    is_costly = False
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = F_s."""
@@ -118,10 +78,6 @@ class NoLag(Dynamics):
         columns = model.curve_rows()
         return columns, np.empty((columns.shape[0], 0))
 
-    def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model itself: it is linear and so needs no thinning."""
-        return model
-
 
 @dataclass(frozen=True, slots=True)
 class FullLag(Dynamics):
@@ -131,6 +87,7 @@ class FullLag(Dynamics):
     kind: type[ShockLaw] | None = None
     names = ("time_constant",)
     units = ("s",)
+    is_costly = False  # a lag adds almost no cost in the spectrum
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = F_lag."""
@@ -147,10 +104,6 @@ class FullLag(Dynamics):
         step = _TAU_STEP * theta[0]
         by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
         return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
-
-    def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model itself: a lag adds almost no cost in the spectrum."""
-        return model
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau."""
@@ -172,7 +125,7 @@ class FullLag(Dynamics):
 
 @dataclass(frozen=True, slots=True)
 class FadingLag(Dynamics):
-    """Fading lag: alpha falls from 1 to 0 between two static forces (Eq 3.25).
+    """Fading lag: alpha, given by the law's file, falls from 1 to 0 between two static forces (Eq 3.25).
 
     theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
     F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
@@ -190,17 +143,7 @@ class FadingLag(Dynamics):
 
     def weight(self, static: Array, theta: Array) -> Array:
         """Return alpha (N,) [1] at static forces (N,) [N]."""
-        return np.asarray(array_weight(self.kind)(static, tuple(self.values(theta).tolist())))
-
-    def blend(self, static: Array, theta: Array, step: float) -> _Blend:
-        """Return F = alpha F_lag + (1 - alpha) F_s of a static force (N,) [N] sampled every `step` [s]."""
-        tau, full, zero = self.values(theta)
-        lagged = lag(static, tau, step)
-        behind, weight = lagged - static, self.weight(static, theta)
-        ramp = np.where((weight > 0.0) & (weight < 1.0), behind / (zero - full), 0.0)
-        by_tau = weight * lag_sensitivity(static, lagged, tau, step)
-        partials = self.values_jacobian(theta).T @ np.vstack([by_tau, ramp * weight, ramp * (1.0 - weight)])
-        return _Blend(static + weight * behind, weight, -np.sign(static) * ramp, partials)
+        return np.asarray(array_form(law_module(self.kind).weight_core)(static, tuple(self.values(theta).tolist())))
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = alpha F_lag + (1 - alpha) F_s."""
@@ -216,33 +159,20 @@ class FadingLag(Dynamics):
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """Return the derivatives in closed form, through F_s, F_lag and alpha."""
         static, columns = model.static(b), model.basis.columns.T
+        slopes = array_form(law_module(self.kind).weight_slopes_core)
+        own, by_values = tuple(self.values(theta).tolist()), self.values_jacobian(theta).T
         changes = np.empty((columns.shape[0] + theta.size, static.size))
         by_curve, by_theta = np.split(changes, [columns.shape[0]])
         for p, part in zip(model.runs.prepared, model.runs.parts, strict=True):
-            blend, here = self.blend(static[part], theta, p.step), columns[:, part]
-            lagged = lag(here.T, theta[0], p.step).T
-            lagged *= blend.weight
-            np.multiply(here, 1.0 - blend.weight + blend.slope, out=by_curve[:, part])
-            by_curve[:, part] += lagged
-            by_theta[:, part] = blend.partials
+            force, here = static[part], columns[:, part]
+            lagged, weight = lag(force, own[0], p.step), self.weight(force, theta)
+            by_force, *by_ends = slopes(force, lagged - force, own)
+            by_tau = weight * lag_sensitivity(force, lagged, own[0], p.step)
+            by_theta[:, part] = by_values @ np.vstack([by_tau, *by_ends])
+            np.multiply(here, 1.0 - weight + by_force, out=by_curve[:, part])
+            by_curve[:, part] += weight * lag(here.T, own[0], p.step).T
         by_curve, by_theta = np.split(model.runs.rows(changes), [columns.shape[0]])
         return by_curve.T, by_theta.T
-
-    def behind(self, model: ForceModel, time_constant: float) -> Array:
-        """Return the difference (n, N) between the curve's lagged columns and the columns, for a lag [s]."""
-        columns, pairs = model.basis.columns.T, zip(model.runs.prepared, model.runs.parts, strict=True)
-        return np.hstack([lag(columns[:, part].T, time_constant, p.step).T for p, part in pairs]) - columns
-
-    def faded_rows(self, model: ForceModel, static: Array, theta: Array, behind: Array) -> Array:
-        """Return the curve's columns at the rows (R, n) with alpha fixed for a given static force: linear, for starts.
-
-        Args:
-            model: Model of the force.
-            static: Static force F_s (N,) [N].
-            theta: Parameters (3,).
-            behind: Difference (n, N) that theta's lag makes; see the method of this name.
-        """
-        return model.runs.rows(model.basis.columns.T + self.weight(static, theta) * behind).T
 
     def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return theta with alpha = 1 up to the peak of the static force."""
@@ -250,8 +180,22 @@ class FadingLag(Dynamics):
         return self.theta(float(full_lag[-1]), 1.05 * peak, 1.5 * peak)
 
     def starts(self, model: ForceModel, full_lag: Array, count: int) -> list[Array]:
-        """Return the best starting points of a grid of transition forces."""
-        return _fading_starts(model, self, full_lag, count)
+        """Return the best starting points of a grid; alpha is that of LPF1's static force, so the rows are linear."""
+        static, columns = model.static(full_lag[: model.curve_count]), model.basis.columns.T
+        taus = np.minimum(float(full_lag[-1]) * np.array(_TAU_SHARES), self.limits.time_constant[1])
+        starts = []
+        for tau in taus.tolist():
+            pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
+            behind = np.hstack([lag(columns[:, part].T, tau, p.step).T for p, part in pairs]) - columns
+            for theta in self._start_thetas(tau, float(np.abs(static).max())):
+                linear, cost = projected(model, model.runs.rows(columns + self.weight(static, theta) * behind).T)
+                starts.append((cost, np.append(linear, theta)))
+        starts.sort(key=lambda start: start[0])
+        return [parameters for _, parameters in starts[:count]]
+
+    def _start_thetas(self, tau: float, peak: float) -> list[Array]:
+        pairs = [(full, zero) for full in _FULL_SHARES for zero in _ZERO_SHARES if zero > full]
+        return [self.theta(tau, full * peak, zero * peak) for full, zero in pairs]
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of tau, F_1 and u."""

@@ -166,7 +166,7 @@ def split_coefficients(coefficients: Array) -> tuple[tuple[float, ...], tuple[fl
     return tuple(inner.tolist()), tuple(compression.tolist()), tuple(rebound.tolist())
 
 
-def curve_coefficients(curve: StaticCurve) -> Array:
+def _curve_coefficients(curve: StaticCurve) -> Array:
     """Return the coefficients (23,) [N] of a curve, in the order of the design."""
     return np.array((*curve.inner, *curve.compression, *curve.rebound), dtype=np.float64)
 
@@ -177,7 +177,7 @@ def curve_forces(curve: StaticCurve, velocity: Array) -> Array:
     fitted = np.clip(velocity, -curve.rebound_speed, curve.compression_speed)
     beyond = velocity - fitted
     slope = np.where(beyond > 0.0, curve.compression_slope, curve.rebound_slope)
-    return np.asarray(basis.design(fitted) @ curve_coefficients(curve) + slope * beyond, dtype=np.float64)
+    return np.asarray(basis.design(fitted) @ _curve_coefficients(curve) + slope * beyond, dtype=np.float64)
 
 
 # ---- Conversion of fitted coefficients to a static curve ------------------------------------------------------------

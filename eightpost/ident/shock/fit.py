@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,7 +17,8 @@ from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import Shape
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.joint import Joint
+from eightpost.ident.shock.joint import Joint, Sketch
+from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import (
     Robust,
@@ -27,16 +28,10 @@ from eightpost.ident.shock.robust import (
     without_motion_spikes,
     without_spikes,
 )
-from eightpost.ident.shock.runs import prepare_runs
+from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
 from eightpost.shock.curve import INNER_ORDER
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.joint import Sketch
-    from eightpost.ident.shock.problem import Solution
-    from eightpost.ident.shock.runs import Runs
-
 
 #: A name in `LAWS`.
 LawName = str

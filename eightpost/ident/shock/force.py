@@ -5,22 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.array_types import Array
-from eightpost.ident.shock.curve import CurveBasis, working_basis
+from eightpost.array_types import Array, Complex
+from eightpost.ident.shock.curve import CurveBasis, Join, WorkingBasis, working_basis
 from eightpost.ident.shock.gas import GasColumns
+from eightpost.ident.shock.runs import Runs
+from eightpost.shock import Port, ShockLaw, StaticCurve
 from eightpost.shock.curve import INNER_ORDER
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import Join, WorkingBasis
-    from eightpost.ident.shock.lag import Spectrum
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.shock import Port, ShockLaw, StaticCurve
-
 
 # ---- Linear least squares by singular values ------------------------------------------------------------------------
 
@@ -31,12 +25,6 @@ def linear_solution(columns: Array, target: Array) -> Array:
     size[size == 0.0] = 1.0
     weights, *_ = np.linalg.lstsq(columns / size, target, rcond=1e-12)
     return np.asarray(weights / size, dtype=np.float64)
-
-
-def solved(columns: Array, target: Array, weights: Array) -> Array:
-    """Return the weighted least-squares solution (n,) of columns (R, n) for a target (R,)."""
-    root = np.sqrt(weights)
-    return linear_solution(root[:, None] * columns, root * target)
 
 
 # ---- Bounds of the dynamic parameters -------------------------------------------------------------------------------
@@ -127,6 +115,8 @@ class Dynamics(ABC):
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    #: Whether starting points, shape and outliers are found on a thinned record.
+    is_costly: bool = True
     limits: Limits
     kind: type[ShockLaw] | None
 
@@ -151,10 +141,6 @@ class Dynamics(ABC):
     def needs_rise(self) -> bool:
         """Whether the law needs a curve that rises everywhere."""
         return False
-
-    def sketched_on(self, model: ForceModel) -> ForceModel:
-        """Return the model, on the thinned record, that finds starting points, shape and outliers."""
-        return model.coarse
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta (k,)."""
@@ -232,7 +218,7 @@ class ForceModel:
         return self.runs.rows(self.gas.columns.T).T
 
     @cached_property
-    def _spectra(self) -> tuple[Spectrum, ...]:
+    def _spectra(self) -> tuple[Complex, ...]:
         columns = self.basis.columns.T
         return tuple(f.spectrum(columns[:, part]) for f, part in zip(self.runs.filters, self.runs.parts, strict=True))
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.runs import Runs
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, best_lag, projected
-from eightpost.ident.shock.curve import NOTABLE_FALL, deepest_fall, rising_constraint, shape_constraint
-from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import TOLERANCE, Problem
+from eightpost.ident.shock.curve import (
+    NOTABLE_FALL,
+    CurveConstraint,
+    Shape,
+    WorkingBasis,
+    deepest_fall,
+    rising_constraint,
+    shape_constraint,
+)
+from eightpost.ident.shock.force import ForceModel, Models, linear_solution
+from eightpost.ident.shock.problem import TOLERANCE, Minimum, Problem, Solution
+from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.shock.curve import INNER_ORDER
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import CurveConstraint, Shape, WorkingBasis
-    from eightpost.ident.shock.force import ForceModel, Models
-    from eightpost.ident.shock.problem import Minimum, Solution
-    from eightpost.ident.shock.runs import Runs
-
 
 # ---- The order of the inner polynomial by cross-validation on blocks of the record that are left out ----------------
 
@@ -36,7 +37,7 @@ _AS_GOOD = 5e-4
 _CLEAR = 1e-8
 
 
-def choose_order(runs: Runs, columns: Array) -> int:
+def _choose_order(runs: Runs, columns: Array) -> int:
     """Return the next order above the lowest one that predicts left-out blocks of the record as well as the best.
 
     Args:
@@ -44,12 +45,12 @@ def choose_order(runs: Runs, columns: Array) -> int:
         columns: Columns (R, n) at the rows; the force, lag included, is linear in them. The last columns are the powers
             of the inner polynomial.
     """
-    errors = left_out_errors(runs, columns, [columns.shape[1] - INNER_ORDER + order for order in ORDERS])
+    errors = _left_out_errors(runs, columns, [columns.shape[1] - INNER_ORDER + order for order in ORDERS])
     good = np.flatnonzero(errors <= (1.0 + _AS_GOOD) * errors.min())
     return ORDERS[min(int(good[0]) + 1, len(ORDERS) - 1)]
 
 
-def left_out_errors(runs: Runs, columns: Array, counts: Sequence[int]) -> Array:
+def _left_out_errors(runs: Runs, columns: Array, counts: Sequence[int]) -> Array:
     """Return the RMS errors [N] of predictions of each block by a fit to all other blocks, in closed form.
 
     Without block b the error there is r_b + Q_b (I - Q_b' Q_b)^-1 Q_b' r_b, with Q'Q = I and r the residual.
@@ -83,9 +84,9 @@ def left_out_errors(runs: Runs, columns: Array, counts: Sequence[int]) -> Array:
 _ROUGH = 1e-5
 
 
-def sketched(model: ForceModel) -> Problem:
+def _sketched(model: ForceModel) -> Problem:
     """Return the problem with which a model of the whole record is sketched."""
-    rough = model.dynamics.sketched_on(model)
+    rough = model.coarse if model.dynamics.is_costly else model
     return Problem(model) if rough is model else Problem(rough, tolerance=_ROUGH)
 
 
@@ -182,7 +183,7 @@ class Joint:
     def reweighted(self, sketch: Sketch, weights: Array) -> Sketch:
         """Return a sketch with other weights (R,) of the rows, optimised from its minimum: same order, same join."""
         model = sketch.whole.weighted(weights)
-        problem = Problem(model) if sketch.is_final else sketched(model)
+        problem = Problem(model) if sketch.is_final else _sketched(model)
         return replace(sketch, minimum=self._on(problem, sketch.minimum), models=sketch.models.weighted(weights))
 
     def reordered(self, sketch: Sketch, weights: Array) -> Sketch:
@@ -227,7 +228,7 @@ class Joint:
         return self._shaped(problem.minimum_from(minimum.parameters))
 
     def _order(self, models: Models, tau: float | None) -> int:
-        return self.order or choose_order(models.runs, models.order_rows(tau))
+        return self.order or _choose_order(models.runs, models.order_rows(tau))
 
     def _search(self, models: Models, order: int, tau: float | None) -> Sketch:
         tied = models("slope", order)
@@ -246,7 +247,7 @@ class Joint:
     def _beyond_full_lag(self, full_lag: Sketch) -> Minimum:
         """Optimise the best of another law's starts, or LPF1's own solution if the law has none."""
         base, parameters = full_lag.whole, full_lag.minimum.parameters
-        dynamics, problem = base.dynamics, sketched(base)
+        dynamics, problem = base.dynamics, _sketched(base)
         starts = dynamics.starts(problem.model, parameters, _FOLLOWED)
         best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_full_lag(base, parameters))])
         if dynamics.needs_rise:

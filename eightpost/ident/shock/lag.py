@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import butter, lfilter, sosfreqz
 
-from eightpost.array_types import Array
-
-if TYPE_CHECKING:
-    Spectrum = NDArray[np.complex128]
-
+from eightpost.array_types import Array, Complex
 
 # ---- The exact first-order lag of whole records ---------------------------------------------------------------------
 
@@ -122,15 +117,15 @@ class RowFilter:
         """Rows per second [Hz]."""
         return self.rate / self.every
 
-    def spectrum(self, values: Array) -> Spectrum:
+    def spectrum(self, values: Array) -> Complex:
         """Return the spectrum (..., K) of values (..., N) in the passband of the low-pass."""
         left, right, short = self._lengths()
         return np.asarray(rfft(_extended(values, left, right), axis=-1)[..., : short // 2 + 1])
 
-    def rows_of(self, spectrum: Spectrum, *, time_constant: float | None = None) -> Array:
+    def rows_of(self, spectrum: Complex, *, time_constant: float | None = None) -> Array:
         """Return the rows (..., R) of a spectrum (..., K), behind a lag if a time constant [s] is given."""
         left, _, short = self._lengths()
-        gain: Array | Spectrum = _gain(self.rate, self.cutoff, short, self.every)
+        gain: Array | Complex = _gain(self.rate, self.cutoff, short, self.every)
         if time_constant is not None:
             frequency = np.asarray(np.arange(short // 2 + 1) * (self.row_rate / short), dtype=np.float64)
             gain = gain * _lag_response(frequency, time_constant, 1.0 / self.rate)

@@ -5,25 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.verdict import in_field_units
+from eightpost.ident.shock.result import ShockFit
+from eightpost.ident.shock.verdict import Parameter, in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.report.pictures import Axes, new_figure, panels_of, save
-from eightpost.shock import law_title
+from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.shock import Shock, StaticCurve, law_title
 from eightpost.units import convert
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.result import ShockFit
-    from eightpost.ident.shock.verdict import Parameter
-    from eightpost.rig.peak_velocity import PeakVelocityTable
-    from eightpost.shock import Shock, StaticCurve
-
 
 # ---- Tables of fits for the console ---------------------------------------------------------------------------------
 

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import solved
+from eightpost.ident.shock.curve import CurveConstraint
+from eightpost.ident.shock.force import ForceModel, linear_solution
 from eightpost.ident.shock.uncertainty import covariance
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import CurveConstraint
-    from eightpost.ident.shock.force import ForceModel
-
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------
 
@@ -55,7 +51,7 @@ _NO_MORE = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Inequalities:
+class _Inequalities:
     """Linear inequalities matrix @ x >= floor.
 
     Attributes:
@@ -70,10 +66,10 @@ class Inequalities:
         """Return the distance (J,) of x from each bound, positive inside."""
         return np.asarray(self.matrix @ x - self.floor)
 
-    def and_bounds(self, low: Array, high: Array) -> Inequalities:
+    def and_bounds(self, low: Array, high: Array) -> _Inequalities:
         """Return these inequalities together with low <= x <= high."""
         unit, below, above = np.eye(low.size), np.isfinite(low), np.isfinite(high)
-        return Inequalities(
+        return _Inequalities(
             np.vstack([self.matrix, unit[below], -unit[above]]),
             np.concatenate([self.floor, low[below], -high[above]]),
         )
@@ -87,11 +83,11 @@ class _SearchResult(NamedTuple):
     status: str
 
 
-def constrained_least_squares(
+def _constrained_least_squares(
     residual: Callable[[Array], Array],
     jacobian: Callable[[Array], Array],
     start: Array,
-    inequalities: Inequalities,
+    inequalities: _Inequalities,
     *,
     tolerance: float,
     evaluations: int,
@@ -110,7 +106,7 @@ def constrained_least_squares(
     cost = float(error @ error) if (inequalities.room(x) >= 0.0).all() else np.inf
     damping, rise = _DAMPING, _CHANGE
     for count in range(2, evaluations + 1):
-        step = _step(slopes, error, Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
+        step = _step(slopes, error, _Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
         tried = residual(x + step)
         gain = cost - float(tried @ tried)
         if gain < 0.0:
@@ -126,7 +122,7 @@ def constrained_least_squares(
     return _SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
 
 
-def _step(slopes: Array, error: Array, inequalities: Inequalities, damping: float) -> Array:
+def _step(slopes: Array, error: Array, inequalities: _Inequalities, damping: float) -> Array:
     """Return the step d (n,) that minimises |error + slopes d|^2 + damping |d|^2, d scaled, with matrix d >= floor."""
     size = np.linalg.norm(slopes, axis=0)
     size[size == 0.0] = 1.0
@@ -197,9 +193,9 @@ class Problem:
         A linear problem is solved directly.
         """
         if not self.model.dynamics.names and not self.model.gas.size:
-            columns = np.hstack([self.model.curve_rows(), self.model.gas_rows])
-            runs = self.model.runs
-            return self.at(solved(columns, runs.target, runs.weights), "linear least squares")
+            columns, root = np.hstack([self.model.curve_rows(), self.model.gas_rows]), np.sqrt(self.model.runs.weights)
+            solution = linear_solution(root[:, None] * columns, root * self.model.runs.target)
+            return self.at(solution, "linear least squares")
         low, high = self.model.bounds()
         result = least_squares(
             self.residual,
@@ -220,11 +216,11 @@ class Problem:
         problem, (low, high) = replace(self, constraint=constraint), self.model.bounds()
         matrix = np.zeros((constraint.floor.size, low.size))
         matrix[:, : self.model.curve_count] = constraint.matrix
-        ended = constrained_least_squares(
+        ended = _constrained_least_squares(
             self.residual,
             self.jacobian,
             np.clip(start, low, high),
-            Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
+            _Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
             tolerance=self.tolerance,
             evaluations=_EVALUATIONS,
         )

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
+from eightpost.rig.dyno_test import DynoTest
 from eightpost.signals import TimeSeries, lowpass
 from eightpost.units import convert
 
-if TYPE_CHECKING:
-    from eightpost.rig.dyno_test import DynoTest
-
-
-# ---- Choice of the segment of a record that is fitted (3.3 ----------------------------------------------------------
+# ---- Choice of the segment of a record that is fitted (3.3) ---------------------------------------------------------
 
 #: The dissertation's segment [s].
 SEGMENT = (1.0, 10.0)
@@ -240,7 +236,7 @@ def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
     if every < 2:
         return series
     changes.append(f"every {every}th sample of the {series.sample_rate:.6g} Hz record was used, after the low-pass")
-    return TimeSeries(series.time[::every], series.values[:, ::every], series.names, series.units)
+    return series.at(slice(None, None, every))
 
 
 def _transition(velocity: Array, requested: float | None, changes: list[str]) -> tuple[float, float]:

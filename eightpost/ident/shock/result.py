@@ -5,29 +5,23 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import fitted_curve
+from eightpost.ident.shock.gas import GasColumns
+from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.record import Prepared
+from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
-from eightpost.ident.shock.verdict import doubts, findings, parameters_of, shock_validity
-from eightpost.shock import Port, Shock
+from eightpost.ident.shock.verdict import Parameter, doubts, findings, parameters_of, shock_validity
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.gas import GasColumns
-    from eightpost.ident.shock.problem import Solution
-    from eightpost.ident.shock.record import Prepared
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.ident.shock.verdict import Parameter
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.shock import ShockLaw
-
 
 # ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------
 
@@ -38,14 +32,9 @@ _LEFT_OUT = 0.005
 def _conditions_of(
     tests: Sequence[DynoTest], runs: Runs, columns: GasColumns, *, gas: str, gas_force: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the conditions and ranges of the measurement; units in the keys, SI.
+    """Return the conditions, those of the first record, and the ranges of the measurement; units in the keys, SI.
 
-    Args:
-        tests: Records; build, clicks and pressure are the first's.
-        runs: Fitted part of the records.
-        columns: Columns of the gas force, with its reference.
-        gas: Treatment of the gas force.
-        gas_force: Estimated preload [N] and stiffness [N/m] of the gas force.
+    `gas_force` is the estimated preload [N] and stiffness [N/m], `gas` the treatment of the gas force.
     """
     known = tests[0].conditions
     stated: dict[str, Any] = {"build": known.build, "clicks": known.clicks, "gas_pressure [Pa]": known.gas_pressure}
@@ -67,7 +56,7 @@ def _conditions_of(
     return described
 
 
-def fit_of(
+def _fit_of(
     solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float
 ) -> dict[str, Any]:
     """Return the results of the fit as JSON values, units in the keys, SI."""
@@ -103,7 +92,7 @@ def _inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
     return tuple({"name": name, "sha256": digest} for name, digest in files)
 
 
-def notes_of(tests: Sequence[DynoTest]) -> list[str]:
+def _notes_of(tests: Sequence[DynoTest]) -> list[str]:
     """Return the notes on the records, with the number of the run if there are several."""
     numbered = enumerate(tests, start=1)
     return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.notes]
@@ -237,7 +226,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     """Return the fitted shock of a solution."""
     model = solution.model
     runs, (b, g, theta) = model.runs, model.split(solution.parameters)
-    measured = _joined([_inside(p.record, p.inside) for p in runs.prepared])
+    measured = _joined([p.record.at(p.inside) for p in runs.prepared])
     curve, ends = fitted_curve(model.basis.curve, model.basis.to_curve @ b, measured["velocity"])
     preload, stiffness = model.gas.values(g)
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
@@ -245,7 +234,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
     parameters = parameters_of(solution)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
-    warnings = (*notes_of(tests), *found, *ends)
+    warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
     choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
@@ -253,7 +242,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
-        fit=fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
+        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
         inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,
@@ -297,12 +286,8 @@ def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:
     for prepared, part in zip(runs.prepared, runs.parts, strict=True):
         force = prepared.filtered(simulate(law, prepared.record) + gas[part])
         channels = {"force": ("N", force), "gas_force": ("N", gas[part])}
-        series.append(_inside(TimeSeries.from_channels(prepared.record.time, channels), prepared.inside))
+        series.append(TimeSeries.from_channels(prepared.record.time, channels).at(prepared.inside))
     return _joined(series)
-
-
-def _inside(series: TimeSeries, inside: NDArray[np.bool_]) -> TimeSeries:
-    return TimeSeries(series.time[inside], series.values[:, inside], series.names, series.units)
 
 
 def _joined(series: list[TimeSeries]) -> TimeSeries:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,9 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.record import Prepared
-    from eightpost.ident.shock.runs import Runs
-    from eightpost.rig.dyno_test import DynoTest
-
+from eightpost.ident.shock.record import Prepared
+from eightpost.ident.shock.runs import Runs
+from eightpost.rig.dyno_test import DynoTest
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------
 
@@ -37,7 +34,7 @@ def screened_force(runs: Runs) -> list[Array]:
 
 # ---- Treatment of outliers ------------------------------------------------------------------------------------------
 
-#: `auto`: only if there are outliers; `none`; `huber` and `tukey`: these weights in any case.
+#: `auto`: only if there are outliers; `none`; `_huber` and `_tukey`: these weights in any case.
 Robust = Literal["auto", "none", "huber", "tukey"]
 
 #: Ratio of the standard deviation to the median absolute deviation of a normal distribution.
@@ -66,7 +63,7 @@ _MOST_OUTLIERS = 0.05
 _DOWN = 0.5
 
 
-def spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, NDArray[np.bool_]]:
+def _spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return a raw signal (N,) without its spikes, and which samples (N,) were spikes.
 
     Args:
@@ -97,7 +94,7 @@ def without_spikes(test: DynoTest, prepared: Prepared, force: Array) -> tuple[Dy
     here = (time >= prepared.record.time[0]) & (time <= prepared.record.time[-1])
     predicted = np.interp(time[here], prepared.record.time, force)
     whole = test.series["force"].copy()
-    whole[here], spiked = spikes_of(whole[here], predicted, prepared.deviation)
+    whole[here], spiked = _spikes_of(whole[here], predicted, prepared.deviation)
     if not spiked.any():
         return test, 0
     return replace(test, series=test.series.with_channel("force", "N", whole)), int(spiked.sum())
@@ -125,20 +122,20 @@ def weights_for(robust: Robust) -> Callable[[Array, float], Array] | None:
     """Return the function of residuals (R,) and the force's standard deviation [N] that gives weights (R,), or None."""
     kinds: dict[str, Callable[[Array, float], Array] | None] = {
         "none": None,
-        "huber": lambda residual, _: huber(residual),
-        "tukey": lambda residual, _: tukey(residual),
+        "huber": lambda residual, _: _huber(residual),
+        "tukey": lambda residual, _: _tukey(residual),
         "auto": _only_where_far,
     }
     return kinds[robust]
 
 
-def huber(residual: Array) -> Array:
+def _huber(residual: Array) -> Array:
     """Return Huber's weights (R,): 1 up to a number of standard deviations, then falling as 1 / |r|."""
     size = np.abs(residual) / (_HUBER * _scale(residual))
     return np.asarray(1.0 / np.maximum(size, 1.0))
 
 
-def tukey(residual: Array) -> Array:
+def _tukey(residual: Array) -> Array:
     """Return Tukey's bisquare weights (R,): 0 beyond a number of standard deviations."""
     size = np.minimum(np.abs(residual) / (_TUKEY * _scale(residual)), 1.0)
     return np.asarray((1.0 - size**2) ** 2)
@@ -152,7 +149,7 @@ def downweighted_rows(weights: Array) -> int:
 def _only_where_far(residual: Array, deviation: float) -> Array:
     size = np.abs(residual)
     far = size > max(_FAR * _scale(residual), _FAR_SHARE * deviation)
-    weights = tukey(residual)
+    weights = _tukey(residual)
     few = downweighted_rows(weights) <= _MOST_OUTLIERS * weights.size
     return weights if far.any() and few else np.ones_like(residual)
 

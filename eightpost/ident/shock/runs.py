@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,7 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
-from eightpost.signals import TimeSeries
-
-if TYPE_CHECKING:
-    from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.dyno_test import DynoTest
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +118,8 @@ class Runs:
 
 
 def _every(prepared: Prepared, start: int, by: int) -> Prepared:
-    series = prepared.record
-    record = TimeSeries(series.time[start::by], series.values[:, start::by], series.names, series.units)
-    return replace(prepared, record=record, rate=prepared.rate / by, inside=prepared.inside[start::by])
+    kept = slice(start, None, by)
+    return replace(prepared, record=prepared.record.at(kept), rate=prepared.rate / by, inside=prepared.inside[kept])
 
 
 def prepare_runs(

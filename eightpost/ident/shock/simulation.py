@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,9 @@ from scipy.signal import lfilter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.shock import fit_form, law_module, own_values
+from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
-
-if TYPE_CHECKING:
-    from eightpost.shock import Port, ShockLaw
-    from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries
 
 
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
@@ -44,13 +41,10 @@ def simulate(law: ShockLaw, series: TimeSeries) -> Array:
     return np.asarray(port.motion_ratio * (valve + seal + gas), dtype=np.float64)
 
 
-def _scales(port: Port, velocity: Array) -> Array:
-    return np.where(velocity > 0.0, port.compression_scale, port.rebound_scale)
-
-
 def _static_forces(law: ShockLaw, velocity: Array) -> Array:
     """Return F_s (N,) [N] at damper velocities (N,) [m/s]."""
-    return _scales(law.port, velocity) * curve_forces(law.curve, velocity)
+    scales = np.where(velocity > 0.0, law.port.compression_scale, law.port.rebound_scale)
+    return np.asarray(scales * curve_forces(law.curve, velocity))
 
 
 def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
@@ -63,8 +57,8 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
     if form not in ("lag", "fading lag"):
         return _stepped(law, pieces)
     static, own = _static_forces(law, velocity), own_values(law)
-    lagged, weight = _lagged(law, own[0], static[0], pieces), array_weight(type(law))(static, own)
-    return weight * lagged + (1.0 - weight) * static
+    weight: Array | float = array_form(law_module(type(law)).weight_core)(static, own)
+    return weight * _lagged(law, own[0], static[0], pieces) + (1.0 - weight) * static
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,10 +115,10 @@ def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: _Pieces) 
 
 
 @cache
-def array_weight(law: type[ShockLaw]) -> Callable[[Array, tuple[float, ...]], Array | float]:
-    """Return a law's `weight_core` for static forces (N,): its own code with the functions of numpy."""
-    core: FunctionType = law_module(law).weight_core
-    return FunctionType(core.__code__, core.__globals__ | {"min": np.minimum, "max": np.maximum})
+def array_form(core: FunctionType) -> Callable[..., Any]:
+    """Return a function of a law's file for static forces (N,): its own code with the functions of numpy."""
+    functions = {"min": np.minimum, "max": np.maximum, "copysign": np.copysign}
+    return FunctionType(core.__code__, core.__globals__ | functions)
 
 
 def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:

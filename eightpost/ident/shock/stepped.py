@@ -5,28 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import split_coefficients
-from eightpost.ident.shock.force import Dynamics
-from eightpost.shock import CurveNumbers, StaticCurve, Valve, fit_parameters
+from eightpost.ident.shock.curve import WorkingBasis, split_coefficients
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, StaticCurve, Valve, fit_parameters
 from eightpost.shock.compiled import compiled_loop, stepped_force
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.curve import WorkingBasis
-    from eightpost.ident.shock.force import ForceModel, Limits
-    from eightpost.shock import FitParameter, ShockLaw
-
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
 
 
 @dataclass(frozen=True, slots=True)
-class OwnParameters:
+class _OwnParameters:
     """Parameters (k,) and theta (k,), their coordinates in a box.
 
     theta is the parameter itself, or its logarithm if the scale is logarithmic. If a parameter must stay above another
@@ -131,7 +125,7 @@ _FALLING = StaticCurve(
 class SteppedLaw(Dynamics):
     """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
 
-    theta are the law's own parameters; see `OwnParameters`.
+    theta are the law's own parameters; see `_OwnParameters`.
 
     Attributes:
         limits: Bounds for the record; LPF1's lag is searched within them.
@@ -141,11 +135,11 @@ class SteppedLaw(Dynamics):
 
     limits: Limits
     kind: type[ShockLaw]
-    own: OwnParameters = field(init=False)
+    own: _OwnParameters = field(init=False)
     _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "own", OwnParameters(fit_parameters(self.kind)))
+        object.__setattr__(self, "own", _OwnParameters(fit_parameters(self.kind)))
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -277,7 +271,7 @@ class SeriesSpring(SteppedLaw):
         strain = point.slope * (model.runs.velocity - point.velocity)
         columns = np.vstack([point.columns.T, strain]).T
         pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        lagged = [lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
+        lagged = [_lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
         rows = model.runs.rows(np.concatenate(lagged).T).T
         return rows[:, :-1], rows[:, -1:]
 
@@ -318,7 +312,7 @@ def _look_up(basis: WorkingBasis, b: Array, force: Array) -> _TablePoint:
 _SHORTEST_SHARE = 1e-9
 
 
-def lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
+def _lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
     """Return columns (N, n) behind a first-order lag with varying time constant; each starts at its own first value.
 
     Args:

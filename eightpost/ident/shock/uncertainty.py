@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -20,12 +20,9 @@ from scipy.stats import t as student
 
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError
+from eightpost.ident.shock.runs import Runs
 from eightpost.shock.file import read_shock
 from eightpost.shock.laws import own_parameters
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.runs import Runs
-
 
 #: Length of a block [s]: ten periods of 20 Hz, and some 30 blocks in the dissertation's nine seconds.
 BLOCK = 0.3

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
+from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.uncertainty import quantile
-from eightpost.rig.dyno_notes import DRIFT, lag_note, temperature_drift, warming_note
+from eightpost.rig.dyno_notes import lag_note
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rule, Verdict
-
-if TYPE_CHECKING:
-    from eightpost.ident.shock.problem import Solution
-    from eightpost.rig.dyno_test import DynoTest
-
 
 # ---- The scalar parameters of a fit ---------------------------------------------------------------------------------
 
@@ -307,7 +305,7 @@ def shock_validity(
     reasons += [_verdict_at_bound(p, origin) for p in parameters if p.at_bound and p.name != "gas_stiffness"]
     reasons += [reason for test in tests for reason in _of_record(test)]
     reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
-    return Validity(Verdict(reasons), tuple(ranges_of(conditions)))
+    return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
 
 
 def peak_velocity_validity(
@@ -318,7 +316,7 @@ def peak_velocity_validity(
     figure = f"{points} points, 0 of them with a time"
     reasons.append(NO_DYNAMICS.reason("the shock has no lag", figure=figure, origin=origin))
     reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
-    return Validity(Verdict(reasons), tuple(ranges_of(conditions)))
+    return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
 
 
 def _misfit(percent: float, origin: str) -> Reason:
@@ -354,7 +352,7 @@ def _name(test: DynoTest) -> str:
     return f"record {test.source.name}" if test.source else "a record in memory"
 
 
-def ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:
+def _ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:
     """Yield the ranges in the conditions of a measurement; an FMU itself monitors its range of velocities."""
     known: tuple[tuple[str, str, str, str], ...] = (
         ("displacement_range [m]", "displacement", "amplitude", "m"),

@@ -11,6 +11,7 @@ from scipy.stats import rankdata
 from eightpost.array_types import Array
 from eightpost.errors import TooShortError
 from eightpost.ident.validation.spectrum import ErrorSpectrum, error_spectrum
+from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.static_rating import holds
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
@@ -34,11 +35,6 @@ _MOST_SETTLING = 0.25
 
 #: Length of Welch's blocks [s] and the minimum number of them (overlapping by half).
 _BLOCK, _FEWEST = 4.0, 6
-
-
-def quantity(name: str) -> str:
-    """Return the quantity of a channel: its name without corner or axle."""
-    return name.rpartition(".")[2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

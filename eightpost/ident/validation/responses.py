@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.validation.comparison import JUDGED, quantity
+from eightpost.ident.validation.comparison import JUDGED
+from eightpost.ident.vehicle.experiment import quantity
 from eightpost.vehicle import StateSpace
 
 # ---- Modes of an identified vehicle, matched with those of another car by the modal assurance criterion -------------

@@ -11,6 +11,7 @@ from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
 from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
+from eightpost.ident.vehicle.experiment import quantity
 from eightpost.rig.post import RigConditions, RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import StateSpace
@@ -122,8 +123,8 @@ def rig_record(test: RigTest, model: StateSpace, *, kind: Kind | None = None, na
     prepared = prepare([test], Preparation(Decimation(rate / factor)))
     series = prepared.records[0]
     _check_channels(series, model, test, called)
-    roads = [name for name in model.input_names if name.rpartition(".")[2] == "road"]
-    loads = [n for n in model.input_names if n not in roads and n.rpartition(".")[2] != "force" and n in series]
+    roads = [name for name in model.input_names if quantity(name) == "road"]
+    loads = [n for n in model.input_names if n not in roads and quantity(n) != "force" and n in series]
     found = recognise_drive(series, roads, loads)
     if kind == "sine" and found.frequency is None:
         raise ParameterError(f"{called}: --kind says that it is a sine, but {found.reason}; omit --kind")
@@ -143,8 +144,8 @@ def rig_record(test: RigTest, model: StateSpace, *, kind: Kind | None = None, na
 
 
 def _check_channels(series: TimeSeries, model: StateSpace, test: RigTest, called: str) -> None:
-    needed = [n for n in model.input_names if n.rpartition(".")[2] in ("road", "force")]
-    ports = [n.removesuffix("force") for n in needed if n.rpartition(".")[2] == "force"]
+    needed = [n for n in model.input_names if quantity(n) in ("road", "force")]
+    ports = [n.removesuffix("force") for n in needed if quantity(n) == "force"]
     for name in (*needed, *(f"{port}velocity" for port in ports)):
         if name not in series:
             what = f"{called} lacks a channel that the vehicle {model.name!r} needs; is it a record of another car?"

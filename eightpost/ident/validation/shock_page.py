@@ -10,28 +10,18 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
+from eightpost.ident.validation import shock_tables as tables
 from eightpost.ident.validation.bump import BumpEvent, BumpValidation
 from eightpost.ident.validation.dyno_record import DynoRecord
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.printed import SOURCE
-from eightpost.ident.validation.shock_tables import (
-    bump_table,
-    loop_tables,
-    random_table,
-    sine,
-    sine_groups,
-    sine_table,
-    static_table,
-    table_3_4,
-    table_3_5,
-)
 from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
 from eightpost.ident.validation.sine import Loop
 from eightpost.ident.validation.static import Hold, StaticValidation
-from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid
+from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
-from eightpost.report.tables import NONE, text_table
+from eightpost.report.tables import NONE, ResultTable
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
@@ -53,6 +43,8 @@ def write_shock_page(
 ) -> Path:
     """Write a validation of shocks as an interactive page; an existing file is replaced only when it is complete.
 
+    Names of shocks, records and files are escaped.
+
     Args:
         path: File to write, such as out/report.html.
         study: Validation to show.
@@ -62,12 +54,7 @@ def write_shock_page(
     Returns:
         Path of the written file.
     """
-    return write_page(path, shock_page(study, limit=limit, title=title))
-
-
-def shock_page(study: ShockValidation, *, limit: float | None, title: str) -> str:
-    """Return the page's HTML; names of shocks, records and files are escaped."""
-    return document(title, shock_verdict(study, limit), list(_shock_sections(study)))
+    return write_page(path, document(title, shock_verdict(study, limit), list(_shock_sections(study))))
 
 
 def _shock_sections(study: ShockValidation) -> Iterator[Section]:
@@ -75,36 +62,36 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
     random, static, bump = (study.of_kind(kind) for kind in ("random", "static", "bump"))
     if random:
         drawn = [_random_figure(*found) for found in random]
-        yield Section("random", "Random records", [random_table(study), *drawn])
-    if groups := sine_groups(study):
-        blocks: list[Block] = [one for rows in groups for one in (sine_table(rows), *loop_tables(rows))]
+        yield Section("random", "Random records", [tables.random_table(study), *drawn])
+    if groups := tables.sine_groups(study):
+        blocks: list[Block] = [one for rows in groups for one in (tables.sine_table(rows), *tables.loop_tables(rows))]
         yield Section("sine", "Sine records", [*blocks, *(one for rows in groups for one in _sine_figures(rows))])
     if static:
         drawn = [_overlay(static)] * (len(static) > 1) + [_static_figure(*found) for found in static]
-        yield Section("static", "Static records", [static_table(study), *drawn])
+        yield Section("static", "Static records", [tables.static_table(study), *drawn])
     if bump:
         drawn = [_bump_figure(*found) for found in bump]
-        yield Section("bump", "Bump records", [bump_table(study), *drawn])
+        yield Section("bump", "Bump records", [tables.bump_table(study), *drawn])
     printed = _PRINTED.format(SOURCE, "" if any(record.configuration for record in study.records) else _UNNAMED)
     yield Section(
         "dissertation",
         "The dissertation's tables next to ours",
-        [printed, table_3_5(study), table_3_4(study)],
+        [printed, tables.table_3_5(study), tables.table_3_4(study)],
     )
-    records = tuple(
+    records = (
         (one.name, one.kind, one.reason, str(one.configuration or NONE),
          one.test.source.name if one.test.source else NONE, digest(one.digest))
         for one in study.records
     )  # fmt: skip
-    shocks = tuple(
+    shocks = (
         (label, shock.law_name, shock.fit.get("recipe", NONE),
          Markup("<br>").join(entry.get("name", NONE) for entry in shock.inputs) or NONE,
          digest(*(entry.get("sha256", NONE) for entry in shock.inputs)) or NONE)
         for label, shock in study.shocks.items()
     )  # fmt: skip
     blocks = [
-        text_table(("record", "kind", "reason", "configuration", "file", "SHA-256"), records),
-        text_table(("shock", "law", "recipe", "fitted to", "SHA-256 of that record"), shocks),
+        ResultTable.of("", ("record", "kind", "reason", "configuration", "file", "SHA-256"), records),
+        ResultTable.of("", ("shock", "law", "recipe", "fitted to", "SHA-256 of that record"), shocks),
         soft(_LOW_PASS),
     ]
     yield Section("what", "What was validated", blocks)
@@ -209,15 +196,14 @@ def _sine_figures(rows: list[tuple[ShockCase, ...]]) -> Iterator[Figure]:
 def _map(rows: list[tuple[ShockCase, ...]]) -> Figure:
     """Return the error as a disc at each amplitude and peak speed, with a panel for each shock."""
     names = names_of(rows[0])
-    amplitude = np.array([sine(cases[0]).amplitude for cases in rows])
-    speed = np.array([sine(cases[0]).speed for cases in rows])
+    amplitude = np.array([cases[0].sine.amplitude for cases in rows])
+    speed = np.array([cases[0].sine.speed for cases in rows])
     errors = np.array([[case.outcome.rms for case in cases] for cases in rows])
     columns = min(len(names), 4)
     x, y = Axis("peak speed", "m/s", "log"), Axis("amplitude", "m", "log")
-    places = grid(len(names), columns, gap=(0.07, 0.2))
-    panels = [Panel(x, y, *place, title=name) for place, name in zip(places, names, strict=True)]
     caption = "RMS error [{N}] of each sine at its amplitude and peak speed (Table 3.3); larger and darker is worse."
-    figure = Figure(caption, 330 if len(names) <= columns else 620, panels)
+    height = 330 if len(names) <= columns else 620
+    figure = grid_figure(caption, height, [(x, y, name) for name in names], columns, gap=(0.07, 0.2))
     for k in range(len(names)):
         figure.bubbles(k, speed, amplitude, errors[:, k], unit="N", greatest=float(errors.max()))
     return figure
@@ -227,12 +213,11 @@ def _over_frequency(rows: list[tuple[ShockCase, ...]]) -> Figure:
     """Return the error over frequency, with a panel for each amplitude (Fig 3.20)."""
     groups = _amplitudes(rows)
     x, y = Axis("frequency [Hz]", kind="log"), Axis("RMS error", "N")
-    places = grid(len(groups), min(len(groups), 5), gap=(0.06, 0.22))
-    panels = [Panel(x, y, *place, title=title) for place, title in zip(places, groups, strict=True)]
     caption = "RMS error over frequency at each amplitude, as Fig 3.20."
-    figure = Figure(caption, 320 if len(groups) <= 5 else 600, panels)
+    height = 320 if len(groups) <= 5 else 600
+    figure = grid_figure(caption, height, [(x, y, title) for title in groups], min(len(groups), 5), gap=(0.06, 0.22))
     for k, group in enumerate(groups.values()):
-        frequency = np.array([sine(cases[0]).frequency for cases in group])
+        frequency = np.array([cases[0].sine.frequency for cases in group])
         order = np.argsort(frequency)
         for i, (_, name, color) in enumerate(_styled(rows[0])):
             errors = np.array([cases[i].outcome.rms for cases in group])
@@ -243,12 +228,12 @@ def _over_frequency(rows: list[tuple[ShockCase, ...]]) -> Figure:
 def _amplitudes(rows: list[tuple[ShockCase, ...]]) -> dict[str, list[tuple[ShockCase, ...]]]:
     """Return the records by amplitude, the largest first."""
     groups: list[list[tuple[ShockCase, ...]]] = []
-    for cases in sorted(rows, key=lambda cases: -sine(cases[0]).amplitude):
-        if groups and sine(cases[0]).amplitude > (1.0 - _ALIKE) * sine(groups[-1][0][0]).amplitude:
+    for cases in sorted(rows, key=lambda cases: -cases[0].sine.amplitude):
+        if groups and cases[0].sine.amplitude > (1.0 - _ALIKE) * groups[-1][0][0].sine.amplitude:
             groups[-1].append(cases)
         else:
             groups.append([cases])
-    return {_length(sine(group[0][0]).amplitude): group for group in groups}
+    return {_length(group[0][0].sine.amplitude): group for group in groups}
 
 
 def _length(amplitude: float) -> str:
@@ -260,22 +245,23 @@ def _loops(rows: list[tuple[ShockCase, ...]], over: str) -> Figure:
     columns = min(len(rows), _COLUMNS)
     unit = "m/s" if over == "velocity" else "m"
     panels = []
-    for k, (place, cases) in enumerate(zip(grid(len(rows), columns, gap=(0.055, 0.13)), rows, strict=True)):
-        found = sine(cases[0])
+    for k, cases in enumerate(rows):
+        found = cases[0].sine
         x, y = over if k >= len(rows) - columns else "", "force" if k % columns == 0 else ""
         title = f"{_length(found.amplitude).partition(' (')[0]}, {found.frequency:.3g} Hz"
-        panels.append(Panel(Axis(x, unit), Axis(y, "N"), *place, title=title))
+        panels.append((Axis(x, unit), Axis(y, "N"), title))
     height = {1: 300, 2: 460}.get(-(-len(rows) // columns), 640)
-    figure = Figure(f"Hysteresis loops, force over {over}: the last period of each sine.", height, panels)
+    caption = f"Hysteresis loops, force over {over}: the last period of each sine."
+    figure = grid_figure(caption, height, panels, columns, gap=(0.055, 0.13))
 
     def draw(panel: int, loop: Loop, name: str, color: str) -> None:
         kept = np.linspace(0, loop.force.size - 1, min(_LOOP_POINTS, loop.force.size)).astype(int)
         figure.line(panel, getattr(loop, over)[kept], loop.force[kept], name=name, color=color)
 
     for k, cases in enumerate(rows):
-        draw(k, sine(cases[0]).measured, "measured", MEASURED)
+        draw(k, cases[0].sine.measured, "measured", MEASURED)
         for case, name, color in _styled(cases):
-            draw(k, sine(case).predicted, name, color)
+            draw(k, case.sine.predicted, name, color)
     return figure
 
 

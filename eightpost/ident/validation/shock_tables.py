@@ -9,7 +9,6 @@ from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
-from eightpost.ident.validation.sine import SineValidation
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.report.tables import ResultTable
 from eightpost.shock import law_title
@@ -44,13 +43,8 @@ def sine_groups(study: ShockValidation) -> tuple[list[tuple[ShockCase, ...]], ..
     for record, cases in study.of_kind("sine"):
         groups.setdefault((record.configuration, tuple(case.label for case in cases)), []).append(cases)
     for rows in groups.values():
-        rows.sort(key=lambda cases: (-round(sine(cases[0]).amplitude, 4), sine(cases[0]).speed))
+        rows.sort(key=lambda cases: (-round(cases[0].sine.amplitude, 4), cases[0].sine.speed))
     return tuple(groups.values())
-
-
-def sine(case: ShockCase) -> SineValidation:
-    """Return the outcome of a case on a sine record."""
-    return case.outcome_as(SineValidation)
 
 
 def sine_table(rows: list[tuple[ShockCase, ...]]) -> ResultTable:
@@ -60,7 +54,7 @@ def sine_table(rows: list[tuple[ShockCase, ...]]) -> ResultTable:
     body = (
         (cases[0].record.name, first.amplitude, first.speed, first.frequency,
          *(figure for case in cases for figure in (case.outcome.rms, case.outcome.percent)))
-        for cases in rows for first in [sine(cases[0])]
+        for cases in rows for first in [cases[0].sine]
     )  # fmt: skip
     return ResultTable.of(f"Sines of {_dampers(rows)}: error", columns, body)
 
@@ -75,7 +69,7 @@ def loop_tables(rows: list[tuple[ShockCase, ...]]) -> Iterator[ResultTable]:
             columns += [f"{name}: measured [{unit}]", *(f"{law} [{unit}]" for law in names_of(rows[0]))]
         body = []
         for cases in rows:
-            loops = [sine(cases[0]).measured, *(sine(case).predicted for case in cases)]
+            loops = [cases[0].sine.measured, *(case.sine.predicted for case in cases)]
             body.append((cases[0].record.name, *(getattr(loop, figure) for figure in figures for loop in loops)))
         yield ResultTable.of(f"Sines of {_dampers(rows)}: {title}", columns, body)
 

@@ -53,6 +53,11 @@ class ShockCase:
         return self.outcome
 
     @property
+    def sine(self) -> SineValidation:
+        """The outcome, which must be that of a sine record."""
+        return self.outcome_as(SineValidation)
+
+    @property
     def prediction(self) -> Validation | None:
         """The prediction over time; None for a static record."""
         return None if isinstance(self.outcome, StaticValidation) else self.outcome.prediction

@@ -11,26 +11,16 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend, quantity
+from eightpost.ident.validation import vehicle_tables as tables
+from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend
 from eightpost.ident.validation.responses import Response
-from eightpost.ident.validation.vehicle_tables import (
-    certainty_table,
-    friction_table,
-    mode_table,
-    outputs_table,
-    overview,
-    path_table,
-    port_table,
-    sine_table,
-    static_table,
-    trend_table,
-)
 from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
+from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.trust import Orders
-from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid
+from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, write_page
-from eightpost.report.tables import NONE, text_table
+from eightpost.report.tables import NONE, ResultTable
 
 # ---- Sections -------------------------------------------------------------------------------------------------------
 
@@ -75,25 +65,25 @@ def write_vehicle_page(
 def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Section]:
     fit = study.fit
     levels = [_level_figure(study, limits)] if any(case.judged for case in study.cases) else []
-    yield Section("records", "Records", [overview(study), *levels])
+    yield Section("records", "Records", [tables.overview(study), *levels])
     if study.trends:
         drawn = [_trend_figure(study.trends), _correlation_figure(study.trends)]
-        yield Section("trends", "Setups: trends and levels", [_TRENDS, trend_table(study), *drawn])
+        yield Section("trends", "Setups: trends and levels", [_TRENDS, tables.trend_table(study), *drawn])
     yield from _kinds(study)
-    friction = friction_table(study)
+    friction = tables.friction_table(study)
     if friction.rows:
         forces = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in fit.vehicle.friction.items())
         text = f"The identification found friction at the ports: {forces}. Errors of the model with and without it:"
-        yield Section("friction", "Friction", [text, friction, port_table(fit)])
+        yield Section("friction", "Friction", [text, friction, tables.port_table(fit)])
     if static := study.of_kind("static"):
         drawn = [_static_figure(case) for case in static if case.holds]
-        yield Section("static", "Static records", [_static(study), static_table(study), *drawn])
-    yield Section("responses", "Responses", [path_table(study), *_response_figures(study.paths)])
-    yield Section("modes", "Modes", [_MODES, mode_table(study)])
+        yield Section("static", "Static records", [_static(study), tables.static_table(study), *drawn])
+    yield Section("responses", "Responses", [tables.path_table(study), *_response_figures(study.paths)])
+    yield Section("modes", "Modes", [_MODES, tables.mode_table(study)])
     if trust := fit.trust:
         blocks: list[Block] = [" ".join(trust.flags.values()) or "The fit found no nonlinear effect in the car."]
-        blocks += [certainty_table(fit)] if trust.outputs else []
-        blocks += [] if friction.rows else [port_table(fit)]
+        blocks += [tables.certainty_table(fit)] if trust.outputs else []
+        blocks += [] if friction.rows else [tables.port_table(fit)]
         blocks += [] if trust.orders is None else [_order_figure(trust.orders)]
         yield Section("fit", "Self-assessment of the fit", blocks)
 
@@ -107,7 +97,7 @@ def _kinds(study: VehicleValidation) -> Iterator[Section]:
         blocks: list[Block] = [_sine_figure(cases)] if kind == "sine" and cases else []
         blocks += [_time_figure(case) for case in first]
         blocks += [_spectrum_figure(case) for case in first if case.spectra]
-        blocks += [sine_table(study)] if kind == "sine" else [outputs_table(case) for case in cases]
+        blocks += [tables.sine_table(study)] if kind == "sine" else [tables.outputs_table(case) for case in cases]
         more = [f"The first {_MOST} of {len(cases)} records are plotted."] if len(cases) > _MOST else []
         if cases:
             yield Section(kind, heading, [*more, *blocks])
@@ -132,34 +122,22 @@ def _vehicle_origins(study: VehicleValidation) -> Section:
     fit, judging = study.fit, study.judging
     text = _VEHICLE.format(fit.vehicle.name, fit.recipe, fit.states, *study.band, judging.band, judging.settling)
 
-    def row(case: VehicleCase) -> tuple[str, ...]:
-        record = case.record
-        shocks = ", ".join(record.conditions.shocks) or NONE
-        return record.name, record.kind, record.reason, shocks, digest(record.digest or NONE)
-
     columns = ("record", "kind", "reason", "shocks, as named in the file", "SHA-256")
-    sources = tuple((name, digest(one)) for name, one in fit.sources.items()) or ((NONE, NONE),)
-    blocks: list[Block] = [
-        text,
-        text_table(columns, tuple(map(row, study.cases))),
-        text_table(("fitted to", "SHA-256"), sources),
-    ]
-    return Section("what", "What was validated", blocks)
-
-
-# ---- Parts of figures -----------------------------------------------------------------------------------------------
-
-
-def _figure(caption: str, height: int, panels: Sequence[tuple[Axis, Axis, str]], columns: int, gap: float) -> Figure:
-    """Return a figure with panels (horizontal and vertical axis, title) in a grid; the gap is that between rows [1]."""
-    places = grid(len(panels), columns, gap=(0.08, gap))
-    placed = [Panel(x, y, *place, title=title) for (x, y, title), place in zip(panels, places, strict=True)]
-    return Figure(caption, height, placed)
+    records = (
+        (one.name, one.kind, one.reason, ", ".join(one.conditions.shocks) or NONE, digest(one.digest or NONE))
+        for one in (case.record for case in study.cases)
+    )
+    sources: list[tuple[str, str]] = [(name, digest(one)) for name, one in fit.sources.items()]
+    fitted = ResultTable.of("", ("fitted to", "SHA-256"), sources or [(NONE, NONE)])
+    return Section("what", "What was validated", [text, ResultTable.of("", columns, records), fitted])
 
 
 # ---- Levels ---------------------------------------------------------------------------------------------------------
 
 _COLUMNS = 3
+
+#: Gap between the columns of a figure [1].
+_GAP = 0.08
 
 #: Number of outputs of a static record that are plotted, counted from the last: tire forces and ride heights.
 _STATIC = 6
@@ -168,7 +146,7 @@ _STATIC = 6
 def _rows(caption: str, panels: Sequence[tuple[Axis, Axis, str]]) -> Figure:
     """Return a figure with rows of three panels, 60 px apart for a title and a label."""
     height = 205 * -(-len(panels) // _COLUMNS)
-    return _figure(caption, 110 + height, panels, _COLUMNS, 60.0 / height)
+    return grid_figure(caption, 110 + height, panels, _COLUMNS, gap=(_GAP, 60.0 / height))
 
 
 def _trend_figure(trends: Sequence[Trend]) -> Figure:
@@ -207,7 +185,7 @@ def _sine_figure(cases: Sequence[VehicleCase]) -> Figure:
     titles = ("predicted / measured amplitude", "phase lead of predicted [degrees]", "measured: not sinusoidal [%]")
     panels = [(Axis("frequency [Hz]", kind="log"), Axis(""), title) for title in titles]
     caption = "Sine records: for each quantity the output with the worst gain at each frequency."
-    figure = _figure(caption, 330, panels, 3, 0.0)
+    figure = grid_figure(caption, 330, panels, 3, gap=(_GAP, 0.0))
     figure.level(0, 1.0)
     figure.level(1, 0.0)
     names = sorted({quantity(one.name) for _, sines in rows for one in sines})
@@ -241,7 +219,7 @@ def _level_figure(study: VehicleValidation, limits: Limits) -> Figure:
     """Return an overview plot of RMS errors and errors, with a point for each output of each record."""
     titles = ("RMS predicted minus measured [%]", "error [% of measured RMS]")
     caption = "All judged outputs, records numbered as in the table. Dotted: limits; that of RMS is for random records."
-    figure = _figure(caption, 330, [(Axis("record"), Axis(""), title) for title in titles], 2, 0.0)
+    figure = grid_figure(caption, 330, [(Axis("record"), Axis(""), title) for title in titles], 2, gap=(_GAP, 0.0))
     for panel, value in ((0, limits.level), (0, -limits.level), (1, limits.error)):
         figure.level(panel, 100.0 * value)
     found = [
@@ -261,11 +239,10 @@ def _level_figure(study: VehicleValidation, limits: Limits) -> Figure:
 
 def _order_figure(orders: Orders) -> Figure:
     """Return a plot of the poles of models of increasing order, and of the gaps of the singular values."""
-    (poles, _), (_, row) = grid(2, 2, gap=(0.08, 0.0))
     states = Axis("states", span=(0.0, orders.tried[-1].states + 2.0))
     panels = (
-        Panel(Axis("frequency [Hz]", span=(0.0, 1.2 * orders.high)), states, (poles[0], 0.76), row, title="poles"),
-        Panel(Axis("singular value / next one", kind="log"), states, (0.82, 1.0), row, title="gaps"),
+        Panel(Axis("frequency [Hz]", span=(0.0, 1.2 * orders.high)), states, (0.0, 0.76), (0.0, 1.0), "poles"),
+        Panel(Axis("singular value / next one", kind="log"), states, (0.82, 1.0), (0.0, 1.0), "gaps"),
     )
     why = "a clear gap of the singular values" if orders.is_clear else "the description length, as no gap is clear"
     text = f"poles of models of increasing order. {orders.chosen} states were chosen by {why}."
@@ -308,7 +285,7 @@ def _responses(rows: Sequence[Sequence[Response]]) -> Figure:
         "Responses of the model and of the estimate that it was fitted to, with the estimate's 95 % band. Coherence "
         "near 1 does not exclude friction."
     )
-    figure = _figure(caption, 110 + 170 * len(rows), panels, 3, 0.27 / len(rows))
+    figure = grid_figure(caption, 110 + 170 * len(rows), panels, 3, gap=(_GAP, 0.27 / len(rows)))
     for k, paths in enumerate(rows):
         for i, path in enumerate(paths[:2]):
             _response(figure, 3 * k + i, path)
@@ -341,7 +318,7 @@ def _spectrum_figure(case: VehicleCase) -> Figure:
         f"{case.record.name}: the three outputs with the largest errors. Above: spectra of output and error; below: "
         "coherence of error and prediction, near 1 if another gain or phase would have predicted the error."
     )
-    figure = _figure(caption, 480, panels, len(names), 0.2)
+    figure = grid_figure(caption, 480, panels, len(names), gap=(_GAP, 0.2))
     for k, name in enumerate(names):
         spectrum = case.spectra[name]
         largest = spectrum.measured.max()
@@ -377,16 +354,12 @@ def _time_figure(case: VehicleCase) -> Figure:
     """Return a plot of part of a record: for each quantity the output with the worst prediction."""
     shown = list(_shown(case))
     kept, rows = _piece(case, shown[0]), -(-len(shown) // 2)
-    panels = [
-        (
-            Axis("time [s]" if k >= len(shown) - 2 else ""),
-            Axis(quantity(one.name).replace("_", " "), one.unit),
-            f"{one.name}: error {100 * one.error:.2g} %",
-        )
-        for k, one in enumerate(shown)
-    ]
+    panels = []
+    for k, one in enumerate(shown):
+        x, y = "time [s]" if k >= len(shown) - 2 else "", quantity(one.name).replace("_", " ")
+        panels.append((Axis(x), Axis(y, one.unit), f"{one.name}: error {100 * one.error:.2g} %"))
     caption = f"{case.record.name}: for each quantity the output with the worst prediction. Ports: {case.shocks}."
-    figure = _figure(caption, 130 + 170 * rows, panels, 2, 0.24 / rows)
+    figure = grid_figure(caption, 130 + 170 * rows, panels, 2, gap=(_GAP, 0.24 / rows))
     smooth = {one.name: one for one in case.without_friction or ()}
     for k, one in enumerate(shown):
         time = case.time[kept]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import (
     Comparison,
@@ -16,92 +15,21 @@ from eightpost.ident.validation.comparison import (
     StaticOutput,
     Trend,
     compare,
-    quantity,
     sine_output,
     static_outputs,
     trends_of,
     with_total,
 )
-from eightpost.ident.validation.prediction import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.validation.responses import Response, VehicleMode, main_paths, modes_of
 from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.ranges import Ranges, lifted_tires
+from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.signals.filters import lowpass
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, Vehicle, add_port_damping
-
-Ranges = Mapping[str, tuple[float, float]]
-
-# ---- Check that a record stays within the amplitudes and frequencies that the tests of a fit covered ----------------
-
-#: Largest ratio of a channel's peak to that of the tests; largest fraction of an output's RMS above the fit's band.
-_BEYOND, _ABOVE = 1.1, 0.1
-
-#: Band of the records that fits are made from [Hz]; peaks are compared in it.
-_BAND = 50.0
-
-#: Shocks below this fraction of the tests' velocities barely move: friction holds them.
-_GENTLE = 0.05
-
-
-def beyond(series: TimeSeries, ranges: Ranges) -> tuple[str, ...]:
-    """Return up to two sentences on where a record leaves the amplitudes and the frequencies of the tests.
-
-    Args:
-        series: The record, without means.
-        ranges: Ranges that a fit stores: smallest and largest value by channel, and of `frequency` [Hz].
-    """
-    return (*_amplitudes(series, ranges), *_frequencies(series, ranges))
-
-
-def is_gentle(series: TimeSeries, ranges: Ranges) -> bool:
-    """Return whether all shocks stay below 5 % of the velocities of the tests; False if that is not known."""
-    names = [name for name in ranges if quantity(name) == "velocity" and name in series]
-    return bool(names) and all(_peak(series, name) < _GENTLE * _covered(ranges, name) for name in names)
-
-
-def _amplitudes(series: TimeSeries, ranges: Ranges) -> Iterator[str]:
-    names = [name for name in ranges if name in series and _covered(ranges, name) > 0.0]
-    times = {name: _peak(series, name) / _covered(ranges, name) for name in names}
-    over = sorted((name for name in names if times[name] > _BEYOND), key=lambda name: -times[name])
-    if over:
-        yield f"amplitudes beyond the fit's tests: {', '.join(f'{name} {times[name]:.2g} times' for name in over)}"
-
-
-def _frequencies(series: TimeSeries, ranges: Ranges) -> Iterator[str]:
-    if "frequency" not in ranges:
-        return
-    high = ranges["frequency"][1]
-    shares = {n: _share_above(series, n, high) for n in series.names if quantity(n) in ("velocity", "tire_force")}
-    over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
-    if over:
-        listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
-        yield f"RMS above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
-
-
-def _peak(series: TimeSeries, name: str) -> float:
-    rate = series.sample_rate
-    return float(np.abs(lowpass(series[name], rate, min(_BAND, 0.4 * rate), order=4)).max())
-
-
-def _covered(ranges: Ranges, name: str) -> float:
-    return max(abs(end) for end in ranges[name])
-
-
-def _share_above(series: TimeSeries, name: str, high: float) -> float:
-    lines = np.fft.rfftfreq(len(series), 1.0 / series.sample_rate)
-    power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
-    whole = float(power.sum())
-    return float(np.sqrt(power[lines > high].sum() / whole)) if whole else 0.0
-
-
-# ---- Comparison of an identified vehicle with rig records that it was not fitted to (6.5) ---------------------------
-
-#: Fraction of its mean load at or below which a tire has lifted.
-_LIFTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,13 +171,14 @@ class _Judge:
             "shock laws, ports closed" if laws else "measured shock forces",
             record.series.time,
             notes=(*record.notes, *self._unknown(record, laws)),
-            lifted=_lifted(record),
+            lifted=lifted_tires([record.series], record.means),
             is_fit_record=bool(record.digest) and record.digest in set(self.fit.sources.values()),
         )
         if record.kind == "static":
             return replace(found, holds=static_outputs(record.series, predicted, self._loads))
         measured = self._inside(record.series)
         outputs = compare(measured, self._inside(predicted))
+        ranges = Ranges.of_mapping(self.fit.ranges)
         return replace(
             found,
             time=measured.time,
@@ -257,8 +186,8 @@ class _Judge:
             without_friction=self._without_friction(record, laws, measured),
             sines=self._sines(record, outputs),
             spectra=self._spectra(record, outputs),
-            extrapolations=tuple(f"{record.name}: {text}" for text in beyond(record.series, self.fit.ranges)),
-            is_gentle=is_gentle(record.series, self.fit.ranges),
+            extrapolations=tuple(f"{record.name}: {text}" for text in ranges.beyond(record.series)),
+            is_gentle=ranges.is_gentle(record.series),
         )
 
     def _inside(self, series: TimeSeries) -> TimeSeries:
@@ -267,7 +196,7 @@ class _Judge:
     @property
     def _loads(self) -> list[str]:
         names = self.fit.vehicle.state_space.input_names
-        return [name for name in names if name.rpartition(".")[2] not in ("road", "force")]
+        return [name for name in names if quantity(name) not in ("road", "force")]
 
     def _laws(self, record: RigRecord) -> dict[str, ShockLaw] | None:
         """Return the law of every port, by corner or by the record's name of the shock; None if one is missing."""
@@ -334,14 +263,3 @@ def _around(other: Vehicle, vehicle: IdentifiedVehicle) -> StateSpace:
     coupled = other.coupled()
     damping = {p: c for p, c in vehicle.baseline_damping.items() if channel(p, "force") in coupled.input_names}
     return add_port_damping(coupled, damping)
-
-
-def _lifted(record: RigRecord) -> tuple[str, ...]:
-    """Return the tires that leave the road; empty if the tire forces are changes from rest."""
-    forces = [name for name in record.series.names if name.rpartition(".")[2] == "tire_force"]
-    return tuple(
-        name
-        for name in forces
-        if (mean := record.means.get(name, 0.0)) > record.series[name].std()
-        and mean + float(record.series[name].min()) <= _LIFTED * mean
-    )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.corners import CORNERS
+from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
 from eightpost.signals import TimeSeries
@@ -75,9 +75,9 @@ class Experiment:
         return replace(self, outputs=tuple(name for name in self.outputs if name in kept))
 
 
-def channel(port: str, quantity: str) -> str:
-    """Return the name of a port's channel: `lf.force`, or `force` for a quarter car."""
-    return f"{port}.{quantity}" if port else quantity
+def quantity(name: str) -> str:
+    """Return the quantity of a channel: its name without corner or axle."""
+    return name.rpartition(".")[2]
 
 
 def experiment_of(

@@ -12,10 +12,11 @@ from scipy.fft import next_fast_len
 from scipy.signal import resample
 
 from eightpost.array_types import Array, Complex
+from eightpost.corners import channel
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction
@@ -31,7 +32,7 @@ _SPARE = 2.0
 _POWER_FLOOR = 1e-3
 
 
-class Band(NamedTuple):
+class _Band(NamedTuple):
     """Spectra of all tests around one frequency.
 
     Attributes:
@@ -62,7 +63,7 @@ def _bends(k: int) -> Array:
     return np.linspace(-1.0, 1.0, k)[:, None] ** np.arange(_DEGREE + 1)
 
 
-def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator[Band]:
+def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator[_Band]:
     """Yield the bands from `low` to `high` [Hz].
 
     Args:
@@ -92,7 +93,7 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     active = local > _POWER_FLOOR**2 * local.max(axis=0)
     for k, mask in zip(starts, active, strict=True):
         part = slice(k, k + width)
-        yield Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], mask)
+        yield _Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], mask)
 
 
 def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Complex:
@@ -120,8 +121,14 @@ class _ForceSolution(NamedTuple):
         """Mean of the residual over the outputs."""
         return float(self.residual.mean())
 
+    def estimates(self, ports: Sequence[str]) -> dict[str, ForceEstimate]:
+        """Return the force of every port with its standard deviation, by port."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        pairs = zip(self.forces.tolist(), deviation.tolist(), strict=True)
+        return {port: ForceEstimate(*pair) for port, pair in zip(ports, pairs, strict=True)}
 
-def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> _ForceSolution:
+
+def solve_forces(parts: Sequence[_Band], inputs: int, iterations: int) -> _ForceSolution:
     """Estimate the forces at the ports.
 
     Args:
@@ -144,7 +151,7 @@ def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> _ForceS
     return _ForceSolution(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
 
 
-def _slopes(parts: Sequence[Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
+def _slopes(parts: Sequence[_Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
     weighted = zip(parts, noise, strict=True)
     return for_each(weighted, lambda pair: _BandFit.of(pair[0], inputs, forces).slopes(pair[1]))
 
@@ -157,7 +164,7 @@ class _Slopes(NamedTuple):
 class _BandFit(NamedTuple):
     """Least-squares fit of a band for given forces at the ports."""
 
-    band: Band
+    band: _Band
     inputs: int
     active: NDArray[np.bool_]
     Q: Complex
@@ -165,7 +172,7 @@ class _BandFit(NamedTuple):
     misfit: Complex
 
     @classmethod
-    def of(cls, band: Band, inputs: int, forces: Array) -> _BandFit:
+    def of(cls, band: _Band, inputs: int, forces: Array) -> _BandFit:
         """Fit a band."""
         U = band.U[..., :inputs].copy()
         U[..., inputs - forces.size :] += band.U[..., inputs:] * forces
@@ -310,23 +317,16 @@ class FrictionEstimate:
 
     Attributes:
         friction: Friction by port; forces that are negative or not significant are set to zero.
-        force: Estimated force by port [N].
-        deviation: Standard deviation of the force by port [N], from the scatter over the bands.
+        forces: Estimated force of every port; its standard deviation comes from the scatter over the bands.
         residual: Mean square of the part that no linear response explains, with friction relative to without [1], by
             output.
         profile: Pairs (v_f [m/s], mean of the residual [1]) of all friction velocities that were tried.
     """
 
     friction: Mapping[str, Friction]
-    force: Mapping[str, float]
-    deviation: Mapping[str, float]
+    forces: Mapping[str, ForceEstimate]
     residual: Mapping[str, float]
     profile: tuple[tuple[float, float], ...]
-
-    @property
-    def forces(self) -> Mapping[str, ForceEstimate]:
-        """Estimated force of every port with its standard deviation."""
-        return {port: ForceEstimate(force, self.deviation[port]) for port, force in self.force.items()}
 
     @property
     def acts(self) -> bool:
@@ -369,13 +369,11 @@ def _lowest(profile: Sequence[tuple[float, float]]) -> float:
 def _estimate(
     experiment: Experiment, found: _ForceSolution, width: float, profile: tuple[tuple[float, float], ...]
 ) -> FrictionEstimate:
-    deviation = np.sqrt(np.diag(found.covariance))
-    significant = np.where(found.forces > SIGNIFICANT * deviation, found.forces, 0.0)
-    ports = experiment.ports
+    forces = found.estimates(experiment.ports)
+    significant = {port: one.value if one.value > SIGNIFICANT * one.deviation else 0.0 for port, one in forces.items()}
     return FrictionEstimate(
-        {port: Friction(float(force), width) for port, force in zip(ports, significant, strict=True)},
-        dict(zip(ports, found.forces.tolist(), strict=True)),
-        dict(zip(ports, deviation.tolist(), strict=True)),
+        {port: Friction(force, width) for port, force in significant.items()},
+        forces,
         dict(zip(experiment.outputs, found.residual.tolist(), strict=True)),
         profile,
     )

@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from eightpost.array_types import Array, Complex
 from eightpost.cache import kept
+from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
-from eightpost.ident.vehicle.experiment import channel
 from eightpost.shock import ShockLaw
 from eightpost.shock.compiled import LAW_FILES, law_numbers, law_step
 from eightpost.signals import TimeSeries

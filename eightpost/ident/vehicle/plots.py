@@ -10,9 +10,10 @@ import numpy as np
 
 from eightpost.array_types import Array, Complex
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles.stabilisation import plot_stabilisation
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
+from eightpost.ident.vehicle.trust import Orders
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
+from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save, ticks_at_1_2_5
 
 # ---- Plots of frequency responses -----------------------------------------------------------------------------------
 
@@ -185,6 +186,36 @@ def _decibels(path: Complex) -> Array:
     return np.asarray(20.0 * np.log10(np.where(size > 0.0, size, np.nan)))
 
 
+# ---- Stabilisation diagram: poles of models of increasing order, and which of them are stable ------------------------
+
+
+def _plot_stabilisation(orders: Orders, path: Path) -> None:
+    """Write a PNG of the poles over frequency and order, and of the gaps of the singular values."""
+    figure = new_figure(11.0, 4.6)
+    poles, gaps = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
+    _draw_poles(poles, orders)
+    gaps.barh([one.states for one in orders.tried], [one.gap for one in orders.tried], height=1.2)
+    gaps.axhline(orders.chosen, color="tab:red", linewidth=1.0)
+    gaps.axvline(CLEAR_GAP, color="0.5", linewidth=1.0, linestyle="--", label="clear gap")
+    gaps.set(title="gap", xlabel="ratio to next singular value", xscale="log")
+    ticks_at_1_2_5(gaps)
+    gaps.legend(fontsize="small", loc="upper right")
+    save(figure, path, format="png")
+
+
+def _draw_poles(axes: Axes, orders: Orders) -> None:
+    placed = [(one.states, pole) for one in orders.tried for pole in one.poles if pole.frequency <= 1.2 * orders.high]
+    for steady, marker, label in ((True, "o", "stable"), (False, "x", "not stable")):
+        chosen = [(pole.frequency, states) for states, pole in placed if pole.steady is steady]
+        axes.plot([f for f, _ in chosen], [states for _, states in chosen], marker, markersize=5, label=label)
+    why = "a clear gap" if orders.is_clear else "no clear gap"
+    axes.axhline(orders.chosen, color="tab:red", linewidth=1.0, label=f"{orders.chosen} states, {why}")
+    top = orders.tried[-1].states + 5.0  # space for the legend
+    axes.set(title="stabilisation diagram", xlabel="frequency [Hz]", ylabel="states", ylim=(0.0, top))
+    axes.legend(loc="upper left", ncols=3, fontsize="small")
+    axes.grid(alpha=0.3)
+
+
 # ---- All plots of an identification ---------------------------------------------------------------------------------
 
 #: Key outputs: shock velocities, and the outputs that setups are judged by.
@@ -197,5 +228,5 @@ def plot_identification(fit: VehicleFit, folder: Path, outputs: Literal["none", 
     drawn = plot_fits(fit, names, folder)
     if outputs != "none" and fit.trust is not None and fit.trust.orders is not None:
         drawn.append(folder / "stabilisation.png")
-        plot_stabilisation(fit.trust.orders, drawn[-1])
+        _plot_stabilisation(fit.trust.orders, drawn[-1])
     return drawn

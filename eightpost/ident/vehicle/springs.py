@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eightpost.corners import channel
 from eightpost.ident.response.records import gather
-from eightpost.ident.vehicle.experiment import Experiment, channel
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
@@ -51,11 +52,7 @@ class SpringSearch:
         found = solve_forces(
             list(bands(records, low=self.low, high=self.high, inputs=count)), count, iterations=self.iterations
         )
-        deviation = np.sqrt(np.diag(found.covariance))
-        return {
-            port: ForceEstimate(float(force), float(spread))
-            for port, force, spread in zip(experiment.ports, found.forces, deviation, strict=True)
-        }
+        return found.estimates(experiment.ports)
 
 
 def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate]) -> str | None:

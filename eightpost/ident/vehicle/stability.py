@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from eightpost.array_types import Array
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.corners import channel
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, kernel
 
 # ---- Exact discretisation of models whose states form many independent parts, such as parallel sections -------------
@@ -62,21 +62,20 @@ class Stability(NamedTuple):
         return f"UNSTABLE: with dampers of {rates} N.s/m a motion grows at a rate of {self.growth:.2g} 1/s"
 
 
-def closed_loop_stability(vehicle: IdentifiedVehicle, factors: Sequence[float] = FACTORS) -> Stability:
-    """Return the stability of the loop closed with linear dampers, changed all together and one at a time.
+def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
+    """Return the stability of the loop closed with linear dampers, changed by `FACTORS` all together and one at a time.
 
     Only the states between shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as
     fitted.
 
     Args:
         vehicle: Identified continuous vehicle.
-        factors: Dampers to try, relative to the baseline damping [1].
     """
     ports = tuple(vehicle.baseline_damping)
     loop = _port_model(vehicle.state_space, ports)
     baseline = np.array([vehicle.baseline_damping[port] for port in ports])
     worst, growth, tried = baseline, -np.inf, 0
-    for scale in _scales(len(ports), factors):
+    for scale in _scales(len(ports)):
         closed = loop.A + loop.B @ np.diag((scale - 1.0) * baseline) @ loop.C
         largest = float(np.linalg.eigvals(closed).real.max(initial=-np.inf))
         tried += 1
@@ -91,12 +90,12 @@ class _Ports(NamedTuple):
     C: Array
 
 
-def _scales(ports: int, factors: Sequence[float]) -> Iterator[Array]:
+def _scales(ports: int) -> Iterator[Array]:
     yield np.ones(ports)
-    for factor in factors:
+    for factor in FACTORS:
         yield np.full(ports, factor)
     if ports > 1:
-        for port, factor in product(range(ports), factors):
+        for port, factor in product(range(ports), FACTORS):
             yield np.where(np.arange(ports) == port, factor, 1.0)
 
 

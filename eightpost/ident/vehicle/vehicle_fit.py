@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -114,7 +114,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             str(content["recipe"]),
             read_response(_response_path(path)),
             {str(name): float(value) for name, value in content["residual"].items()},
-            tuple(_texts(content["notes"])),
+            tuple(str(note) for note in content["notes"]),
             float(content["seconds"]),
             bool(content["stable"]),
             {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
@@ -123,10 +123,6 @@ def read_fit(path: str | Path) -> VehicleFit:
     except MALFORMED as error:
         what = f"is not a complete fit as this version writes it ({error}); identify again"
         raise FileFormatError(what, path=fit_path(path)) from error
-
-
-def _texts(notes: Sequence[Any]) -> list[str]:
-    return [str(note) for note in notes]
 
 
 def _fit_content(path: Path) -> dict[str, Any]:

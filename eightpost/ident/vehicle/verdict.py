@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.experiment import channel
+from eightpost.corners import CORNERS, channel
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.console import Table, console_table, right

@@ -79,14 +79,6 @@ class Fluid:
         """Return the fluid volume at atmospheric pressure that is in a unit of rigid chamber volume [1]."""
         return math.exp((pressure - ATMOSPHERE) / self.wall_modulus) / self.expansion(pressure)
 
-    def effective_modulus(self, pressure: float) -> float:
-        """Return the effective bulk modulus B_e [Pa] of fluid and wall at an absolute pressure [Pa]."""
-        gas = self.free_gas(pressure)
-        phi = self.expansion(pressure)
-        oil = (phi - gas) / self.bulk_modulus
-        bubbles = gas / (self.gas_exponent * (pressure - self.vapour_pressure))
-        return 1.0 / (1.0 / self.wall_modulus + (oil + bubbles) / phi)
-
 
 # ---- Cylinder, rod, gas chamber and seals ---------------------------------------------------------------------------
 

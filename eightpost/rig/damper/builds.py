@@ -66,7 +66,7 @@ BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 
 
 def configuration(number: int) -> PhysicalDamper:
-    """Return a shock of Table 3.1, with a digressive piston.
+    """Return a shock of Table 3.1, with a dished (digressive) main piston and a bleed jet.
 
     Args:
         number: Number of the row in the table, 1 to 12.
@@ -77,11 +77,12 @@ def configuration(number: int) -> PhysicalDamper:
     if number not in CONFIGURATIONS:
         raise ParameterError(f"there is no configuration {number!r}; Table 3.1 has 1 to {len(CONFIGURATIONS)}")
     setting = CONFIGURATIONS[number]
-    return digressive(SHIMS_OF_BUILD[setting.build], clicks=setting.clicks, gas_pressure=setting.gas_pressure)
+    shims, clicks, gas_pressure = SHIMS_OF_BUILD[setting.build], setting.clicks, setting.gas_pressure
+    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
 
 
 def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * _PSI) -> PhysicalDamper:
-    """Return a shock with a linear piston, such as those of Table 7.3.
+    """Return a shock with a flat (linear) main piston, such as those of Table 7.3.
 
     Args:
         name: Codes of the compression and rebound stacks in Table 7.2, such as `C/B`; any of the 19 codes.
@@ -94,22 +95,7 @@ def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * _PSI
     compression, slash, rebound = name.partition("/")
     if not slash:
         raise ParameterError(f"{name!r} is not a build; write it as COMPRESSION/REBOUND, such as {BUILDS[5]}")
-    return linear(Shims(compression, rebound), clicks=clicks, gas_pressure=gas_pressure)
-
-
-def digressive(shims: Shims, *, clicks: int, gas_pressure: float) -> PhysicalDamper:
-    """Return a shock with a dished main piston and a bleed jet, as in the builds of chapter 3.
-
-    Args:
-        shims: Codes of the shim stacks.
-        clicks: Clicks of the rebound bleed adjuster from fully open.
-        gas_pressure: Gauge pressure of the gas [Pa].
-    """
-    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
-
-
-def linear(shims: Shims, *, clicks: int, gas_pressure: float) -> PhysicalDamper:
-    """Return a shock with a flat main piston, as in the builds of chapter 7; see `digressive` for the arguments."""
+    shims = Shims(compression, rebound)
     return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
 
 

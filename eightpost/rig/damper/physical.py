@@ -105,12 +105,9 @@ class PhysicalDamper:
         gas = self.plant.force(self.gas.charge, self.gas.charge)
         return self.plant.force(*self.steady_pressures(velocity)) - gas
 
-    def nominal_damping(self, *, reach: float = convert(10.0, "in/s", "m/s")) -> float:
-        """Fit a line through the origin to the static force from -reach to reach, and return its slope [N.s/m].
-
-        Args:
-            reach: Maximum velocity [m/s]; default 10 in/s.
-        """
+    def nominal_damping(self) -> float:
+        """Fit a line through the origin to the static force from -10 to 10 in/s, and return its slope [N.s/m]."""
+        reach = convert(10.0, "in/s", "m/s")
         speeds = np.linspace(-reach, reach, 81)
         forces = np.array([self.static_force(speed) for speed in speeds.tolist()])
         return float(speeds @ forces / (speeds @ speeds))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -236,7 +236,7 @@ class Orifices:
     """
 
     discharge: float = 0.7
-    transition: float = field(default=20e3)
+    transition: float = 20e3
 
 
 # ---- Detection of cavitation during a run ---------------------------------------------------------------------------

@@ -1,14 +1,12 @@
-"""The virtual rig as a bench: shocks by their names, tests by their names, and records with their conditions."""
+"""The virtual rig as a bench: tests by their names, and records with their conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from eightpost import __version__, units
-from eightpost.errors import InputError, ParameterError
-from eightpost.rig.damper import configuration, shim_build
+from eightpost.errors import InputError
 from eightpost.rig.post.car import Car
 from eightpost.rig.post.channels import RigSensors
 from eightpost.rig.post.drivefiles import random_drive, sine_drive, static_drive, track_drive
@@ -22,51 +20,9 @@ from eightpost.rig.post.program import (
     run_test,
 )
 from eightpost.rig.post.rig_test import RigConditions, RigTest
-from eightpost.rig.post.shocks import LinearDamper, Shock
+from eightpost.rig.post.shocks import shocks_named
 from eightpost.rig.post.truths import TRUTHS
-from eightpost.rig.truth_damper import demo_damper
-from eightpost.shock.file import read_shock
 from eightpost.signals.drivefile import Drivefile
-
-# ---- Shocks by their names ------------------------------------------------------------------------------------------
-
-
-def shocks_named(names: Iterable[str]) -> dict[str, Shock]:
-    """Return each different shock by its name: 'demo:A', 'configuration:1', 'build:C/B', a damping, or a shock.json.
-
-    Raises:
-        InputError: A name does not exist.
-    """
-    return {name: _shock(name) for name in dict.fromkeys(names)}
-
-
-def _shock(name: str) -> Shock:
-    kind, _, own_name = name.partition(":")
-    try:
-        if kind == "demo" and own_name:
-            return demo_damper(own_name)
-        if kind == "configuration" and own_name:
-            return configuration(int(own_name))
-        if kind == "build" and own_name:
-            return shim_build(own_name)
-    except ValueError as error:
-        raise InputError(f"--shock {name}: {error}") from error
-    if Path(name).suffix == ".json":
-        return read_shock(name).law
-    return LinearDamper(_damping(name))
-
-
-def _damping(text: str) -> float:
-    try:
-        damping = float(units.convert(*units.quantity(text), "N.s/m"))
-    except InputError as error:
-        raise InputError(f"--shock {text!r}: {error}") from error
-    if not damping > 0.0:
-        raise ParameterError(f"--shock must be above 0, not {text!r}")
-    return damping
-
-
-# ---- The bench ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 
 # ---- Car on the virtual rig -----------------------------------------------------------------------------------------
 
@@ -81,7 +82,7 @@ class Car:
 
     def named(self, quantity: str) -> tuple[str, ...]:
         """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
-        return tuple(f"{corner}.{quantity}" if corner else quantity for corner in self.corners)
+        return tuple(channel(corner, quantity) for corner in self.corners)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -94,9 +95,6 @@ class Car:
 
 
 # ---- Nonlinear elements of the cars ---------------------------------------------------------------------------------
-
-#: Minimum sliding velocity [m/s]; below it the state of the friction does not change.
-_STILL = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,18 +114,6 @@ class Springs:
     progression: Array
     stop_gap: Array
     stop_rate: Array
-
-    def force(self, compression: Array) -> Array:
-        """Return the change F of the force from static (C, B) [N] at a compression (C, B) [m]."""
-        spring = self.rate * compression * (1.0 + self.progression * compression)
-        into = np.maximum(compression - self.stop_gap, 0.0)
-        return np.asarray(spring + self.stop_rate * into * into)
-
-    def energy(self, compression: Array) -> Array:
-        """Return the change of stored energy from static (C, B) [J], without the work of the static force."""
-        into = np.maximum(compression - self.stop_gap, 0.0)
-        spring = self.rate * compression**2 * (0.5 + self.progression * compression / 3.0)
-        return np.asarray(spring + self.stop_rate * into**3 / 3.0)
 
     @classmethod
     def linear(cls, rate: Array) -> Springs:
@@ -150,10 +136,6 @@ class Tires:
     damping: Array
     static_load: Array
 
-    def force(self, deflection: Array, speed: Array) -> Array:
-        """Return the change of the tire force from static (C, B) [N], with the minimum -W."""
-        return np.asarray(np.maximum(self.stiffness * deflection + self.damping * speed, -self.static_load))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Friction:
@@ -174,20 +156,6 @@ class Friction:
     breakaway: Array
     stiffness: Array
     stribeck_velocity: float = 0.01
-
-    def bend(self, before: Array, velocity: Array, step: float) -> Array:
-        """Return the exact bristle deflection z (C, B) [m] after `step` [s] at a constant velocity (C, B) [m/s]."""
-        speed = np.abs(velocity)
-        ratio = velocity / self.stribeck_velocity
-        level = self.coulomb + (self.breakaway - self.coulomb) * np.exp(-ratio * ratio)
-        reach = np.maximum(level, 1e-9) / self.stiffness
-        steady = np.sign(velocity) * reach
-        after = steady + (before - steady) * np.exp(-speed * step / reach)
-        return np.asarray(np.where(speed > _STILL, after, before))
-
-    def force(self, bend: Array) -> Array:
-        """Return the friction force F (C, B) [N], positive in compression."""
-        return np.asarray(self.stiffness * bend)
 
     def scaled(self, factor: float) -> Friction:
         """Return a friction with forces multiplied by `factor` and the same presliding distance."""

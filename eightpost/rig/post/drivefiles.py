@@ -22,80 +22,11 @@ if TYPE_CHECKING:
     from eightpost.rig.post.car import Car, Geometry
 
 
-# ---- Inputs of the integration --------------------------------------------------------------------------------------
-
 #: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
 RATE, STEPS = 1250.0, 4
 
 #: Duration of the lead-in before each record, in which the car comes into motion [s]; it is not recorded.
 LEAD = 6.0
-
-
-class Drives:
-    """Drives of all runs as cubic Hermite splines through their samples.
-
-    During the lead-in, the drive is its first sample multiplied by a factor that grows from 0 to 1 over the first third
-    of the lead-in.
-
-    Attributes:
-        lead: Number of samples of the lead-in.
-        values: Roads and loads (N, U) of each run, contiguous in memory by rows.
-        slopes: Changes of the values per sample (N, U).
-        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
-        weights: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
-    """
-
-    def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
-        """Prepare the drives.
-
-        Args:
-            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share an array.
-            lead: Number of samples of the lead-in.
-            steps: Number S of integration steps per sample.
-        """
-        self.lead = lead
-        own = {id(values): values for values in inputs}
-        rows = {key: np.ascontiguousarray(values.T) for key, values in own.items()}
-        slopes = {key: np.gradient(values, axis=0) for key, values in rows.items()}
-        self.values = [rows[id(values)] for values in inputs]
-        self.slopes = [slopes[id(values)] for values in inputs]
-        self.growth = _growth(lead, self.samples)
-        self.weights = np.stack(_hermite(np.arange(1, steps + 1) / steps))
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of the longest run."""
-        return max(len(values) for values in self.values)
-
-    def between(self, sample: int) -> tuple[Array, Array]:
-        """Return values and slopes [1/s] (S, U, B) of all runs after each step from `sample` to the next."""
-        knots = np.stack([*self._at(sample), *self._at(sample + 1)])  # (4, B, U)
-        values, slopes = (np.einsum("sk,kbu->sub", weights, knots) for weights in self.weights)
-        return values, slopes * RATE
-
-    def _at(self, sample: int) -> tuple[Array, Array]:
-        """Return the values and slopes per sample (B, U) of every run at a sample."""
-        growth, rise = self.growth[sample + self.lead]
-        places = [min(max(sample, 0), len(rows) - 1) for rows in self.values]
-        values = np.stack([rows[place] for rows, place in zip(self.values, places, strict=True)])
-        slopes = np.stack([rows[p] * float(p == sample) for rows, p in zip(self.slopes, places, strict=True)])
-        return values * growth, slopes * growth + values * rise
-
-
-def _growth(lead: int, samples: int) -> Array:
-    """Return the factor of the drive, a raised cosine, and its change per sample (lead + samples + 1, 2)."""
-    ramp = max(lead // 3, 1)
-    share = np.minimum(np.arange(lead + samples + 1) / ramp, 1.0)
-    if lead == 0:
-        share[:] = 1.0
-    return np.stack([0.5 - 0.5 * np.cos(np.pi * share), 0.5 * np.pi / ramp * np.sin(np.pi * share)], axis=1)
-
-
-def _hermite(s: Array) -> tuple[Array, Array]:
-    """Return the weights (S, 4) of value, slope, next value and next slope, for the curve and for its slope."""
-    curve = np.stack([2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=1)
-    slope = np.stack([6 * s**2 - 6 * s, 3 * s**2 - 4 * s + 1, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], axis=1)
-    return curve, slope
 
 
 # ---- Drive files of the quarter-car rig (4.5.1) and of the 8-post rig (6.1.3) with commands at 1250 Hz --------------
@@ -164,13 +95,14 @@ def random_drive(
     return _drivefile(car, count, commands)
 
 
-def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEAK) -> Drivefile:
+def quarter_random(seed: int, *, duration: float = 120.0) -> Drivefile:
     """Return the random test of 4.5.1: a multisine with the spectrum of Table 4.3 in steps of 0.1 Hz on `road` [m].
+
+    The peak amplitude is that of the 8-post rig, because 4.5.1 does not state it.
 
     Args:
         seed: Seed of the phases.
         duration: Duration [s]; default 120. The signal repeats every 10 s.
-        peak: Peak amplitude [m]; default that of the 8-post rig, because 4.5.1 does not state it.
     """
     _check_duration(duration)
     frequencies = np.arange(1, 201) / 10.0
@@ -181,7 +113,7 @@ def quarter_random(seed: int, *, duration: float = 120.0, peak: float = ROAD_PEA
     lines[1:201] = amplitudes * np.exp(1j * phases)
     wave = np.fft.irfft(lines, period)
     count = round(duration * RATE) + 1
-    values = np.resize(wave * (peak / np.abs(wave).max()), count)
+    values = np.resize(wave * (ROAD_PEAK / np.abs(wave).max()), count)
     return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, _with_loads({"road": values}, count)))
 
 
@@ -329,7 +261,7 @@ _LAP = replace(
 )
 
 
-def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LAP_ROAD) -> Drivefile:
+def track_drive(car: Car, seed: int, *, duration: float = 33.0) -> Drivefile:
     """Return a synthetic lap for a four-wheeled car; the aeroloaders apply the loads if the car has any.
 
     The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.
@@ -338,7 +270,6 @@ def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LA
         car: Car whose inputs are commanded.
         seed: Seed of the noise generator.
         duration: Duration [s]; all channels grow from their means during the first second.
-        road: Root mean square of the four roads together [m].
 
     Raises:
         ParameterError: The car does not have four wheels, or the duration is not positive.
@@ -348,7 +279,7 @@ def track_drive(car: Car, seed: int, *, duration: float = 33.0, road: float = LA
     _check_duration(duration)
     lap = track_drivefile(seed, duration=duration, rate=RATE, track=_LAP).series
     roads = np.stack([lap[name] for name in car.named("road")])
-    roads *= road / np.sqrt(np.mean(roads**2))
+    roads *= LAP_ROAD / np.sqrt(np.mean(roads**2))
     channels = {name: ("m", row) for name, row in zip(car.named("road"), roads, strict=True)}
     if car.loads == car.named("aero"):
         means = [_mean_load(car, name) for name in car.loads]

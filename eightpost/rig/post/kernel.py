@@ -1,4 +1,4 @@
-"""Compiled integration of the virtual rig for one run of one car, with the same steps as `reference_march`.
+"""Compiled integration of the virtual rig for one run of one car.
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
@@ -227,7 +227,7 @@ def _spring(spring: Array, s: float) -> float:
 
 @_compile
 def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
-    """Return the bristle deflection after a step at a constant velocity, like `Friction.bend`."""
+    """Return the bristle deflection of `Friction` [m] after a step at a constant velocity, exactly."""
     speed, ratio = abs(velocity), velocity / friction[3]
     if speed <= _STILL:
         return before
@@ -241,7 +241,11 @@ def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
 def _shock(
     kind: int, n: Array, law: Any, state: Array, before: float, after: float, place: float, h: float, work: Array
 ) -> float:
-    """Return a shock's force [N] after a step and update its states, like `Bank.advance`."""
+    """Return a shock's force [N] after a step h [s], and update its states.
+
+    The port has the velocities `before` and `after` [m/s] at the start and at the end of the step, linear in between,
+    and the displacement `place` [m] at its end.
+    """
     if kind == LINEAR:
         return float(n[0] * after)
     if kind == FLUID:
@@ -352,7 +356,7 @@ def _solve(m: Array, b: Array, x: Array) -> None:
 
 @_compile
 def _physical(n: Array, state: Array, velocity: float, place: float, h: float, work: Array) -> float:
-    """Return the force of a physical damper, like `PhysicalBank`.
+    """Return the force of a physical damper.
 
     The states are two levels, gas volume, seal friction and the displacement of the seals.
     """

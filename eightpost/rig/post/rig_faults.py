@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import hilbert
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import ClippedChannelError, DataError, WrongSignError
 from eightpost.signals import faults
 from eightpost.signals.faults import IN_MEMORY, Origin
@@ -306,14 +307,11 @@ class _ChannelChecks:
         self._series, self._corners, self._origin = series, corners, origin
         self._rate = series.sample_rate
 
-    def _name(self, corner: str, quantity: str) -> str:
-        return f"{corner}.{quantity}" if corner else quantity
-
     def check_dead_channels(self) -> None:
         """Check that every response varies, and every actuator whose command varies."""
         for corner in self._corners:
             for quantity in _RESPONSES:
-                name = self._name(corner, quantity)
+                name = channel(corner, quantity)
                 if name in self._series:
                     faults.check_moves(self._series[name], channel=name, origin=self._origin)
         for name in self._series.names:
@@ -325,7 +323,7 @@ class _ChannelChecks:
         """Check that no measured channel repeats most of its samples."""
         for corner in self._corners:
             for quantity in ("road", *_RESPONSES):
-                name = self._name(corner, quantity)
+                name = channel(corner, quantity)
                 if name in self._series:
                     self._check_not_held(name)
 
@@ -349,9 +347,9 @@ class _ChannelChecks:
         """Check that no load cell is clipped; an unloaded tire with zero force is not clipped."""
         for corner in self._corners:
             for quantity in ("tire_force", "force", "aero"):
-                name = self._name(corner, quantity)
+                name = channel(corner, quantity)
                 if name in self._series:
-                    self._check_not_clipped(name, self._name(corner, "velocity"))
+                    self._check_not_clipped(name, channel(corner, "velocity"))
 
     def _check_not_clipped(self, name: str, velocity: str) -> None:
         values, speed = self._series[name], np.abs(self._series[velocity])

@@ -10,16 +10,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eightpost.corners import CORNERS
+from eightpost.corners import CORNERS, channel
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.filters import velocity_from_displacement
+from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
 from eightpost.signals.raw_record import find_time, mapped_series
-from eightpost.signals.read import read_record
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
@@ -224,7 +224,7 @@ def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[Time
     derived = []
     cutoff = min(CUTOFF, 0.4 * series.sample_rate)
     for corner in corners:
-        velocity, pot = (f"{corner}.{name}" if corner else name for name in ("velocity", "displacement"))
+        velocity, pot = (channel(corner, name) for name in ("velocity", "displacement"))
         if velocity not in series:
             values = velocity_from_displacement(series[pot], series.sample_rate, cutoff)
             series = series.with_channel(velocity, "m/s", values)

@@ -7,27 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.damper import PhysicalDamper
-from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS, Drives
-from eightpost.rig.post.kernel import (
-    FLUID,
-    LAW,
-    LINEAR,
-    NUMBERS,
-    PHYSICAL,
-    STATES,
-    CarNumbers,
-    Inputs,
-    ShockNumbers,
-    march,
-)
-from eightpost.rig.post.shocks import LinearDamper, Shock, ShockSet
+from eightpost.rig.post import kernel
+from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
+from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.truth_damper import TruthDamper
 from eightpost.shock import ShockLaw
 from eightpost.shock.compiled import LAW_NUMBERS, law_numbers
@@ -40,11 +29,62 @@ if TYPE_CHECKING:
     from eightpost.rig.truth_damper import ValveSide
 
 
+# ---- Inputs of the integration --------------------------------------------------------------------------------------
+
+
+class Drives:
+    """Drives of all runs as cubic Hermite splines through their samples.
+
+    During the lead-in, the drive is its first sample multiplied by a factor that grows from 0 to 1 over the first third
+    of the lead-in.
+
+    Attributes:
+        lead: Number of samples of the lead-in.
+        values: Roads and loads (N, U) of each run, contiguous in memory by rows.
+        slopes: Changes of the values per sample (N, U).
+        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
+        weights: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
+    """
+
+    def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
+        """Prepare the drives.
+
+        Args:
+            inputs: Roads and loads (U, N) of each run at 1250 Hz. Runs may share an array.
+            lead: Number of samples of the lead-in.
+            steps: Number S of integration steps per sample.
+        """
+        self.lead = lead
+        own = {id(values): values for values in inputs}
+        rows = {key: np.ascontiguousarray(values.T) for key, values in own.items()}
+        slopes = {key: np.gradient(values, axis=0) for key, values in rows.items()}
+        self.values = [rows[id(values)] for values in inputs]
+        self.slopes = [slopes[id(values)] for values in inputs]
+        self.growth = _growth(lead, max(map(len, self.values)))
+        self.weights = np.stack(_hermite(np.arange(1, steps + 1) / steps))
+
+
+def _growth(lead: int, samples: int) -> Array:
+    """Return the factor of the drive, a raised cosine, and its change per sample (lead + samples + 1, 2)."""
+    ramp = max(lead // 3, 1)
+    share = np.minimum(np.arange(lead + samples + 1) / ramp, 1.0)
+    if lead == 0:
+        share[:] = 1.0
+    return np.stack([0.5 - 0.5 * np.cos(np.pi * share), 0.5 * np.pi / ramp * np.sin(np.pi * share)], axis=1)
+
+
+def _hermite(s: Array) -> tuple[Array, Array]:
+    """Return the weights (S, 4) of value, slope, next value and next slope, for the curve and for its slope."""
+    curve = np.stack([2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=1)
+    slope = np.stack([6 * s**2 - 6 * s, 3 * s**2 - 4 * s + 1, 6 * s - 6 * s**2, 3 * s**2 - 2 * s], axis=1)
+    return curve, slope
+
+
 # ---- Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores ------------
 
 
-def _compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
-    """Return the records (N, 3 D + 3 C) of each run, like `reference_march`, using all cores in parallel."""
+def _records(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
+    """Return the records (N, 3 D + 3 C) of each run: q, q', q'', shock, friction and tire forces."""
     own = {id(shock): shock for corners in shocks for shock in corners}
     places = {key: k for k, key in enumerate(own)}
     numbers, bank = _car_numbers(car), _shock_numbers(tuple(own.values()))
@@ -53,8 +93,8 @@ def _compiled_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives)
         which = np.array([places[id(shock)] for shock in shocks[run]])
         values, slopes = drives.values[run], drives.slopes[run]
         records = np.empty((len(values), 3 * car.mass.size + 3 * len(car.corners)))
-        inputs = Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
-        failed = march(numbers, which, bank, inputs, records)
+        inputs = kernel.Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
+        failed = kernel.march(numbers, which, bank, inputs, records)
         if failed >= -drives.lead:
             raise StepError(_divergence_message(car, failed))
         return records
@@ -68,11 +108,11 @@ def _divergence_message(car: Car, sample: int) -> str:
     return f"the motion of the {car.name} diverged near {sample / RATE:.2f} s; check its shocks and its drive"
 
 
-def _car_numbers(car: Car) -> CarNumbers:
+def _car_numbers(car: Car) -> kernel.CarNumbers:
     inverse = (1.0 / car.mass)[:, None]
     springs, tires, friction = car.springs, car.tires, car.friction
     stribeck = np.full_like(friction.coulomb, friction.stribeck_velocity)
-    return CarNumbers(
+    return kernel.CarNumbers(
         np.vstack([car.shock, car.wheel, car.spring]).astype(np.float64),
         np.ascontiguousarray(inverse * np.hstack([-car.shock.T, car.wheel.T, -car.spring.T, car.load.T])),
         np.ascontiguousarray(-inverse * car.stiffness),
@@ -83,8 +123,8 @@ def _car_numbers(car: Car) -> CarNumbers:
     )
 
 
-def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
-    kinds, numbers, starts = [], np.zeros((len(shocks), NUMBERS)), np.zeros((len(shocks), STATES))
+def _shock_numbers(shocks: tuple[Shock, ...]) -> kernel.ShockNumbers:
+    kinds, numbers, starts = [], np.zeros((len(shocks), kernel.NUMBERS)), np.zeros((len(shocks), kernel.STATES))
     laws = np.zeros(len(shocks), LAW_NUMBERS)
     for k, shock in enumerate(shocks):
         kind, row = _numbers_of(shock)
@@ -94,18 +134,18 @@ def _shock_numbers(shocks: tuple[Shock, ...]) -> ShockNumbers:
             starts[k, :3] = shock._rest(0.0)
         if isinstance(shock, ShockLaw):
             laws[k : k + 1] = law_numbers([shock])
-    return ShockNumbers(np.array(kinds), numbers, starts, laws)
+    return kernel.ShockNumbers(np.array(kinds), numbers, starts, laws)
 
 
 def _numbers_of(shock: Shock) -> tuple[int, list[float]]:
     """Return a shock's type and its row of numbers, in the order documented in the kernel."""
     if isinstance(shock, LinearDamper):
-        return LINEAR, [shock.damping]
+        return kernel.LINEAR, [shock.damping]
     if isinstance(shock, TruthDamper):
-        return FLUID, _fluid_numbers(shock)
+        return kernel.FLUID, _fluid_numbers(shock)
     if isinstance(shock, PhysicalDamper):
-        return PHYSICAL, list(_physical_numbers(shock))
-    return LAW, []
+        return kernel.PHYSICAL, list(_physical_numbers(shock))
+    return kernel.LAW, []
 
 
 def _fluid_numbers(damper: TruthDamper) -> list[float]:
@@ -133,72 +173,7 @@ def _passage(passage: Passage) -> tuple[float, ...]:
     return (passage.orifice, passage.transition, passage.opening, passage.port, passage.preload)
 
 
-# ---- Reference integration in numpy ---------------------------------------------------------------------------------
-
-
-def reference_march(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
-    """Return the records (N, 3 D + 3 C) of each run: q, q', q'', shock, friction and tire forces.
-
-    Args:
-        car: Car to simulate.
-        shocks: Shocks at the corners for each run.
-        drives: Drives of the runs.
-    """
-    runs, steps = len(drives.values), drives.weights.shape[1]
-    stepper = _Stepper(car, ShockSet(shocks), 1.0 / (RATE * steps), runs)
-    records = np.empty((drives.samples, 3 * car.mass.size + 3 * len(car.corners), runs))
-    for sample in range(-drives.lead, drives.samples):
-        if sample >= 0:
-            records[sample] = stepper.record()
-        values, slopes = drives.between(sample)
-        for k in range(steps):
-            stepper.step(values[k], slopes[k])
-    return [records[: len(values), :, i] for i, values in enumerate(drives.values)]
-
-
-class _Stepper:
-    """States of all runs, and their integration by one step."""
-
-    def __init__(self, car: Car, shocks: ShockSet, step: float, runs: int) -> None:
-        self._car, self._shocks, self._step = car, shocks, step
-        dofs, corners = car.mass.size, len(car.corners)
-        self._corners = corners
-        self.q, self.v, self.a = (np.zeros((dofs, runs)) for _ in range(3))
-        self._speed, self._bend = np.zeros((corners, runs)), np.zeros((corners, runs))
-        self._shock_force, self._friction, self._tire = (np.zeros((corners, runs)) for _ in range(3))
-        self._ports = np.vstack([car.shock, car.wheel, car.spring])
-        inverse = (1.0 / car.mass)[:, None]
-        self._push = inverse * np.hstack([-car.shock.T, car.wheel.T, -car.spring.T, car.load.T])
-        self._stiffness, self._damping = -inverse * car.stiffness, -inverse * car.damping
-        self._linear = bool(np.any(car.stiffness) or np.any(car.damping))
-
-    def record(self) -> Array:
-        """Return q, v, a, shock, friction and tire forces, stacked (3 D + 3 C, B)."""
-        return np.vstack([self.q, self.v, self.a, self._shock_force, self._friction, self._tire])
-
-    def step(self, drive: Array, slope: Array) -> None:
-        """Advance by one step, at whose end the inputs are `drive` (U, B) with the slope `slope` (U, B) [1/s]."""
-        h, car, n = self._step, self._car, self._corners
-        self.q = self.q + h * (self.v + (0.5 * h) * self.a)
-        guess = self.v + h * self.a
-        places, speeds = self._ports @ self.q, self._ports @ guess
-        speed = speeds[:n]
-        self._shock_force = self._shocks.advance(self._speed, speed, places[:n], h)
-        self._bend = car.friction.bend(self._bend, 0.5 * (self._speed + speed), h)
-        self._friction = car.friction.force(self._bend)
-        self._tire = car.tires.force(drive[:n] - places[n : 2 * n], slope[:n] - speeds[n : 2 * n])
-        spring = car.springs.force(places[2 * n :])
-        forces = np.vstack([self._shock_force + self._friction, self._tire, spring, drive[n:]])
-        a = self._push @ forces
-        if self._linear:
-            a = a + self._stiffness @ self.q + self._damping @ guess
-        self.v = self.v + (0.5 * h) * (self.a + a)
-        self.a, self._speed = a, self._ports[:n] @ self.v
-
-
 # ---- Simulation of a car on the virtual rig, for several runs or for one drive with many setups ---------------------
-
-Engine = Literal["compiled", "reference"]
 
 #: Number of setups that are computed at once and whose records are in memory together.
 _TOGETHER = 16
@@ -242,9 +217,7 @@ class Motion:
     tire_force: Array
 
 
-def simulate(
-    car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS, engine: Engine = "compiled"
-) -> list[Motion]:
+def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS) -> list[Motion]:
     """Return the motion of the car in every run.
 
     Each run starts at rest. During the lead-in before the record, the roads and loads grow to the values of the first
@@ -255,7 +228,6 @@ def simulate(
         runs: Drives and shocks of the runs.
         lead: Duration of the lead-in [s].
         steps: Number of integration steps per sample; default 4, which is 5 kHz.
-        engine: "compiled" uses all cores; "reference" computes the same steps in Python, equal up to rounding.
 
     Raises:
         ParameterError: A drive lacks an input or has another sample rate, or a run does not have one shock per corner.
@@ -266,9 +238,8 @@ def simulate(
     inputs = {id(run.drive): _inputs(car, run.drive) for run in runs}
     drives = Drives([inputs[id(run.drive)] for run in runs], round(lead * RATE), steps)
     shocks = [run.shocks for run in runs]
-    march = _compiled_march if engine == "compiled" else reference_march
     with np.errstate(over="ignore", invalid="ignore"):
-        records = march(car, shocks, drives)
+        records = _records(car, shocks, drives)
     return [_motion(car, run, inputs[id(run.drive)], rows) for run, rows in zip(runs, records, strict=True)]
 
 

@@ -20,7 +20,6 @@ _POUND = convert(1.0, "lbf", "N")
 _RATE = convert(1.0, "lbf/in", "N/m")
 _DAMPING = convert(1.0, "lbf.s/in", "N.s/m")
 _MASS = convert(1.0, "lbm", "kg")
-_INERTIA = _MASS * _INCH**2
 
 
 def _column(values: Sequence[float], unit: float = 1.0) -> Array:

@@ -7,7 +7,7 @@ from eightpost.app.build import build as command
 
 
 def test_the_command_reports_the_assembled_parts(system_file, tmp_path, toolchain, monkeypatch):
-    monkeypatch.setattr("builder.assembly.assembled.find_toolchain", lambda: toolchain)
+    monkeypatch.setattr("builder.assembly.assembled_fmu.find_toolchain", lambda: toolchain)
     output = tmp_path / "dist" / "car_with_shocks.fmu"
     ran = CliRunner().invoke(command, ["--assemble", str(system_file), "-o", str(output)], env={"COLUMNS": "200"})
     assert ran.exit_code == 0, ran.output

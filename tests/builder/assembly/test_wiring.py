@@ -42,7 +42,7 @@ def test_the_documented_code_writes_a_package(dist):
 
 
 def test_the_documented_code_assembles_an_fmu(dist, toolchain, monkeypatch):
-    monkeypatch.setattr("builder.assembly.assembled.find_toolchain", lambda: toolchain)
+    monkeypatch.setattr("builder.assembly.assembled_fmu.find_toolchain", lambda: toolchain)
     path = names_after("assembly.md")["assembled"].path
     assert path == Path("dist/corner.fmu") and fmu_identifier(path.stem) == "corner"
     assert FmuComponent(path, "corner").variables["shock.coupling_error"].causality == "output"

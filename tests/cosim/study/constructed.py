@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.study.choice.robust import Uncertain
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Drive, Study, Vehicle
@@ -54,3 +55,9 @@ def result(
     units = dict.fromkeys(responses, "m")
     table = result_table(rows, study_schema(made, units))
     return StudyResult(made, table, Provenance("0" * 64, {}, {}, {}, units))
+
+
+def independent(part: str, parameters: dict[str, tuple[float, float]], **limits: float) -> Uncertain:
+    """Return independent uncertain parameters, given by value and standard deviation."""
+    values, deviations = np.array(list(parameters.values()), dtype=np.float64).reshape(-1, 2).T
+    return Uncertain(part, tuple(parameters), values, np.diag(deviations**2), **limits)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, robust_verdict, run_to_run, spreads_of
+from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, robust_verdict, spreads_of
 from cosim.study.choice.robust_file import read_spreads, write_spreads
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
 
-from .constructed import result, study
+from .constructed import independent, result, study
 
 COVARIANCE = np.array([[4e-4, -1e-4], [-1e-4, 1e-4]])
 SHOCK = Uncertain("C/B", ("compression_scale", "rebound_scale"), np.array([1.0, 1.0]), COVARIANCE)
@@ -39,7 +39,7 @@ def test_the_same_seed_draws_the_same_studies():
 
 
 def test_only_the_uncertain_part_is_drawn():
-    car = Uncertain.independent("car", {"lf.friction_force": (60.0, 5.0)})
+    car = independent("car", {"lf.friction_force": (60.0, 5.0)})
     for drawn in drawn_studies(study(("front",)), [SHOCK, car], draws=3):
         assert set(drawn.bank["C/B"].parameters) == set(SHOCK.names)
         assert not drawn.bank["C/C"].parameters
@@ -47,13 +47,13 @@ def test_only_the_uncertain_part_is_drawn():
 
 
 def test_draws_are_limited_to_the_bounds():
-    lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-3)}, lowest=1e-4)
+    lag = independent("C/B", {"time_constant": (1e-3, 1e-3)}, lowest=1e-4)
     drawn = parameters(drawn_studies(study(("front",)), [lag], draws=50), "C/B", "time_constant")
     assert drawn.min() == 1e-4
 
 
 def test_one_part_may_have_two_uncertainties():
-    lag = Uncertain.independent("C/B", {"time_constant": (1e-3, 1e-5)})
+    lag = independent("C/B", {"time_constant": (1e-3, 1e-5)})
     drawn = drawn_studies(study(("front",)), [SHOCK, lag], draws=2)[0]
     assert set(drawn.bank["C/B"].parameters) == {"compression_scale", "rebound_scale", "time_constant"}
 
@@ -73,7 +73,7 @@ def test_an_invalid_covariance_is_refused(covariance, what):
 
 def test_the_message_on_an_unknown_part_lists_the_parts():
     with pytest.raises(InputError, match=r"no part 'D/D'.*AA/AA"):
-        drawn_studies(study(("front",)), [Uncertain.independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
+        drawn_studies(study(("front",)), [independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
 
 
 def test_an_error_that_all_setups_share_does_not_hide_which_is_better():
@@ -113,11 +113,6 @@ def test_equal_setups_are_rarely_called_different():
 
 def test_a_failed_setup_is_in_no_group():
     assert [group.tolist() for group in spread([2.0, np.nan, 1.0]).groups()] == [[2], [0]]
-
-
-def test_repeated_runs_of_the_baseline_give_the_run_to_run_deviation():
-    runs = np.array([[1.0, 10.0], [2.0, 10.0], [3.0, 10.0], [4.0, 10.0], [5.0, 10.0]])
-    np.testing.assert_allclose(run_to_run(runs), [np.sqrt(2.5), 0.0])
 
 
 def test_a_spread_contains_the_setups_that_every_draw_has():

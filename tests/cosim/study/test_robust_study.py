@@ -11,18 +11,18 @@ import pytest
 
 from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
-from cosim.study.choice.robust import OBJECTIVE, Draws, Uncertain, drawn_studies, leading, run_draws, spreads_of
+from cosim.study.choice.robust import OBJECTIVE, Draws, drawn_studies, leading, run_draws, spreads_of
 from cosim.study.choice.robust_file import read_uncertainty
 from cosim.study.running.sweep import run_study
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError
 from eightpost.verdict import Verdict
 
-from .constructed import CORNERS, result
+from .constructed import CORNERS, independent, result
 from .coupled import InProcess, study
 
 #: The static force of the stiff build has a standard deviation of 10 %.
-STIFF = Uncertain.independent("stiff", {"compression_scale": (2.0, 0.2), "rebound_scale": (2.0, 0.2)})
+STIFF = independent("stiff", {"compression_scale": (2.0, 0.2), "rebound_scale": (2.0, 0.2)})
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_setups_without_an_uncertain_shock_have_no_spread(exhaustive):
 def test_small_errors_change_a_measure_according_to_its_slope(fmus, exhaustive):
     """Two similar draws are compared with a finite difference of the study itself."""
     folder, nominal = exhaustive
-    car = Uncertain.independent("middle", {"compression_scale": (1.0, 0.01)})
+    car = independent("middle", {"compression_scale": (1.0, 0.01)})
     baseline = nominal.study.baseline_setup.index
     draws = list(run_draws(nominal, folder, InProcess(), Draws((car,), count=5), [baseline]))
     scales = [drawn.study.bank["middle"].parameters["compression_scale"] for drawn in draws]
@@ -56,7 +56,7 @@ def test_small_errors_change_a_measure_according_to_its_slope(fmus, exhaustive):
     for scale in (0.99, 1.01):
         bank["middle"] = replace(bank["middle"], parameters={"compression_scale": scale, "rebound_scale": 1.0})
         changed = replace(nominal, study=replace(nominal.study, bank=bank))
-        same = Uncertain.independent("soft", {"compression_scale": (0.5, 0.0)})
+        same = independent("soft", {"compression_scale": (0.5, 0.0)})
         ends.append(next(run_draws(changed, folder, InProcess(), Draws((same,), count=2), [baseline])))
     difference = (ends[1].values("total tire force")[0] - ends[0].values("total tire force")[0]) / 0.02
     assert slope == pytest.approx(difference, rel=0.05)

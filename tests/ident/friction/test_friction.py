@@ -62,8 +62,8 @@ def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
     found = FrictionSearch().find(rubbing, experiment)
     # The law creeps where the bristle sticks, so up to a tenth of the force is an error of the law, not of the
     # estimate.
-    assert abs(found.force[""] - COULOMB) < 0.1 * COULOMB + 3.0 * found.deviation[""]
-    assert found.deviation[""] < 0.05 * COULOMB
+    assert abs(found.forces[""].value - COULOMB) < 0.1 * COULOMB + 3.0 * found.forces[""].deviation
+    assert found.forces[""].deviation < 0.05 * COULOMB
     assert np.mean(list(found.residual.values())) < 0.6
     assert "N" in found.summary()
 
@@ -73,7 +73,7 @@ def test_friction_is_not_significant_on_a_car_without_friction(
 ) -> None:
     found = FrictionSearch().find(smooth, experiment)
     assert not found.acts
-    assert abs(found.force[""]) < 4.0 * found.deviation[""]
+    assert abs(found.forces[""].value) < 4.0 * found.forces[""].deviation
     assert "No significant friction" in found.summary()
 
 
@@ -82,7 +82,7 @@ def test_friction_that_follows_the_law_is_found_within_its_deviation(
 ) -> None:
     law = Friction(-50.0, 0.006)  # subtracting 50 N from the measured forces makes a friction of 50 N
     found = FrictionSearch(velocities=(0.006,)).find([with_friction(test, {"": law}) for test in smooth], experiment)
-    assert found.force[""] == pytest.approx(50.0, abs=4.0 * found.deviation[""] + 0.05)
+    assert found.forces[""].value == pytest.approx(50.0, abs=4.0 * found.forces[""].deviation + 0.05)
     assert found.friction[""].velocity == pytest.approx(0.006)
 
 

@@ -25,6 +25,7 @@ from eightpost.ident.vehicle.common_poles.refinement import (
     without_integrals,
 )
 from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
+from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 Channels = tuple[Channel, ...]
@@ -72,6 +73,9 @@ def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array
 #: Ratio of a singular value to the next one from which the gap is clear [1].
 CLEAR_GAP = 2.0
 
+#: Relative change of frequency and damping ratio below which a pole is stable from one order to the next [1].
+_STEADY_FREQUENCY, _STEADY_DAMPING = 0.01, 0.05
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderStudy:
@@ -113,6 +117,25 @@ class OrderStudy:
         length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
         return self.orders[int(np.argmin(length))]
 
+    @property
+    def candidates(self) -> tuple[OrderCandidate, ...]:
+        """The pole pairs of all orders, each with whether the order before has it too."""
+        tried: list[OrderCandidate] = []
+        before = np.zeros((0, 2))
+        for order, gap, poles in zip(self.orders, self.gaps, self.poles, strict=True):
+            upper = poles[poles.imag > 0.0]
+            now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
+            pairs = tuple(PolePair(float(f), float(d), _is_stable(f, d, before)) for f, d in now)
+            tried.append(OrderCandidate(order, float(gap), pairs))
+            before = now
+        return tuple(tried)
+
+
+def _is_stable(frequency: float, damping: float, before: Array) -> bool:
+    near = np.abs(before[:, 0] - frequency) <= _STEADY_FREQUENCY * frequency
+    similar = np.abs(before[:, 1] - damping) <= _STEADY_DAMPING * abs(damping)
+    return bool((near & similar).any())
+
 
 def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
     """Compare the models of several orders that one subspace gives.
@@ -124,7 +147,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
         orders: Even numbers of states in increasing order.
     """
     values = subspace.values
-    found = [start(points, subspace, order, through)[0] for order in orders]
+    found = [_start(points, subspace, order, through)[0] for order in orders]
     p, m = through.direct.shape
     return OrderStudy(
         orders,
@@ -136,7 +159,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
     )
 
 
-def start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
+def _start(points: Points, subspace: Subspace, order: int, through: Feedthrough) -> tuple[Solution, int]:
     """Return the subspace's model of an order and the number of unstable poles that were mirrored."""
     blocks, C, mirrored = subspace.blocks(order)
     return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
@@ -205,9 +228,9 @@ class CommonPoleFit:
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
-        found, mirrored = start(points, subspace, self.order or study.suggested, plain)
+        found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
         refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
-        return _model(response, joined, points, refined, Start(study, mirrored, found.cost))
+        return _model(response, joined, points, refined, _Start(study, mirrored, found.cost))
 
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
@@ -225,7 +248,7 @@ class CommonPoleFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class _Start:
     """Start model from the subspace method.
 
     Attributes:
@@ -262,13 +285,19 @@ class CommonPoleModel:
     points: Points
     inputs: Channels
     fitted: Channels
-    start: Start
+    start: _Start
     band: tuple[float, float]
 
     @property
     def order(self) -> int:
         """The number of states without the road lags."""
         return self.refined.solution.blocks.states
+
+    @property
+    def orders(self) -> Orders:
+        """The choice of the number of states, with the poles of all orders."""
+        study = self.start.study
+        return Orders(study.candidates, self.order, study.clear and self.order == study.suggested, self.band[1])
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -314,7 +343,7 @@ def state_space(
 
 
 def _model(
-    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: Start
+    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: _Start
 ) -> CommonPoleModel:
     misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
     known = np.maximum(points.known.sum(axis=(1, 2)), 1)

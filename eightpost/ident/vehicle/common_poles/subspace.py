@@ -60,19 +60,18 @@ class Subspace:
         return *blocks_of(poles, shapes), mirrored
 
 
-def subspace_of(points: Points, *, max_states: int, block_rows: int | None = None) -> Subspace:
+def subspace_of(points: Points, *, max_states: int) -> Subspace:
     """Return the subspace of a response.
 
     Args:
         points: Response values.
         max_states: Highest order that will be requested.
-        block_rows: Number of block rows q; None uses twice as many as `max_states` needs, at least 8.
 
     Raises:
         TooShortError: The response has too few values for the number of states.
     """
     p = len(points.H)
-    q = block_rows or max(8, 2 * (-(-max_states // p) + 1))
+    q = max(8, 2 * (-(-max_states // p) + 1))  # block rows: twice as many as needed, at least 8
     alpha = _MIDDLE * float(np.abs(points.s).max())
     columns = [_columns(points, j, q, alpha) for j in range(points.H.shape[1])]
     stacked = np.concatenate(columns, axis=1)

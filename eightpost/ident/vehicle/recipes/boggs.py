@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import process_time
 from typing import NamedTuple
 
@@ -15,8 +15,8 @@ from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, Same
 from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.records import Records, gather
-from eightpost.ident.vehicle.balanced import balance
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.parallel import balance
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
@@ -147,11 +147,6 @@ def chapter_of(experiment: Experiment) -> Chapter:
     if len(experiment.ports) == 1:
         return CHAPTER_4
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
-
-
-def _unconditioned(chapter: Chapter) -> Chapter:
-    """Return the settings without preconditioning of the responses."""
-    return replace(chapter, preconditioning=None)
 
 
 class _Estimate(NamedTuple):

@@ -10,14 +10,12 @@ from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe,
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
-    Ranges,
-    orders_of,
     output_trust,
-    ranges_of,
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
+from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
@@ -105,7 +103,7 @@ class CommonPoles:
                 {} if friction is None else friction.forces,
                 springs,
                 flags,
-                orders_of(found),
+                found.orders,
                 self.samples,
             ),
         )

@@ -1,16 +1,33 @@
-"""The C sources of an assembly: the sources of each kind of part with prefixed names, and the wiring as constants."""
+"""An assembly as one native FMU: its C sources and its file.
+
+The C sources are those of each kind of part with prefixed names, and the wiring as constants.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
+from pathlib import Path
 
+from builder.assembly.documents import assembly_documents
 from builder.assembly.parts import VEHICLE, Part, model_files
-from builder.assembly.plan import Assembly
+from builder.assembly.plan import Assembly, assembly_interface, coupling_step
+from builder.build import fmu_identifier
+from builder.fmu.description import Description
 from builder.fmu.interface import Interface, source_folder
-from builder.native.native_fmu import COMMON
+from builder.native.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
+from builder.native.source_folder import prefix_header
 from builder.native.tables import c_number, interface_header, interface_source, layout
+from builder.native.toolchain import Toolchain, find_toolchain
+from eightpost import __version__
+from eightpost.archive import write_archive
+from eightpost.errors import FmuError
+from eightpost.files import check_output_folder
+from eightpost.wiring import Wiring
+
+# ---- The C sources of an assembly -----------------------------------------------------------------------------------
 
 _OWN = (
     "coupled_start.c",
@@ -39,6 +56,7 @@ def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dic
         "assembly_data.h": _wiring(assembly, interface),
         "interface.h": interface_header(plan, assembly.identifier, guid),
         "interface.c": interface_source(plan, interface.variables),
+        "prefix.h": prefix_header(assembly.identifier),
     }
     return files | {name: text.encode() for name, text in generated.items()}
 
@@ -206,3 +224,71 @@ def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]]
             full = f"{part.name}.{name}"
             feeds.append([first, len(terms), outside.index(full) if full in outside else -1])
     return feeds, terms
+
+
+# ---- The FMU --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An assembled FMU that was written: its file, assembly, interface, platforms, and limits of its toolchain."""
+
+    path: Path
+    assembly: Assembly
+    interface: Interface
+    platforms: tuple[str, ...]
+    limits: str
+
+    @property
+    def coupling_step(self) -> float:
+        """Largest micro step of the coupling inside the FMU [s]; the start value of its parameter."""
+        return coupling_step(self.interface)
+
+
+def assemble(
+    wiring: Wiring,
+    path: str | Path,
+    *,
+    toolchain: Toolchain | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Assembled:
+    """Write a system as one native FMU; the same system gives the same bytes.
+
+    Args:
+        wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
+        path: FMU file to write; its name must be a C identifier.
+        toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
+        progress: Callback that receives the number of compiled binaries and the total number.
+
+    Raises:
+        FmuError: The system cannot be assembled, or there is no compiler, or it fails.
+    """
+    path = Path(path)
+    if path.stem != fmu_identifier(path.stem):
+        raise FmuError(
+            f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
+            f"{fmu_identifier(path.stem)}.fmu"
+        )
+    check_output_folder(path.parent)
+    assembly = Assembly.of(wiring, path.stem)
+    toolchain = toolchain or find_toolchain()
+    interface = assembly_interface(assembly)
+    (members,) = compiled([_unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
+    write_archive(path, members)
+    platforms = tuple(platform.name for platform in toolchain.platforms)
+    return Assembled(path, assembly, interface, platforms, toolchain.limits)
+
+
+def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
+    """Return the FMU without its binaries."""
+    description = Description(
+        identifier=assembly.identifier,
+        guid="",
+        text=assembly.text,
+        interface=interface,
+        capabilities=CAPABILITIES,
+        generation_tool=f"eightpost {__version__}",
+        exchange=EXCHANGE,
+    )
+    members = assembly_documents(assembly, interface)
+    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid))

@@ -1,4 +1,4 @@
-"""Simulation of an identified vehicle with feedback of the shocks' force differences."""
+"""Simulation of an identified vehicle, with measured shock forces or with shock laws at its ports."""
 
 from __future__ import annotations
 
@@ -6,19 +6,121 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from eightpost.array_types import Array
+from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
+from eightpost.ident.vehicle.friction import with_friction
+from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
-from eightpost.signals.timeseries import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, StateSpace
-from eightpost.vehicle.vehicles import Friction
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
 
-Whole = NDArray[np.intp]
 
+def ports_of(model: StateSpace) -> tuple[str, ...]:
+    """Return the ports of a vehicle, in the order of its inputs."""
+    ports = (n.removesuffix("force").rstrip(".") for n in model.input_names if n.rpartition(".")[2] == "force")
+    return tuple(port for port in ports if channel(port, "velocity") in model.output_names)
+
+
+# ---- Prediction of a rig record -------------------------------------------------------------------------------------
+
+#: Subdivisions of the step that are tried if a steep law prevents the solution of a step.
+_FINER = (1, 2, 4, 8)
+
+
+def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
+    """Return the vehicle's outputs under a record's roads, loads and shock forces, from rest.
+
+        dF = F + F_f tanh(v / v_f) - c v
+
+    with the measured force F and the measured velocity v.
+
+    Args:
+        vehicle: Identified vehicle.
+        record: Record without means; inputs of the vehicle that are not in it are zero.
+    """
+    model = vehicle.state_space
+    whole = with_friction(record, vehicle.friction)
+    u = np.zeros((len(record), len(model.inputs)))
+    for j, name in enumerate(model.input_names):
+        if name in whole:
+            u[:, j] = whole[name]
+    for port in ports_of(model):
+        rate = vehicle.baseline_damping.get(port, 0.0)
+        u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
+    return _named(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
+
+
+def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
+    """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
+
+    Args:
+        vehicle: Identified vehicle, with the friction at its ports.
+        record: Record without means.
+        laws: Shock law of every port.
+    """
+    model, ports = vehicle.state_space, ports_of(vehicle.state_space)
+    drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
+    plain = model.dt is None and all(_is_plain(law) for law in laws.values())
+    if plain and set(vehicle.baseline_damping) == set(laws):
+        bank = [laws[port] for port in vehicle.baseline_damping]
+        return _named(model, record.time, ManySetups(vehicle, bank, drive).run([range(len(bank))])[0])
+    return port_by_port(vehicle, drive, laws)
+
+
+def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
+    """Return the vehicle's outputs with arbitrary shock laws, at the drive's samples.
+
+    Args:
+        vehicle: Identified vehicle, with the friction at its ports.
+        drive: Roads and loads without means.
+        laws: Shock law of every port.
+
+    Raises:
+        StepError: The laws are too stiff even for an eighth of the drive's step.
+    """
+    for finer in _FINER:
+        fine = drive if finer == 1 else drive.resample(finer * drive.sample_rate)
+        try:
+            outputs = simulate_with_shocks(vehicle, laws, fine).select(vehicle.state_space.output_names)
+        except StepError:
+            if finer == _FINER[-1]:
+                raise
+            continue
+        channels = {n: (u, np.interp(drive.time, fine.time, row))
+                    for n, u, row in zip(outputs.names, outputs.units, outputs.values, strict=True)}  # fmt: skip
+        return TimeSeries.from_channels(drive.time, channels)
+    raise AssertionError("one of the steps was the last")
+
+
+def _is_plain(law: ShockLaw) -> bool:
+    """Return whether the compiled loop supports the law's port."""
+    return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
+
+
+def _respond(model: StateSpace, u: Array, step: float) -> Array:
+    """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
+    if model.dt is None:
+        found = discretise_by_parts(model.A, model.B, step)
+        A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
+    else:
+        A, pushed = csr_array(model.A), u[:-1] @ model.B.T
+    C, x, y = csr_array(model.C), np.zeros(len(model.A)), u @ model.D.T
+    for k, push in enumerate(pushed, start=1):
+        x = A @ x + push
+        y[k] += C @ x
+    return np.asarray(y.T)
+
+
+def _named(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+    channels = {c.name: (c.unit, row) for c, row in zip(model.outputs, outputs, strict=True)}
+    return TimeSeries.from_channels(time, channels)
+
+
+# ---- Simulation with arbitrary shock laws ---------------------------------------------------------------------------
 
 _MAX_ITERATIONS = 50
 #: Change of the forces [N] at which the iteration has converged.
@@ -47,10 +149,10 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     """
     loop = _Loop.of(vehicle, shocks, drive)
     outputs, forces = loop.run(drive)
-    channels = {c.name: (c.unit, row) for c, row in zip(loop.model.outputs, outputs, strict=True)}
+    series = _named(loop.model, drive.time, outputs)
     for port, row in zip(loop.ports, forces, strict=True):
-        channels[_channel(port, "force")] = ("N", row)
-    return TimeSeries.from_channels(drive.time, channels)
+        series = series.with_channel(channel(port, "force"), "N", row)
+    return series
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,21 +169,22 @@ class _Loop:
     @classmethod
     def of(cls, vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> _Loop:
         model = vehicle.state_space
-        ports = tuple(n.removesuffix("force").rstrip(".") for n in model.input_names if _is_port(n, model))
+        ports = ports_of(model)
         for port in shocks:
             if port not in ports:
                 raise InputError(
                     f"there is no port {port!r}; the vehicle's ports are {', '.join(map(repr, ports)) or 'none'}"
                 )
-        _check_drive(model, drive)
-        forces = [model.input_names.index(_channel(port, "force")) for port in ports]
-        velocities = [model.output_names.index(_channel(port, "velocity")) for port in ports]
+        _check_drive(model, ports, drive)
+        forces = [model.input_names.index(channel(port, "force")) for port in ports]
+        velocities = [model.output_names.index(channel(port, "velocity")) for port in ports]
         if np.abs(model.D[np.ix_(velocities, forces)]).any():
             raise ParameterError(
                 f"{model.name}: a shock velocity has a direct term in a shock force, which makes an algebraic loop; "
                 "fit these paths with a numerator of lower degree than the denominator"
             )
-        at = [_optional(model.output_names, _channel(port, "displacement")) for port in ports]
+        rows = {name: row for row, name in enumerate(model.output_names)}
+        at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
         laws = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
         friction = np.array([law.force for law in laws]), np.array([law.velocity for law in laws])
@@ -175,24 +278,12 @@ class _Shocks:
         return _Shocks(self.laws, tuple(lagged)), forces
 
 
-def _is_port(name: str, model: StateSpace) -> bool:
-    port = name.removesuffix("force").rstrip(".")
-    return name == _channel(port, "force") and _channel(port, "velocity") in model.output_names
-
-
-def _channel(port: str, kind: str) -> str:
-    return f"{port}.{kind}" if port else kind
-
-
-def _optional(names: Sequence[str], name: str) -> int | None:
-    return names.index(name) if name in names else None
-
-
-def _check_drive(model: StateSpace, drive: TimeSeries) -> None:
+def _check_drive(model: StateSpace, ports: Sequence[str], drive: TimeSeries) -> None:
     if not drive.is_uniform:
         raise InputError("the drive is not evenly sampled; resample it")
+    known = set(model.input_names) - {channel(port, "force") for port in ports}
     for name in drive.names:
-        if name not in model.input_names or _is_port(name, model):
+        if name not in known:
             raise InputError(
                 f"the drive has the channel {name!r}, which is not an input of the vehicle {model.name!r}; leave it out"
             )

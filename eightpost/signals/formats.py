@@ -1,4 +1,4 @@
-"""Reading of records in all formats; the suffix of the file name determines the format."""
+"""Reading and writing of records in all formats; the suffix of the file name determines the format."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
-from eightpost.signals.csv_file import read_csv, read_csv_blocks
-from eightpost.signals.mat_file import read_mat
+from eightpost.signals.csv_file import read_csv, read_csv_blocks, write_csv
+from eightpost.signals.mat_file import read_mat, write_mat
 from eightpost.signals.mdf_file import read_mdf
-from eightpost.signals.parquet_file import read_parquet
+from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import find_time, identity_map, mapped_series
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
+
+# ---- Reading --------------------------------------------------------------------------------------------------------
 
 _READERS = {
     ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat, ".mf4": read_mdf,
@@ -76,3 +78,30 @@ def read_series(
     if channel_map is None:
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)
+
+
+# ---- Writing --------------------------------------------------------------------------------------------------------
+
+_WRITERS: dict[str, Callable[[TimeSeries, Path], None]] = {
+    ".csv": write_csv,
+    ".txt": write_csv,
+    ".parquet": write_parquet,
+    ".mat": write_mat,
+}
+
+
+def write_series(series: TimeSeries, path: str | Path) -> None:
+    """Write a series in SI as .csv, .txt, .parquet or .mat, with full precision.
+
+    The file is replaced atomically. `write_csv`, `write_parquet` and `write_mat` have more options.
+
+    Raises:
+        FileFormatError: The suffix is unknown.
+    """
+    path = Path(path)
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise FileFormatError(
+            f"files with the suffix {path.suffix!r} cannot be written; supported: {', '.join(_WRITERS)}", path=path
+        )
+    writer(series, path)

@@ -1,4 +1,4 @@
-"""Balanced truncation of a parallel model of many single paths.
+"""Linear model of many single paths in parallel, and its reduction by balanced truncation.
 
 154 path fits of order eight have 1200 states, while the car itself has 14 to 20. As the poles are known, both Gramians
 have a closed form in modal coordinates,
@@ -13,6 +13,8 @@ Source: B. C. Moore, "Principal component analysis in linear systems", IEEE Tran
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,48 @@ from scipy.linalg import eigh, svd
 from scipy.sparse import coo_array, csr_array
 
 from eightpost.array_types import Array, Complex
-from eightpost.vehicle.statespace import StateSpace
+from eightpost.errors import ParameterError
+from eightpost.ident.vehicle.rational_fit import TransferFunction
+from eightpost.vehicle.statespace import Channel, StateSpace
+
+
+def parallel_model(
+    paths: Mapping[tuple[str, str], TransferFunction],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
+    *,
+    name: str = "parallel",
+) -> StateSpace:
+    """Return the linear model whose paths are the given transfer functions; each path has its own poles.
+
+    Args:
+        paths: Transfer function by (output, input); missing paths are zero.
+        inputs: Inputs of the model.
+        outputs: Outputs of the model.
+        name: Name of the model.
+
+    Raises:
+        ParameterError: There is no path, or both continuous and discrete ones are given.
+    """
+    rates = {path.dt for path in paths.values()}
+    if len(rates) != 1:
+        raise ParameterError(
+            f"all paths must have the same sample time; the given ones have {sorted(map(str, rates)) or 'none'}"
+        )
+    rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
+    n = sum(path.order for path in paths.values())
+    A, B = np.zeros((n, n)), np.zeros((n, len(columns)))
+    C, D = np.zeros((len(rows), n)), np.zeros((len(rows), len(columns)))
+    at = 0
+    for (output, source), path in paths.items():
+        i, j, part = rows.index(output), columns.index(source), slice(at, at + path.order)
+        sections = path.sections()
+        A[part, part], B[part, j], C[i, part], D[i, j] = sections[0], sections[1][:, 0], sections[2][0], path.direct
+        at += path.order
+    return StateSpace(A, B, C, D, tuple(inputs), tuple(outputs), rates.pop(), name)
+
+
+# ---- Balanced truncation --------------------------------------------------------------------------------------------
 
 #: Eigenvalue of a Gramian, relative to the largest, below which it is a rounding error [1].
 _ROUNDING = 1e-14
@@ -41,8 +84,7 @@ class _BalancedModel(NamedTuple):
     def truncated(self, states: int) -> StateSpace:
         """Return the model of the first `states`; it is stable if the full model is."""
         model, n = self.model, min(states, self.hankel.size)
-        A, B, C = model.A[:n, :n], model.B[:n], model.C[:, :n]
-        return StateSpace(A, B, C, model.D, model.inputs, model.outputs, model.dt, model.name)
+        return replace(model, A=model.A[:n, :n], B=model.B[:n], C=model.C[:, :n])
 
 
 def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _BalancedModel:
@@ -69,8 +111,7 @@ def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _Bala
     to = reached @ (right[kept].T * root)
     back = (seen @ (left[:, kept] * root)).T
     A = back @ (csr_array(model.A) @ to)
-    found = StateSpace(A, back @ model.B, model.C @ to, model.D, model.inputs, model.outputs, None, model.name)
-    return _BalancedModel(found, hankel[kept])
+    return _BalancedModel(replace(model, A=A, B=back @ model.B, C=model.C @ to), hankel[kept])
 
 
 def _pairs(A: Array) -> NDArray[np.intp]:

@@ -1,0 +1,75 @@
+"""Case: what a system file or a package says to run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from cosim.session.automatic import SCHEMES, Automatic
+from cosim.systems.algorithm import Adaptive, Algorithm
+from cosim.systems.scenario import Scenario
+from cosim.systems.system import DEFAULT_STEP, System
+from eightpost.errors import InputError
+from eightpost.wiring import Wiring
+
+#: Tolerances are given in percent.
+PERCENT = 0.01
+
+
+@dataclass(frozen=True)
+class Case:
+    """Contents of a system file or a package, ready to run.
+
+    Attributes:
+        name: Name of the system.
+        system: Components, bonds, connections, values.
+        scenario: Drive, times and recording.
+        algorithm: Algorithm of the run; a package states none.
+        step: Coupling step [s]; None if none is stated.
+        fmus: FMU files by component.
+        notes: Notes for the reader: names that were changed, values that match nothing.
+    """
+
+    name: str
+    system: System
+    scenario: Scenario
+    algorithm: Algorithm | Automatic = field(default_factory=Automatic)
+    step: float | None = None
+    fmus: Mapping[str, Path] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def wiring(self) -> Wiring:
+        """FMUs and connections, for a package (`builder.ssp`) or an assembled FMU (`builder.assembly`)."""
+        step = self.step or DEFAULT_STEP
+        return self.system.wiring(self.fmus, name=self.name, step=step, stop=self.scenario.stop)
+
+    def with_coupling(
+        self, algorithm: str | None = None, step: float | None = None, tolerance: float | None = None
+    ) -> Case:
+        """Return the case with another coupling; None keeps that of the file.
+
+        Args:
+            algorithm: Name of an algorithm; the step of the file is dropped if the algorithm finds its own.
+            step: Coupling step [s].
+            tolerance: Tolerated coupling error [%].
+
+        Raises:
+            InputError: A tolerance is given, but the algorithm has none.
+        """
+        chosen, size = self.algorithm, self.step
+        if algorithm is not None and algorithm != chosen.name:
+            chosen = SCHEMES[algorithm]
+            size = None if isinstance(chosen, Automatic) else size
+        if tolerance is not None:
+            chosen = _with_tolerance(chosen, tolerance)
+        return replace(self, algorithm=chosen, step=size if step is None else step)
+
+
+def _with_tolerance(algorithm: Algorithm | Automatic, percent: float) -> Algorithm | Automatic:
+    if isinstance(algorithm, Automatic):
+        return replace(algorithm, tolerance=percent)
+    if isinstance(algorithm, Adaptive):
+        return replace(algorithm, relative=PERCENT * percent)
+    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
