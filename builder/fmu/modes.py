@@ -85,7 +85,7 @@ class _Dependencies:
         at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
         self.rest = _terms(_states_of(form, at_rest.real, at_rest.imag))  # (n, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
-        self.own = np.eye(len(into), dtype=bool)  # (n, n): a pair's parts depend on each other
+        self.own = np.eye(len(self.into), dtype=bool)  # (n, n): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
 
     def sections(self) -> dict[str, dict[str, tuple[str, ...]]]:

@@ -15,9 +15,6 @@ typedef struct {
     double at[STATE_BLOCKS * BLOCK];
 } Modal;
 
-/* Upper limit of any state, in any unit. */
-static const double LARGEST = 1e150;
-
 /* Memory.state: z, and the corresponding inputs including friction. Outputs are computed when they are read. */
 enum { REACHED = STATE_COUNT };
 
@@ -67,29 +64,6 @@ static inline void add_friction(const Parameters *p, const double *z, double *u)
     for (int i = 0; i < PORT_COUNT; i++) {
         const double v = row_times(C[PORT_OUTPUT[i]], z);
         u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
-    }
-}
-
-/* Limits far below an overflow of an output or of the next step. */
-static inline int is_sound(const Modal *z)
-{
-    double sum[LANES] = {0.0};
-    for (int k = 0; k < STATE_COUNT; k += LANES) {
-        for (int i = 0; i < LANES; i++) {
-            sum[i] += z->at[k + i] * z->at[k + i];
-        }
-    }
-    return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
-}
-
-/* Saves state z, and the inputs there. */
-static inline void reach(Memory *memory, const Modal *z, int rubs)
-{
-    double *u = memory->state + REACHED;
-    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
-    copy_fresh(u, memory->values.named.signals.input, INPUTS);
-    if (rubs) {
-        add_friction(&memory->values.named.parameters, z->at, u);
     }
 }
 

@@ -24,6 +24,9 @@ enum { MOST_DOUBLINGS = 6 };
 static const double SUB_STEP_SHARE = 0.0625;
 static const double MOST_SUB_STEPS = 100000.0;
 
+/* Upper limit of any state, in any unit. */
+static const double LARGEST = 1e150;
+
 /* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
 typedef struct {
     double h;
@@ -222,6 +225,29 @@ double model_output(const Memory *memory, int output)
         y += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
     }
     return OFFSET_OF[output] < 0 ? y : y + memory->values.named.parameters.offset[OFFSET_OF[output]];
+}
+
+/* Limits far below an overflow of an output or of the next step. */
+static int is_sound(const Modal *z)
+{
+    double sum[LANES] = {0.0};
+    for (int k = 0; k < STATE_COUNT; k += LANES) {
+        for (int i = 0; i < LANES; i++) {
+            sum[i] += z->at[k + i] * z->at[k + i];
+        }
+    }
+    return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
+}
+
+/* Saves state z, and the inputs there. */
+static void reach(Memory *memory, const Modal *z, int rubs)
+{
+    double *u = memory->state + REACHED;
+    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
+    copy_fresh(u, memory->values.named.signals.input, INPUTS);
+    if (rubs) {
+        add_friction(&memory->values.named.parameters, z->at, u);
+    }
 }
 
 /* ---- Functions declared in component.h ------------------------------------------------------------------------------ */

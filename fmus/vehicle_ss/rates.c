@@ -37,18 +37,22 @@ double *model_state(Memory *memory, int k)
     return &memory->state[place_of_state(k)];
 }
 
+/* The state stays; the inputs there include friction. */
 int model_evaluate(Memory *memory, void *work, Message *why)
 {
-    Modal z;
+    double u[INPUTS];
+    int finite = 1;
     (void)work;
     (void)why;
-    memset(&z, 0, sizeof z);
-    memcpy(z.at, memory->state, STATE_COUNT * sizeof *memory->state);
-    if (!is_sound(&z)) {
-        return 0;
+    memcpy(u, memory->values.named.signals.input, sizeof u);
+    add_friction(&memory->values.named.parameters, memory->state, u);
+    for (int i = 0; i < INPUTS; i++) {
+        finite &= is_finite(u[i]);
     }
-    reach(memory, &z, has_friction(&memory->values.named.parameters));
-    return 1;
+    if (finite) {
+        memcpy(memory->state + REACHED, u, sizeof u);
+    }
+    return finite;
 }
 
 void model_derivatives(const Memory *memory, void *work, double *rates)
