@@ -102,6 +102,7 @@ class Description:
     co_simulation: Mapping[str, str] | None
     model_exchange: Mapping[str, str] | None
     source_files: tuple[str, ...]
+    exchange_source_files: tuple[str, ...]
     units: tuple[Unit, ...]
     types: Mapping[str, tuple[str, Mapping[str, str]]]
     categories: tuple[str, ...]
@@ -168,7 +169,8 @@ def read_description(root: ET.Element) -> Description:
         attributes=dict(root.attrib),
         co_simulation=_attributes(root.find("CoSimulation")),
         model_exchange=_attributes(root.find("ModelExchange")),
-        source_files=tuple(f.get("name", "") for f in root.iterfind("CoSimulation/SourceFiles/File")),
+        source_files=_source_files(root, "CoSimulation"),
+        exchange_source_files=_source_files(root, "ModelExchange"),
         units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
         types=types,
         categories=tuple(e.get("name", "") for e in root.iterfind("LogCategories/Category")),
@@ -179,6 +181,10 @@ def read_description(root: ET.Element) -> Description:
         sections=frozenset(s for s in SECTIONS if root.find(f"ModelStructure/{s}") is not None),
         unknowns=tuple(_unknown(s, e) for s in SECTIONS for e in root.iterfind(f"ModelStructure/{s}/Unknown")),
     )
+
+
+def _source_files(root: ET.Element, kind: str) -> tuple[str, ...]:
+    return tuple(file.get("name", "") for file in root.iterfind(f"{kind}/SourceFiles/File"))
 
 
 def _attributes(element: ET.Element | None) -> dict[str, str] | None:

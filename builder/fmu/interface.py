@@ -157,7 +157,7 @@ def shock_interface(shock: Shock) -> Interface:
     return replace(
         interface,
         direct={name: tuple(n for n in table["dependencies"][name] if n in known) for name in ("force", *rates)},
-        initial=interface.initial | {name: starts.get(name, ()) for name in (*interface.states, *rates)},
+        initial=dict(interface.initial) | {name: starts.get(name, ()) for name in (*interface.states, *rates)},
     )
 
 

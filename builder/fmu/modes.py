@@ -42,7 +42,8 @@ def with_modes(interface: Interface, model: StateSpace) -> Interface:
         return interface
     variables = (*interface.variables, *_variables(rows, form, _nominals(form, model)))
     named = replace(interface, variables=variables)
-    return replace(named, **_Dependencies(named, model, form).sections())
+    direct, initial = _Dependencies(named, model, form).sections()
+    return replace(named, direct=direct, initial=initial)
 
 
 def _variables(rows: Sequence[Mapping[str, Any]], form: ModalForm, nominals: Array) -> Iterator[Variable]:
@@ -83,12 +84,12 @@ class _Dependencies:
         self.into = _terms(_states_of(form, form.B_re, form.B_im))  # (n, m)
         self.out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T  # (p, n)
         at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
-        self.rest = _terms(_states_of(form, at_rest.real, at_rest.imag))  # (n, m): the steady state of constant inputs
+        self.rest = _terms(_states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag)))  # (n, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
         self.own = np.eye(len(self.into), dtype=bool)  # (n, n): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
 
-    def sections(self) -> dict[str, dict[str, tuple[str, ...]]]:
+    def sections(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
         """Return the fields `direct` and `initial` of the interface."""
         named, states = self.interface, self.interface.states
         inputs, outputs = self.model.input_names, self.model.output_names
@@ -99,7 +100,7 @@ class _Dependencies:
         moved = self.own | (self._of_forces(self.into) @ rubbed)
         for name, by_input, by_state in zip(named.derivatives, self.into, moved, strict=True):
             direct[name] = (*_chosen(inputs, by_input), *_chosen(states, by_state))
-        return {"direct": direct, "initial": dict(named.initial) | self._at_start()}
+        return direct, dict(named.initial) | self._at_start()
 
     def _at_start(self) -> dict[str, tuple[str, ...]]:
         """Return what states depend on at a start in equilibrium, and their derivatives at a start from zero."""

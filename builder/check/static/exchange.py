@@ -103,9 +103,7 @@ def identifier(subject: Subject) -> Iterator[Finding]:
 
 def source_files(subject: Subject) -> Iterator[Finding]:
     """Check that the listed source files of ModelExchange exist."""
-    if subject.root is None:
-        return
-    names = [f.get("name", "") for f in subject.root.iterfind("ModelExchange/SourceFiles/File")]
+    names = subject.description.exchange_source_files if subject.description else ()
     missing = [name for name in names if f"sources/{name}" not in subject.members]
     if missing:
         yield rules.SOURCE_FILES.finding(f"missing in sources/: {listed(missing)}")
