@@ -1,4 +1,4 @@
-"""Model exchange in other tools: FMPy with CVode against co-simulation, and CasADi, which is skipped if not installed."""
+"""Model exchange in FMPy with CVode, against co-simulation, and in CasADi, which is skipped if not installed."""
 
 import fmpy
 import numpy as np
