@@ -31,6 +31,7 @@ import numpy as np
 from builder.build import build
 from eightpost.cache import digest, keep, recall
 from eightpost.corners import CORNERS
+from eightpost.errors import EightpostError
 from eightpost.shock import read_shock
 from eightpost.signals import Drivefile
 from eightpost.vehicle import read_vehicle
@@ -263,10 +264,12 @@ def measure(host: str, loops: Mapping[str, Loop], steps: Any, seconds: float, fo
             case = Case(step, seconds, folder / "shock.fmu", folder / "car.fmu")
             began = clock.process_time()
             try:
-                found = errors(loop(case), seconds)
-            except (ArithmeticError, np.linalg.LinAlgError):  # it diverged
-                found = (float("inf"), float("inf"))
-            rows.append(Row(host, name, step, *found, 1e6 * (clock.process_time() - began) / case.count))
+                found = loop(case)
+            except (ArithmeticError, EightpostError, np.linalg.LinAlgError):  # it diverged
+                found = None
+            cost = 1e6 * (clock.process_time() - began) / case.count
+            worst = (float("inf"), float("inf")) if found is None else errors(found, seconds)
+            rows.append(Row(host, name, step, *worst, cost))
     return rows
 
 
