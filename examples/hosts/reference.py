@@ -125,11 +125,15 @@ def track() -> Callable[[float], Any]:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the car: time (K,) [s], shock velocity (4, K) [m/s], change of the tire force (4, K) [N]."""
+    """Motion of the car: time (K,) [s], shock velocity (4, K) [m/s], change of the tire force (4, K) [N].
+
+    `microseconds` is the processor time of a step of the host, if the host is another process [us].
+    """
 
     time: Any
     velocity: Any
     tire_force: Any
+    microseconds: float | None = None
 
 
 @cache
@@ -269,7 +273,8 @@ def measure(host: str, loops: Mapping[str, Loop], steps: Any, seconds: float, fo
                 found = None
             cost = 1e6 * (clock.process_time() - began) / case.count
             worst = (float("inf"), float("inf")) if found is None else errors(found, seconds)
-            rows.append(Row(host, name, step, *worst, cost))
+            own = None if found is None else found.microseconds
+            rows.append(Row(host, name, step, *worst, cost if own is None else own))
     return rows
 
 
@@ -279,7 +284,7 @@ def table(rows: list[Row]) -> str:
     lines.append(f"{'loop':24} {'step [ms]':>9} {'shock velocity':>15} {'tire force':>11} {'us per step':>12}")
     for row in rows:
         cells = [f"{x:.3g}" if np.isfinite(x) else "diverges" for x in (row.velocity, row.tire_force)]
-        lines.append(f"{row.loop:24} {1e3 * row.step:9g} {cells[0]:>15} {cells[1]:>11} {row.microseconds:12.0f}")
+        lines.append(f"{row.loop:24} {1e3 * row.step:9g} {cells[0]:>15} {cells[1]:>11} {row.microseconds:12.3g}")
     return "\n".join(lines)
 
 
