@@ -5,6 +5,7 @@ python examples/hosts/c_host.py [--steps 8 4 2 1] [--seconds 10]
 
 import subprocess
 import tempfile
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 
@@ -36,18 +37,21 @@ def write_car(path: Path) -> None:
     path.write_text("\n".join(" ".join(repr(float(x)) for x in np.ravel(part)) for part in parts) + "\n")
 
 
-def run(made: Path, loop: str, case: Case) -> Motion:
+def run(make: Callable[[], Path], loop: str, case: Case) -> Motion:
     """Run the program and read its result."""
     folder = case.shock.parent
     if not (folder / "unpacked").exists():
         extract_archive(case.shock, folder / "unpacked")
         write_car(folder / "car.txt")
     result = folder / "result.txt"
-    line = [made, folder / "car.txt", folder / "unpacked", loop, case.step, case.seconds, result]
+    line = [make(), folder / "car.txt", folder / "unpacked", loop, case.step, case.seconds, result]
     ran = subprocess.run(list(map(str, line)), check=True, capture_output=True, text=True)
     table = np.loadtxt(result)
     return Motion(table[:, 0], table[:, 1:5].T, table[:, 5:].T, float(ran.stdout))
 
 
+HOST = "C program, RK4"
+LOOPS = {loop: partial(run, program, loop) for loop in "ABC"}
+
 if __name__ == "__main__":
-    reference.main("C program, RK4", {loop: partial(run, program(), loop) for loop in "ABC"})
+    reference.main(HOST, LOOPS)

@@ -8,6 +8,8 @@ from functools import partial
 import reference
 from c_host import program, run
 
+HOST = "C++ program, Newmark"
+LOOPS = {"C": partial(run, partial(program, "chrono_style.cpp", "-lstdc++"), "C")}
+
 if __name__ == "__main__":
-    made = program("chrono_style.cpp", "-lstdc++")
-    reference.main("C++ program, Newmark", {"C": partial(run, made, "C")})
+    reference.main(HOST, LOOPS)

@@ -114,6 +114,8 @@ def with_states(case: Case) -> Motion:
     return reference.motion(CAR, np.arange(len(rows)) * h, np.array(rows))
 
 
+HOST = "FMPy, RK4"
+LOOPS = {loop: lambda case, loop=loop: held(case, loop) for loop in "JAB"} | {"C": with_states}
+
 if __name__ == "__main__":
-    loops = {loop: lambda case, loop=loop: held(case, loop) for loop in "JAB"}
-    reference.main("FMPy, RK4", loops | {"C": with_states}, package="fmpy")
+    reference.main(HOST, LOOPS, package="fmpy")

@@ -2,15 +2,15 @@
 
    It loads the library of an unpacked .fmu, or calls FMU sources that are linked into the program, and offers three loops.
    Errors below: seven-DOF car, four shocks, RK4, 10 s of track; worst corner, % of the standard deviation of the shock
-   velocity at steps of 4 / 2 / 1 ms (docs/hosts.md). Costs: one shock, on a 2020s desktop processor.
+   velocity at steps of 4 / 2 / 1 ms (docs/hosts.md). Costs: one shock, LPNL2 (benchmarks/force_law.py).
 
-   C  force_law_force, force_law_accept, force_law_jacobian                            0.65 / 0.13 / 0.04 %, 0.2 us
+   C  force_law_force, force_law_accept, force_law_jacobian                            0.65 / 0.13 / 0.04 %, 0.06 us
       The force at any trial point: from the last accepted point, along a ramp of the inputs, without side effects.
       Explicit and implicit integrators, rejected steps, any step size. Needs canGetAndSetFMUstate.
-   B  force_law_extrapolate                                                            3.5 / 0.93 / 0.23 %, 0.1 us
+   B  force_law_extrapolate                                                            3.5 / 0.93 / 0.23 %, 0.09 us
       For hosts that cannot repeat: steps up to now along a ramp, then holds 1.5 F - 0.5 F_old over the next step.
       Second order; stable while c h / m is below about 0.5 (damping, step, mass of the wheel).
-   A  force_law_hold                                                                   6.0 / 2.2 / 0.84 %, 0.1 us
+   A  force_law_hold                                                                   6.0 / 2.2 / 0.84 %, 0.07 us
       Steps over the next step with the velocity of now, and holds the force at its end. First order, always possible.
 
    Use, for each corner (all functions return 0, or -1 with the reason in law.error):
@@ -90,7 +90,9 @@ typedef struct {
     /* The rest is internal. */
     double trial[3], rate;
     int width, ramps, states, has_trial, started;
-    unsigned references[3];
+    unsigned references[3], parameters[32];
+    double parameter_values[32];
+    int parameter_count;
     void *library, *instance, *state;
     char *description, message[256];
     ForceLawCalls calls;
@@ -371,13 +373,19 @@ static inline int force_law_open(ForceLaw *law, const char *folder, const char *
     return force_law_instantiate(law, guid, resources);
 }
 
-/* Sets a Real parameter by name, between open and start. */
+/* Sets a Real parameter by name, between open and start; it is kept by later starts. */
 static inline int force_law_parameter(ForceLaw *law, const char *name, double value)
 {
+    enum { MOST = sizeof law->parameters / sizeof *law->parameters };
     unsigned reference;
     if (force_law_variable(law, name, &reference) != 0) {
         return -1;
     }
+    if (law->parameter_count == MOST) {
+        return force_law_fails(law, "more than %d parameters are set; build the FMU with these values", (int)MOST);
+    }
+    law->parameters[law->parameter_count] = reference;
+    law->parameter_values[law->parameter_count++] = value;
     return force_law_checked(law, law->calls.set_real(law->instance, &reference, 1, &value), name);
 }
 
@@ -512,7 +520,11 @@ static inline int force_law_start(ForceLaw *law, double time, double velocity, d
     if (law->instance == NULL) {
         return force_law_fails(law, "the force law is not open; call force_law_open first");
     }
-    if (law->started && force_law_checked(law, calls->reset(law->instance), "fmi2Reset") != 0) {
+    if (law->started && (force_law_checked(law, calls->reset(law->instance), "fmi2Reset") != 0 ||
+                         force_law_checked(law,
+                                           calls->set_real(law->instance, law->parameters, (size_t)law->parameter_count,
+                                                           law->parameter_values),
+                                           "fmi2SetReal") != 0)) {
         return -1;
     }
     law->started = 1;

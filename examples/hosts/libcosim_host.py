@@ -57,5 +57,8 @@ def jacobi(case: Case) -> Motion:
     return Motion(np.array(found[0][0]) * 1e-9, rows[:4], rows[4:] - still)
 
 
+HOST = "libcosim"
+LOOPS = {"J": jacobi}
+
 if __name__ == "__main__":
-    reference.main("libcosim", {"J": jacobi}, package="libcosimpy")
+    reference.main(HOST, LOOPS, package="libcosimpy")

@@ -46,10 +46,12 @@ def with_held_force(case: Case, kind) -> Motion:
     return reference.motion(CAR, np.arange(len(rows)) * case.step, np.array(rows))
 
 
+HOST = "Python, RK4"
+LOOPS = {
+    "A": lambda case: with_held_force(case, HeldForce),
+    "B": lambda case: with_held_force(case, ExtrapolatedForce),
+    "C": with_force_law,
+}
+
 if __name__ == "__main__":
-    loops = {
-        "A": lambda case: with_held_force(case, HeldForce),
-        "B": lambda case: with_held_force(case, ExtrapolatedForce),
-        "C": with_force_law,
-    }
-    reference.main("Python, RK4", loops)
+    reference.main(HOST, LOOPS)

@@ -259,8 +259,7 @@ Loop = Callable[[Case], Motion]
 
 
 def measure(host: str, loops: Mapping[str, Loop], steps: Any, seconds: float, folder: Path) -> list[Row]:
-    """Run every loop at every step with FMUs that are built in a folder, and return the errors."""
-    build([CAR, SHOCK], folder)
+    """Run every loop at every step with the FMUs in a folder, and return the errors."""
     rows = []
     for name, loop in loops.items():
         loop(Case(steps[-1], 2.0 * steps[-1], folder / "shock.fmu", folder / "car.fmu"))  # compiles and loads
@@ -306,6 +305,7 @@ def main(host: str, loops: Mapping[str, Loop], *, package: str = "") -> None:
     options = parser.parse_args()
     chosen = {name: loops[name] for name in options.loops}
     with tempfile.TemporaryDirectory() as folder:
+        build([CAR, SHOCK], folder)
         rows = measure(host, chosen, [1e-3 * step for step in options.steps], options.seconds, Path(folder))
     print(table(rows))
     if options.json:
