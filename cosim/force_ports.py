@@ -275,7 +275,7 @@ def _blank_motion(count: int) -> force_law.Motion:
         read=reals(count),
         force=reals(count),
         jacobian=reals(count, 2),
-        around=reals(5),
+        around=reals(4),
         states=np.zeros(count, dtype=np.int64),
         failure=np.zeros(3, dtype=np.int64),
     )

@@ -37,8 +37,12 @@ def run(program: Path) -> str:
 
 
 def results() -> list[dict[str, Any]]:
-    """Return the results of all programs, in the order of their names."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("*_host.json"))]
+    """Return the results of all programs, in the order of their names; a diverged run has infinite errors."""
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("*_host.json"))]
+    for row in (row for one in found for row in one["rows"]):
+        for name in ("velocity", "tire_force"):
+            row[name] = math.inf if row[name] is None else row[name]
+    return found
 
 
 def table(found: list[dict[str, Any]]) -> str:

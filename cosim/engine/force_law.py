@@ -61,7 +61,7 @@ class Motion(NamedTuple):
     `clock` (3,): accepted time, trial time, and the time of `reached`; NaN if the FMUs are in no known trial state [s].
     `accepted`, `trial`, `reached` (N, 2): velocity [m/s] and displacement [m]. `values`, `slopes` (N, 2) and `read`
     (N,): numbers in the FMU's own units. `force` (N,) [N]. `jacobian` (N, 2): derivatives of the force with respect to
-    velocity [N.s/m] and displacement [N/m]. `around` (5,): forces about a point. `states` (N,): saved states.
+    velocity [N.s/m] and displacement [N/m]. `around` (4,): slopes about a point. `states` (N,): saved states.
     `failure` (3,): status, corner, refused call.
     """
 
@@ -214,26 +214,23 @@ def accept_points(p: Ports, m: Motion) -> int:
 
 @shared
 def slope_about(p: Ports, m: Motion, i: int, k: int) -> int:
-    """Compute the derivative of corner i's force with respect to its input k: the median of four adjacent slopes.
+    """Compute the derivative of corner i's force with respect to its input k, from four adjacent slopes.
 
-    The forces of shocks have kinks, and tiny jumps where a law divides its step into one more piece: the median ignores
-    one slope that contains a jump, and is the central difference where the force is smooth.
+    The forces of shocks have kinks, and tiny jumps where a law divides its step into one more piece. The mean of the
+    two inner slopes and that of the two outer ones are central differences; the pair that differs less has no jump.
     """
-    place, least, largest, total, before = m.trial[i, k], 0.0, 0.0, 0.0, 0.0
+    place, before, last = m.trial[i, k], 0.0, 0.0
     for j in range(5):
         m.trial[i, k] = place + (j - 2) * p.difference
         if try_point(p, m, i):
             m.trial[i, k] = place
             return 1
-        m.around[j] = m.force[i]
         if j > 0:
-            slope = (m.around[j] - m.around[j - 1]) / (m.trial[i, k] - before)
-            least = slope if j == 1 else min(least, slope)
-            largest = slope if j == 1 else max(largest, slope)
-            total += slope
-        before = m.trial[i, k]
+            m.around[j - 1] = (m.force[i] - last) / (m.trial[i, k] - before)
+        last, before = m.force[i], m.trial[i, k]
     m.trial[i, k] = place
-    m.jacobian[i, k] = 0.5 * (total - least - largest)
+    inner = abs(m.around[1] - m.around[2]) <= abs(m.around[0] - m.around[3])
+    m.jacobian[i, k] = 0.5 * (m.around[1] + m.around[2]) if inner else 0.5 * (m.around[0] + m.around[3])
     return 0
 
 

@@ -321,7 +321,7 @@ static inline int force_law_load(ForceLaw *law, const char *folder, const char *
         "fmi2Instantiate", "fmi2FreeInstance", "fmi2SetupExperiment", "fmi2EnterInitializationMode",
         "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2Reset", "fmi2SetReal", "fmi2GetReal",
         "fmi2SetRealInputDerivatives", "fmi2DoStep", "fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate"};
-    enum { NEEDED = 11, ALL = 14, SLOPES = 9 };
+    enum { NEEDED = 11, ALL = 14, RESET = 6, SLOPES = 9 };
     char path[4096];
     snprintf(path, sizeof path, "%s/binaries/" FORCE_LAW_PLATFORM "/%s" FORCE_LAW_SUFFIX, folder, identifier);
 #ifdef _WIN32
@@ -337,7 +337,7 @@ static inline int force_law_load(ForceLaw *law, const char *folder, const char *
 #endif
     for (int k = 0; k < ALL; k++) {
         void *found = force_law_symbol(law, identifier, names[k]);
-        if (found == NULL && (k == SLOPES ? law->ramps : k < NEEDED || law->states)) {
+        if (found == NULL && k != RESET && (k == SLOPES ? law->ramps : k < NEEDED || law->states)) {
             return force_law_fails(law, "%s has no function %s", path, names[k]);
         }
         memcpy((char *)&law->calls + (size_t)k * sizeof found, &found, sizeof found);
@@ -520,6 +520,9 @@ static inline int force_law_start(ForceLaw *law, double time, double velocity, d
     if (law->instance == NULL) {
         return force_law_fails(law, "the force law is not open; call force_law_open first");
     }
+    if (law->started && calls->reset == NULL) {
+        return force_law_fails(law, "the FMU has no fmi2Reset; close the force law and open it again");
+    }
     if (law->started && (force_law_checked(law, calls->reset(law->instance), "fmi2Reset") != 0 ||
                          force_law_checked(law,
                                            calls->set_real(law->instance, law->parameters, (size_t)law->parameter_count,
@@ -581,11 +584,13 @@ static inline int force_law_accept(ForceLaw *law, double time, double velocity, 
     return 0;
 }
 
-/* Returns the slope of the force about a trial point with respect to its velocity (1) or displacement (2): the median of
-   four adjacent slopes, so that a kink, or a tiny jump where a law divides its step once more, does no harm. */
+/* Returns the slope of the force about a trial point with respect to its velocity (1) or displacement (2): the central
+   difference of the two inner or the two outer of four intervals, whichever pair differs less. The force has tiny jumps
+   where a law divides its step into one more piece, and that pair contains none. */
 static inline int force_law_slope(ForceLaw *law, const double point[3], int which, double *slope)
 {
-    double least = 0.0, largest = 0.0, total = 0.0, last = 0.0, before = 0.0;
+    double slopes[4], last = 0.0, before = 0.0;
+    int inner;
     for (int j = 0; j < 5; j++) {
         double at[3], force = 0.0;
         memcpy(at, point, sizeof at);
@@ -594,15 +599,13 @@ static inline int force_law_slope(ForceLaw *law, const double point[3], int whic
             return -1;
         }
         if (j > 0) {
-            const double one = (force - last) / (at[which] - before);
-            least = j == 1 || one < least ? one : least;
-            largest = j == 1 || one > largest ? one : largest;
-            total += one;
+            slopes[j - 1] = (force - last) / (at[which] - before);
         }
         last = force;
         before = at[which];
     }
-    *slope = 0.5 * (total - least - largest);
+    inner = fabs(slopes[1] - slopes[2]) <= fabs(slopes[0] - slopes[3]);
+    *slope = inner ? 0.5 * (slopes[1] + slopes[2]) : 0.5 * (slopes[0] + slopes[3]);
     return 0;
 }
 

@@ -313,8 +313,13 @@ def main(host: str, loops: Mapping[str, Loop], *, package: str = "", sources: Se
         program = Path(sys.modules["__main__"].__file__ or "")
         record = {"host": host, "package": package, "version": _version(package), "program": program.name}
         lines = sum(_lines(path) for path in (program, *(HERE / name for name in sources)))
-        record |= {"lines": lines, "seconds": options.seconds, "rows": [asdict(row) for row in rows]}
+        record |= {"lines": lines, "seconds": options.seconds, "rows": [_finite(row) for row in rows]}
         options.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+def _finite(row: Row) -> dict[str, Any]:
+    """Return the entries of a row; an infinite error is null in JSON."""
+    return {key: None if value == float("inf") else value for key, value in asdict(row).items()}
 
 
 def _version(package: str) -> str:

@@ -1,6 +1,7 @@
 """Shock FMUs of other makers are force laws: units, signs, names, and with or without ramps and states."""
 
 import math
+import subprocess
 from pathlib import Path
 
 import fmpy
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from eightpost.archive import write_archive
+from cosim.components.rebuild import find_compiler
+from eightpost.archive import extract_archive, write_archive
 from eightpost.errors import FmuError, StepError
 
 SOURCE = Path(__file__).with_name("foreign_shock.c")
@@ -140,3 +142,59 @@ def test_a_refused_step_has_the_fmus_message_and_the_next_evaluation_works(shock
         with pytest.raises(StepError, match=r"'right' .*failed to step.*the piston is too fast.*piston\.speed = -6000"):
             law.force(1e-3, [0.1, 6.0])
         np.testing.assert_array_equal(law.force(1e-3, 0.1), expected)
+
+
+PROGRAM = """
+#include "force_law.h"
+int main(int count, char **arguments)
+{
+    ForceLaw law;
+    double force, damping, stiffness;
+    if (count < 2 || force_law_open(&law, arguments[1], "piston.speed", "piston.travel", "rod.force") != 0) {
+        return 1;
+    }
+    law.scale[0] = law.scale[1] = -1000.0;
+    law.scale[2] = -0.001;
+    int failed = force_law_start(&law, 0.0, 0.2, 0.01, &force) != 0;
+    failed |= force_law_accept(&law, 0.002, -0.1, 0.02, &force) != 0;
+    failed |= force_law_jacobian(&law, 0.003, 0.3, 0.0, &damping, &stiffness) != 0;
+    failed |= force_law_force(&law, 0.003, 0.3, 0.0, &force) != 0;
+    printf("%.17g %.17g %.17g\\n%s\\n", force, damping, stiffness, failed ? law.error : "fine");
+    force_law_close(&law);
+    return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def c_program(tmp_path_factory):
+    """Compile a program that uses examples/hosts/force_law.h with the units and signs of the FMU."""
+    folder, header = tmp_path_factory.mktemp("program"), Path(__file__).parents[3] / "examples" / "hosts"
+    (folder / "program.c").write_text(PROGRAM)
+    try:
+        compiler = find_compiler()
+    except FmuError:
+        pytest.skip("there is no C compiler here")
+    line = [*compiler, "-I", str(header), str(folder / "program.c"), "-o", str(folder / "program"), "-lm", "-ldl"]
+    subprocess.run(line, check=True)
+    return folder / "program"
+
+
+@pytest.mark.parametrize("flags", [(RAMPS, STATES, ANY_STEP), (STATES, ANY_STEP)])
+def test_the_header_for_c_gives_the_same_forces(shock, c_program, tmp_path, flags):
+    path = shock(*flags)
+    extract_archive(path, tmp_path / "unpacked")
+    ran = subprocess.run([c_program, tmp_path / "unpacked"], capture_output=True, text=True, check=True)
+    numbers, end = ran.stdout.splitlines()
+    with ForceLaw(path, ports=PORTS) as law:
+        law.start(0.0, 0.2, 0.01)
+        law.accept(2e-3, -0.1, 0.02)
+        expected = [law.force(3e-3, 0.3, 0.0), *law.jacobian(3e-3, 0.3, 0.0)]
+    assert end == "fine"
+    np.testing.assert_allclose([float(x) for x in numbers.split()], expected, rtol=1e-8)
+
+
+def test_the_header_for_c_refuses_trial_points_without_states(shock, c_program, tmp_path):
+    extract_archive(shock(RAMPS, ANY_STEP), tmp_path / "unpacked")
+    ran = subprocess.run([c_program, tmp_path / "unpacked"], capture_output=True, text=True, check=True)
+    assert "cannot save its state (canGetAndSetFMUstate is false); use force_law_hold" in ran.stdout
