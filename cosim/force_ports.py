@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from cosim.components.conversion import Conversion, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.functions import FunctionTable, free_states
 from cosim.engine import blocks, force_law
-from cosim.engine.compiled import bound, can_compile, compiled
+from cosim.engine.compiled import bound, compiled
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, InputError, StepError, WiringError
 
@@ -141,7 +142,7 @@ class Corners:
         self.names = [component._name for component in self.components]
         self.ports = [find_ports(component, ports) for component in self.components]
         self.parameters = [_own_parameters(parameters, name, self.names) for name in self.names]
-        self._bind = compiled if engine == "compiled" or (engine == "auto" and can_compile()) else bound
+        self._bind = bound if engine == "python" else partial(compiled, instead={})
         self._difference = float(difference)
         self.motion = _blank_motion(len(self.components))
         self._tables: list[FunctionTable] = []
