@@ -29,7 +29,7 @@ class ForceLaw:
 
     Error and cost: the seven-DOF car with four LPNL2 shocks on a track has errors of 1.7, 0.65, 0.13 and 0.04 % of the
     standard deviation of the shock velocity at steps of 8, 4, 2 and 1 ms, with a Runge-Kutta integrator of fourth order
-    (docs/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py), without numba
+    (docs/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py), interpreted
     28 us and 91 us. The integrator keeps its order with a shock without states; with lag, the ramps between accepted
     points are of second order.
 
@@ -47,7 +47,7 @@ class ForceLaw:
             converted from the FMU's definitions. (name, -1.0) is a variable with the opposite sign, and
             `displacement` may be None. Values passed here are in SI units and positive in compression.
         parameters: Parameters of all corners, or a table of them by corner, in the FMU's own units.
-        engine: `compiled`, `python`, or `auto`: compiled if numba is installed. The first use on a machine compiles.
+        engine: `auto` or `compiled`: the compiled loop, which the first use on a machine compiles; `python`: interpreted.
         difference: Change of velocity [m/s] and displacement [m] for `jacobian`.
 
     Raises:

@@ -117,7 +117,7 @@ class Corners:
         corners: Names of the corners; None for a single shock, or for the names of the files.
         ports: Names of the FMU's variables by port.
         parameters: Parameters of all corners, or by the corner's name.
-        engine: `compiled`, `python`, or `auto`: compiled if numba is installed.
+        engine: `auto` or `compiled`: the compiled loop; `python`: the same loop interpreted.
         difference: Change of an input for the Jacobian [m/s], [m].
     """
 
