@@ -3,6 +3,8 @@
 from cosim.components.component import Capabilities, Component, UnitDefinition, Variable
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated_component import IsolatedComponent
+from cosim.force_law import ForceLaw
+from cosim.held_force import ExtrapolatedForce, HeldForce
 from cosim.results.result import BondEnergy, Coupled, Result
 from cosim.session.automatic import SCHEMES, Automatic
 from cosim.session.master import Verification, run, verify
@@ -24,8 +26,11 @@ __all__ = [
     "Component",
     "Connection",
     "Coupled",
+    "ExtrapolatedForce",
     "FmuComponent",
+    "ForceLaw",
     "GaussSeidel",
+    "HeldForce",
     "Implicit",
     "IsolatedComponent",
     "Jacobi",

@@ -84,7 +84,8 @@ class _Dependencies:
         self.into = _terms(_states_of(form, form.B_re, form.B_im))  # (n, m)
         self.out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T  # (p, n)
         at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
-        self.rest = _terms(_states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag)))  # (n, m): the steady state of constant inputs
+        rest = _states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag))
+        self.rest = _terms(rest)  # (n, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
         self.own = np.eye(len(self.into), dtype=bool)  # (n, n): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -102,7 +103,7 @@ class FmuComponent(OpenedFmu):
 
         Args:
             start: Time at which the run starts [s].
-            stop: Time at which the run ends [s].
+            stop: Time at which the run ends [s]; infinity if it is not known.
             parameters: Values by name, in the FMU's own units.
 
         Raises:
@@ -117,7 +118,8 @@ class FmuComponent(OpenedFmu):
         self._log.messages.clear()
         for name, value in parameters.items():
             self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
-        self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=stop)
+        known_stop = None if stop == math.inf else stop
+        self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=known_stop)
         self._call("enter initialization", self._slave.enterInitializationMode)
 
     def end_initialization(self) -> None:

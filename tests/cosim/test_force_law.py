@@ -1,0 +1,325 @@
+"""A force law gives the forces of the FMU stepped with the same ramps, at any trial point and without side effects."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim import ExtrapolatedForce, FmuComponent, ForceLaw, HeldForce
+from eightpost.errors import InputError, StepError, WiringError
+
+LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
+PORT = ("velocity", "displacement")
+CORNERS = ("lf", "rf", "lr", "rr")
+
+#: Velocities within the inner polynomial of the test curve, where the laws are smooth [m/s]; travel [m]; step [s].
+POINTS = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.02, 0.02))
+STEPS = st.floats(1e-4, 8e-3)
+
+
+def stepped(fmu, points, times):
+    """Forces of the FMU as a plain co-simulation component: ramps from point to point."""
+    component = FmuComponent(fmu, "plain")
+    component.begin(0.0, math.inf, {})
+    component.set(PORT, points[0])
+    component.end_initialization()
+    forces = component.get(("force",))
+    for k in range(1, len(points)):
+        h = times[k] - times[k - 1]
+        component.set(PORT, points[k - 1])
+        component.set_derivatives(PORT, [(b - a) / h for a, b in zip(points[k - 1], points[k], strict=True)])
+        component.step(times[k - 1], h)
+        forces += component.get(("force",))
+    component.close()
+    return forces
+
+
+@pytest.fixture(scope="module")
+def laws(fmus):
+    """One open force law for each kind of shock."""
+    opened = {name: ForceLaw(fmus[name]) for name in LAWS}
+    yield opened
+    for law in opened.values():
+        law.close()
+
+
+@pytest.mark.parametrize("name", LAWS)
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(points=st.lists(POINTS, min_size=2, max_size=6), h=STEPS)
+def test_accepted_points_have_the_forces_of_a_plain_run_with_the_same_ramps_to_the_bit(fmus, laws, name, points, h):
+    times = [h * k for k in range(len(points))]
+    law = laws[name]
+    found = [law.start(0.0, *points[0])]
+    found += [law.accept(t, *point) for t, point in zip(times[1:], points[1:], strict=True)]
+    assert found == stepped(fmus[name], points, times)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@settings(max_examples=15)
+@given(data=st.data(), h=STEPS)
+def test_trial_points_in_any_order_leave_no_trace(laws, name, data, h):
+    law, points = laws[name], data.draw(st.lists(POINTS, min_size=3, max_size=4))
+    law.start(0.0, *points[0])
+    plain = [law.accept(k * h, *point) for k, point in enumerate(points) if k]
+    law.start(0.0, *points[0])
+    disturbed = []
+    for k, point in enumerate(points[1:], 1):
+        trials = data.draw(st.lists(st.tuples(st.floats(0.0, 3.0), POINTS, st.booleans()), max_size=4))
+        for ahead, trial, derivative in trials:
+            (law.jacobian if derivative else law.force)((k - 1) * h + ahead * h, *trial)
+        disturbed.append(law.accept(k * h, *point))
+    assert disturbed == plain
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(first=POINTS, others=st.lists(POINTS, min_size=1, max_size=3), h=STEPS)
+@settings(max_examples=15)
+def test_a_trial_point_has_the_same_force_every_time(laws, name, first, others, h):
+    law = laws[name]
+    law.start(0.5, *first)
+    expected = [law.force(0.5 + h, *point) for point in others]
+    assert [law.force(0.5 + h, *point) for point in reversed(others)] == expected[::-1]
+    assert law.accept(0.5 + h, *others[-1]) == expected[-1]
+    assert law.time == 0.5 + h
+
+
+def test_the_force_at_the_accepted_time_follows_a_jump_of_velocity_with_the_lag_unchanged(laws, shocks):
+    law, model = laws["lpnl2"], shocks["lpnl2"].law
+    law.start(0.0, 0.1, 0.005)
+    law.accept(2e-3, 0.105, 0.005)
+    lagged = model.static_force(0.1)
+    lagged = model.advance_lag(lagged, model.static_force(0.1), model.static_force(0.105), 2e-3)
+    for velocity in (0.105, 0.0, -0.15, 0.35):
+        static = model.static_force(velocity)
+        weight = model.lag_weight(static)
+        port = model.port
+        expected = weight * lagged + (1.0 - weight) * static + port.gas_preload + port.gas_stiffness * 0.005
+        expected += port.seal_friction * math.tanh(velocity / port.friction_velocity)
+        assert law.force(2e-3, velocity, 0.005) == pytest.approx(expected, abs=2e-3)
+        assert law.force(2e-3 + 2e-9, velocity, 0.005) == pytest.approx(law.force(2e-3, velocity, 0.005), abs=0.01)
+
+
+def test_a_jump_at_the_accepted_time_can_be_accepted(laws):
+    law = laws["lpnl2"]
+    law.start(0.0, 0.1)
+    jumped = law.accept(0.0, -0.2)
+    assert jumped == law.force(0.0, -0.2)
+    assert law.time == 0.0
+    after = law.force(1e-3, -0.2)
+    law.start(0.0, 0.1)
+    assert law.force(1e-3, -0.2) != after  # the ramp from 0.1 m/s, not from the jump
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(first=POINTS, second=POINTS, h=st.one_of(st.just(0.0), STEPS))
+@settings(max_examples=25)
+def test_the_jacobian_is_the_derivative_of_the_force(laws, name, first, second, h):
+    law = laws[name]
+    law.start(0.0, *first)
+    found = law.jacobian(h, *second)
+    for k, derivative in enumerate(found):
+        sides = []
+        for side in (-1.0, 1.0):  # beside the point, which may lie on a tiny jump: a step has one more piece there
+            near, far = list(second), list(second)
+            near[k] += 2e-6 * side
+            far[k] += 3e-6 * side
+            sides.append((law.force(h, *far) - law.force(h, *near)) / (far[k] - near[k]))
+        assert derivative == pytest.approx(0.5 * sum(sides), rel=1e-6, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["lpf1", "lpnl2"])
+def test_the_jacobian_is_right_where_the_step_of_a_law_has_one_more_piece(laws, name):
+    """At a change of 0.25 m/s, 25 pieces of 0.01 m/s become 26."""
+    law = laws[name]
+    law.start(0.0, 0.0)
+    before, there, after = (law.jacobian(8e-3, 0.25 + change)[0] for change in (-2e-5, 0.0, 2e-5))
+    assert there == pytest.approx(0.5 * (before + after), rel=1e-3)
+    plain = (law.force(8e-3, 0.25 + 1e-7) - law.force(8e-3, 0.25 - 1e-7)) / 2e-7
+    assert plain != pytest.approx(there, rel=0.1)  # a plain difference is not
+
+
+def test_the_jacobian_of_a_law_without_lag_is_the_directional_derivative_of_the_fmu(laws, component, shocks):
+    law, plain = laws["polylinear"], component("polylinear")
+    law.start(0.0, 0.1)
+    plain.set(PORT, (0.17, 0.01))
+    plain.end_initialization()
+    known = [plain._references[name] for name in PORT]
+    wanted = [plain._references["force"]]
+    direct = [plain._slave.getDirectionalDerivative(wanted, [one], [1.0])[0] for one in known]
+    assert law.jacobian(3e-3, 0.17, 0.01) == pytest.approx(direct, rel=1e-6)
+    assert direct[1] == shocks["polylinear"].law.port.gas_stiffness
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_four_corners_at_once_are_four_shocks(fmus, laws, name):
+    velocity, displacement = np.array([0.1, -0.2, 0.05, 0.3]), np.array([0.0, 0.01, -0.01, 0.002])
+    with ForceLaw(fmus[name], corners=CORNERS) as four:
+        found = [four.start(0.0, velocity, displacement), four.accept(2e-3, -velocity, displacement)]
+        found.append(four.force(3e-3, 0.5 * velocity, displacement))
+        slopes = four.jacobian(3e-3, 0.5 * velocity, displacement)
+    law = laws[name]
+    for i in range(4):
+        assert law.start(0.0, velocity[i], displacement[i]) == found[0][i]
+        assert law.accept(2e-3, -velocity[i], displacement[i]) == found[1][i]
+        assert law.force(3e-3, 0.5 * velocity[i], displacement[i]) == found[2][i]
+        assert law.jacobian(3e-3, 0.5 * velocity[i], displacement[i]) == (slopes[0][i], slopes[1][i])
+
+
+def test_results_are_not_changed_by_later_evaluations(fmus):
+    with ForceLaw(fmus["lpnl2"], corners=CORNERS) as four:
+        first = four.start(0.0, 0.1)
+        second, slopes = four.force(1e-3, 0.2), four.jacobian(1e-3, 0.2)
+        kept = first.copy(), second.copy(), slopes[0].copy()
+        four.force(2e-3, -0.3)
+        four.jacobian(2e-3, -0.3)
+        for now, before in zip((first, second, slopes[0]), kept, strict=True):
+            np.testing.assert_array_equal(now, before)
+
+
+def test_corners_may_have_different_shocks_and_parameters(fmus):
+    files = [fmus["lpnl2"], fmus["polylinear"]]
+    own = {"front": {"compression_scale": 1.5}, "rear": {"gas_stiffness": 0.0}}
+    with ForceLaw(files, corners=("front", "rear"), parameters=own) as law:
+        found = law.start(0.0, 0.2, 0.01)
+    expected = []
+    for file, parameters in zip(files, own.values(), strict=True):
+        with ForceLaw(file, parameters=parameters) as single:
+            expected.append(single.start(0.0, 0.2, 0.01))
+        with ForceLaw(file) as plain:
+            assert plain.start(0.0, 0.2, 0.01) != expected[-1]
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_interpreted_and_the_compiled_law_agree_to_the_bit(fmus, name):
+    with ForceLaw(fmus[name], engine="python") as plain, ForceLaw(fmus[name], engine="compiled") as fast:
+        for law in (plain, fast):
+            law.start(0.0, 0.1, 0.01)
+            law.accept(1e-3, 0.2, 0.012)
+        for question in ("force", "jacobian", "accept"):
+            ask = [getattr(law, question)(2.5e-3, -0.1, 0.01) for law in (plain, fast)]
+            assert ask[0] == ask[1]
+
+
+# ---- Loops for hosts that cannot repeat a step ----------------------------------------------------------------------
+
+
+def test_loop_a_steps_with_the_velocity_of_now_and_returns_the_force_at_the_end(fmus, component):
+    plain, times, velocities = component("lpnl2"), (0.0, 1e-3, 3e-3), (0.1, -0.2, 0.3)
+    plain.set(PORT, (0.1, 0.0))
+    plain.end_initialization()
+    with HeldForce(fmus["lpnl2"]) as loop:
+        assert loop.start(0.0, 0.1) == plain.get(("force",))[0]
+        for t, v in zip(times, velocities, strict=True):
+            h = 2e-3 if t else 1e-3
+            plain.set(PORT, (v, 0.0))
+            plain.step(t, h)
+            assert loop.step(t, h, v) == plain.get(("force",))[0]
+
+
+def test_loop_b_extrapolates_the_forces_of_ramps_to_the_middle_of_the_next_step(fmus):
+    times, velocities = (0.0, 1e-3, 2e-3, 5e-3), (0.1, -0.2, 0.3, 0.1)
+    forces = stepped(fmus["lpnl2"], [(v, 0.0) for v in velocities], times)
+    with ExtrapolatedForce(fmus["lpnl2"]) as loop:
+        assert loop.start(0.0, 0.1) == forces[0]
+        assert loop.step(0.0, 1e-3, 0.1) == forces[0]
+        assert loop.step(1e-3, 1e-3, -0.2) == pytest.approx(1.5 * forces[1] - 0.5 * forces[0], rel=1e-12)
+        assert loop.step(2e-3, 3e-3, 0.3) == pytest.approx(forces[2] + 1.5 * (forces[2] - forces[1]), rel=1e-12)
+        assert loop.step(5e-3, 3e-3, 0.1) == pytest.approx(forces[3] + 0.5 * (forces[3] - forces[2]), rel=1e-12)
+
+
+def test_loop_a_refuses_a_step_that_does_not_begin_where_the_last_one_ended(fmus):
+    with HeldForce(fmus["lpf1"]) as loop:
+        loop.start(0.0, 0.0)
+        loop.step(0.0, 1e-3, 0.1)
+        with pytest.raises(InputError, match=r"begins at 0\.005 s, but the last one ended at 0\.001 s"):
+            loop.step(5e-3, 1e-3, 0.1)
+        with pytest.raises(InputError, match="positive step"):
+            loop.step(1e-3, 0.0, 0.1)
+
+
+# ---- Errors ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_second_start_starts_again(laws):
+    law = laws["lpnl2"]
+    first = [law.start(0.0, 0.1), law.accept(1e-3, 0.3)]
+    assert [law.start(0.0, 0.1), law.accept(1e-3, 0.3)] == first
+    assert law.start(5.0, 0.1) == first[0]
+
+
+def test_a_time_before_the_accepted_one_is_refused_and_the_next_call_works(laws):
+    law = laws["lpf1"]
+    law.start(1.0, 0.0)
+    law.accept(1.25, 0.1)
+    with pytest.raises(InputError, match=r"time 1\.2 s is before the last accepted time, 1\.25 s"):
+        law.force(1.2, 0.1)
+    assert law.force(1.25 - 1e-12, 0.1) == law.force(1.25, 0.1)  # rounding of a host that adds up its time
+    with pytest.raises(InputError, match="before the last accepted time"):
+        law.accept(1.2, 0.1)
+    assert law.time == 1.25
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_values_that_are_not_finite_are_refused_with_the_name_of_the_corner(fmus, value):
+    with ForceLaw(fmus["lpf1"], corners=CORNERS) as law:
+        with pytest.raises(InputError, match=f"rf: velocity is {value}"):
+            law.start(0.0, [0.0, value, 0.0, 0.0])
+        before = law.start(0.0, 0.1)
+        for ask in (law.force, law.accept, law.jacobian):
+            with pytest.raises(InputError, match=rf"lr: displacement is {value} at 0\.001 s"):
+                ask(1e-3, 0.0, [0.0, 0.0, value, 0.0])
+        with pytest.raises(InputError, match=f"time is {value}"):
+            law.force(value, 0.0)
+        np.testing.assert_allclose(law.force(0.0, 0.1), before, rtol=1e-9)
+
+
+def test_a_refused_value_has_the_fmus_own_message_and_the_name_of_the_corner(fmus):
+    with ForceLaw(fmus["lpf1"], corners=("front", "rear")) as law:
+        law.start(0.0, 0.1)
+        expected = law.force(1e-3, 0.1)
+        with pytest.raises(StepError, match=r"'rear' .*failed to step at 0 s.*the result is not finite"):
+            law.force(1e-3, [0.1, 1e300])
+        np.testing.assert_array_equal(law.force(1e-3, 0.1), expected)
+
+
+def test_a_law_that_has_not_started_or_is_closed_says_so(fmus):
+    law = ForceLaw(fmus["lpf1"])
+    with pytest.raises(StepError, match=r"lpf1 have not started; call start\(\) first"):
+        law.force(0.0, 0.0)
+    law.start(0.0, 0.0)
+    law.close()
+    with pytest.raises(StepError, match="have not started"):
+        law.accept(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        ({"velocity": "speed"}, r"no Real input 'speed' for the velocity; .* are velocity, displacement"),
+        ({"force": "velocity"}, "no Real output 'velocity' for the force"),
+        ({"velocity": "displacement"}, "the dimensions differ"),
+        ({"force": None}, "the force of a shock cannot be left out"),
+        ({"speed": "velocity"}, "'speed' is not a port of a shock"),
+        ({"velocity": ("velocity", 0.0)}, "the gain of velocity must be finite and not zero"),
+    ],
+)
+def test_ports_that_do_not_fit_are_refused(fmus, ports, message):
+    with pytest.raises(WiringError, match=message):
+        ForceLaw(fmus["lpf1"], ports=ports)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"corners": ("a", "b")}, "1 FMUs for 2 corners"),
+        ({"engine": "fast"}, "engine is 'fast'"),
+        ({"difference": 0.0}, r"difference is 0\.0"),
+        ({"parameters": {"left": {"time_constant": 1e-3}}}, "parameters name 'left', which is not a corner"),
+    ],
+)
+def test_arguments_that_cannot_be_used_are_refused(fmus, options, message):
+    with pytest.raises(InputError, match=message):
+        ForceLaw([fmus["lpf1"]], **options)
