@@ -47,7 +47,7 @@ class ForceLaw:
             converted from the FMU's definitions. (name, -1.0) is a variable with the opposite sign, and
             `displacement` may be None. Values passed here are in SI units and positive in compression.
         parameters: Parameters of all corners, or a table of them by corner, in the FMU's own units.
-        engine: `auto` or `compiled`: the compiled loop, which the first use on a machine compiles; `python`: interpreted.
+        engine: `auto` or `compiled`: the compiled loop, compiled by the first use on a machine; `python`: interpreted.
         difference: Change of velocity [m/s] and displacement [m] for `jacobian`.
 
     Raises:
