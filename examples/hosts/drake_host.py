@@ -66,6 +66,7 @@ class Suspension(LeafSystem):
         self.DeclareVectorOutputPort("forces", 7, self.calculate)
 
     def calculate(self, context, output):
+        """Calculate the forces."""
         q = self.state.Eval(context)[self.order]
         total = CAR.load(context.get_time()) - CAR.K @ q - CAR.S.T @ self.shocks.Eval(context)
         values = np.empty(7)
@@ -74,13 +75,14 @@ class Suspension(LeafSystem):
 
 
 class Shocks(LeafSystem):
-    """Shock forces (4,) from the plant's state; `measure` gives shock velocities and displacements."""
+    """Shock forces (4,) from the plant's state."""
 
     def __init__(self, order):
         super().__init__()
         self.state, self.order = self.DeclareVectorInputPort("state", 14), np.array(order)
 
     def measure(self, context):
+        """Return shock velocities and displacements (4,)."""
         state = self.state.Eval(context)
         return CAR.S @ state[self.order + 7], CAR.S @ state[self.order]
 
@@ -96,9 +98,11 @@ class ForceLawShocks(Shocks):
         self.DeclarePerStepPublishEvent(self.accept)
 
     def calculate(self, context, output):
+        """Ask for the forces at a trial point."""
         output.SetFromVector(self.law.force(context.get_time(), *self.measure(context)))
 
     def accept(self, context):
+        """Accept the point where the next step begins."""
         self.law.accept(context.get_time(), *self.measure(context))
 
 
@@ -114,11 +118,13 @@ class HeldShocks(Shocks):
         self.DeclareVectorOutputPort("forces", 4, self.calculate, prerequisites_of_calc=needed)
 
     def update(self, context, values):
+        """Store the forces for the next step."""
         before = context.get_discrete_state_vector().value()[:4]
         now = self.loop.step(context.get_time(), self.step, *self.measure(context))
         values.get_mutable_vector().SetFromVector(np.concatenate([now, before]))
 
     def calculate(self, context, output):
+        """Output the forces in the state."""
         forces = context.get_discrete_state_vector().value()
         output.SetFromVector(forces[4:] if self.late else forces[:4])
 

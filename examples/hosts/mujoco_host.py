@@ -73,7 +73,7 @@ def drive(case: Case, shock_force, integrator: str) -> Motion:
     data.qpos[:] = CAR.equilibrium()[ORDER]
     begins = True
 
-    def control(model, data):
+    def control(_, data):
         nonlocal begins
         road[:] = CAR.load(data.time)
         data.qfrc_applied[:] = road[ORDER]
