@@ -7,8 +7,9 @@ where the next step begins. The integrator may reject steps: the last loop has e
 
 Pitfalls:
 
-- An output port depends on all inputs and states of its system unless `prerequisites_of_calc` names what it needs.
-  A port that holds a force must name its state alone; otherwise Drake reports an algebraic loop that does not exist.
+- An output port depends on all inputs of its system unless `prerequisites_of_calc` names what it needs. If the car is a
+  LeafSystem whose velocity port does not name its state, Drake reports an algebraic loop that does not exist. The state
+  port of MultibodyPlant is declared; here the declarations only state what is meant.
 - A port's value is cached. The force law's accepted point lies outside of the context, which is harmless as long as
   the force at a point does not change when that point is accepted. Use one law per context.
 - MultibodyPlant(time_step=0.0) is the continuous model. With a time step it is a discrete one with its own method of

@@ -8,7 +8,7 @@ and the first call in a step is at the point that the last step accepted.
 Pitfalls:
 
 - The defaults are a step of 2 ms and the semi-implicit Euler method: of first order, with any loop. Choose RK4.
-- The integrators `implicit` and `implicitfast` do not see the damping in a callback, so they are no better than Euler.
+- The implicit integrators do not see the damping in a callback: `implicitfast` has the same errors as Euler.
 - `mj_step` leaves tendon lengths and velocities of its last stage, not of its end; `mj_step1` or the first callback of
   the next step gives those. `mj_step1` and `mj_step2` do not support RK4, so a force that is held must be set before
   `mj_step`, or in its first callback.
