@@ -21,7 +21,8 @@ from typing import Any
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 PROGRAMS, RESULTS, PAGE, PICTURE = ROOT / "examples" / "hosts", DOCS / "hosts", DOCS / "hosts.md", DOCS / "hosts.png"
-BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
+#: The place of each table on the page.
+TABLE, VEHICLE = "table", "vehicle"
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3)
 
 
@@ -61,6 +62,29 @@ def table(found: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def vehicle_table() -> str:
+    """Return a Markdown table of the full vehicle: errors of each loop, and what it says of the swapped corner."""
+    result = json.loads((RESULTS / "full_vehicle.json").read_text(encoding="utf-8"))
+    rows = [dict(zip(result["columns"], row, strict=True)) for row in result["rows"]]
+    steps = [step for step in STEPS if any(row["step"] == step for row in rows)]
+    head = " | ".join(f"{1e3 * step:g} ms" for step in steps)
+    title = f"change of tire force by the swap at {1e3 * steps[-1]:g} ms"
+    lines = [f"| loop | {head} | {title} |", "|---|" + "---|" * (len(steps) + 1)]
+    for loop in dict.fromkeys(row["loop"] for row in rows):
+        own = {row["step"]: row for row in rows if row["loop"] == loop}
+        cells = [f"{own[step]['velocity']:.2g} / {own[step]['tire_force']:.2g}" for step in steps]
+        lines.append(f"| {loop} | {' | '.join(cells)} | {own[steps[-1]]['lf_change']:.1f} N |")
+    deviation, change = result["reference"]
+    return "\n".join([*lines, f"| reference, {deviation:.0f} N before |" + " |" * len(steps) + f" {change:.1f} N |"])
+
+
+def put(page: str, place: str, text: str) -> str:
+    """Return a page with a text at a place."""
+    begin, end = f"<!-- {place}: begin -->", f"<!-- {place}: end -->"
+    before, rest = page.split(begin)
+    return f"{before}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}"
+
+
 def errors_of(row: dict[str, Any] | None) -> str:
     """Return the cell of a row: errors of shock velocity and tire force."""
     if row is None:
@@ -77,7 +101,7 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
     colors = {"J": "C3", "A": "C1", "B": "C0", "C": "C2"}
-    figure, axes = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
+    figure, axes = plt.subplots(figsize=(7.5, 5.4), layout="constrained")
     for marker, one in zip("osv^Dp*XPh<>d" * 9, found, strict=False):
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
             rows = [row for row in one["rows"] if row["loop"] == loop and math.isfinite(row["velocity"])]
@@ -94,7 +118,7 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
     axes.set_xlabel("step of the host [ms]")
     axes.set_ylabel("error of the shock velocity\n[% of standard deviation, worst corner]")
     axes.grid(visible=True, alpha=0.3)
-    axes.legend(fontsize=8, ncols=2)
+    figure.legend(loc="outside lower center", fontsize=8, ncols=4)
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
@@ -106,11 +130,11 @@ def main() -> None:
     options = parser.parse_args()
     if options.run is not None:
         RESULTS.mkdir(exist_ok=True)
-        for program in sorted(PROGRAMS.glob("*_host.py")):
+        for program in (*sorted(PROGRAMS.glob("*_host.py")), PROGRAMS / "full_vehicle.py"):
             if not options.run or program.stem in options.run:
                 print(run(program))
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n\n{table(results())}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    page = put(PAGE.read_text(encoding="utf-8"), TABLE, table(results()))
+    PAGE.write_text(put(page, VEHICLE, vehicle_table()), encoding="utf-8")
     draw(results(), PICTURE)
 
 
