@@ -54,6 +54,7 @@ class _Slave:
 
 def python_fmu(product: Product) -> dict[str, bytes]:
     """Return the archive's members; the same product gives the same bytes."""
+    product = replace(product, interface=product.interface.without_states())
     source = product.source
     slave = _shock_slave(product, source) if isinstance(source, Shock) else _vehicle_slave(product, source)
     with tempfile.TemporaryDirectory() as folder:

@@ -12,7 +12,7 @@ from builder.assembly.sources import assembly_sources
 from builder.build import fmu_identifier
 from builder.fmu.description import Description
 from builder.fmu.interface import Interface
-from builder.native.native_fmu import CAPABILITIES, Source, compiled, sealed
+from builder.native.native_fmu import CAPABILITIES, EXCHANGE, Source, compiled, sealed
 from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
 from eightpost.archive import write_archive
@@ -75,6 +75,7 @@ def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
         interface=interface,
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
+        exchange=EXCHANGE,
     )
     members = assembly_documents(assembly, interface)
     return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid))

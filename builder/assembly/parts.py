@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from builder.fmu.interface import Interface, Variable, shock_kinds, source_folder
 from builder.native.native_fmu import SHOCK
+from builder.native.native_fmu import VEHICLE as VEHICLE_FILES
 from builder.native.tables import interface_header, layout
 from eightpost import __version__
 from eightpost.archive import read_archive
@@ -25,19 +26,21 @@ def _described_interface(root: ET.Element) -> Interface | None:
     annotation = root.find("VendorAnnotations/Tool[@name='eightpost']/Interface")
     if annotation is None:
         return None
-    variables = tuple(_variable(element) for element in root.iterfind("ModelVariables/ScalarVariable"))
+    elements = root.findall("ModelVariables/ScalarVariable")
+    variables = tuple(_variable(element, elements) for element in elements)
     return Interface(
         kind=annotation.get("name", ""),
         version=annotation.get("version", ""),
         description=root.get("description", ""),
         variables=variables,
-        direct=_dependencies(root, "Outputs", variables),
+        direct=_dependencies(root, "Outputs", variables) | _dependencies(root, "Derivatives", variables),
         initial=_dependencies(root, "InitialUnknowns", variables),
     )
 
 
-def _variable(element: ET.Element) -> Variable:
+def _variable(element: ET.Element, elements: Sequence[ET.Element]) -> Variable:
     kind = element[0]
+    of = kind.get("derivative")
     return Variable(
         name=element.get("name", ""),
         reference=int(element.get("valueReference", "0")),
@@ -50,6 +53,8 @@ def _variable(element: ET.Element) -> Variable:
         minimum=_number(kind, "min"),
         maximum=_number(kind, "max"),
         description=element.get("description", ""),
+        derivative_of=None if of is None else elements[int(of) - 1].get("name"),
+        nominal=_number(kind, "nominal"),
     )
 
 
@@ -65,7 +70,7 @@ def _number(kind: ET.Element, name: str) -> float | None:
     return None if text is None else float(text)
 
 
-def _dependencies(root: ET.Element, section: str, variables: tuple[Variable, ...]) -> Mapping[str, tuple[str, ...]]:
+def _dependencies(root: ET.Element, section: str, variables: tuple[Variable, ...]) -> dict[str, tuple[str, ...]]:
     def name(index: str) -> str:
         return variables[int(index) - 1].name
 
@@ -197,7 +202,7 @@ def model_files(kind: str) -> dict[str, bytes]:
     """Return unchanged copies of the files in fmus/ for a kind's model, including the common files that it needs."""
     folder = source_folder()
     common = {name: folder / "common" / name for name in (*_BENEATH, *(() if kind == VEHICLE else SHOCK))}
-    own = {name: folder / kind / name for name in ("model.c", *(("phi.h",) if kind == VEHICLE else ()))}
+    own = {name: folder / kind / name for name in ("model.c", *(VEHICLE_FILES if kind == VEHICLE else ()))}
     return {name: path.read_bytes() for name, path in (common | own).items()}
 
 

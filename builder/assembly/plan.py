@@ -168,8 +168,8 @@ def assembly_interface(assembly: Assembly) -> Interface:
         version=table["version"],
         description=table["description"],
         variables=tuple(variables),
-        direct={name: direct.get(name, ()) for name in outputs},
-        initial={name: initial.get(name, ()) for name in outputs},
+        direct={name: direct.get(name, ()) for name in outputs} | direct,
+        initial={name: initial.get(name, ()) for name in outputs} | initial,
     )
 
 
@@ -200,32 +200,39 @@ def _of_part(assembly: Assembly, part: Part, first: int) -> Iterator[Variable]:
     for variable in part.interface.variables:
         if variable.causality == "input" and not assembly.is_outside(part, variable.name):
             continue
-        name = f"{part.name}.{variable.name}"
+        of = None if variable.derivative_of is None else f"{part.name}.{variable.derivative_of}"
+        name = _name_in(part, variable.name)
         yield replace(
             variable,
             name=name,
+            derivative_of=of,
             reference=first + variable.reference,
             start=assembly.starts.get(name, variable.start),
             description=f"{part.name}: {variable.description}",
         )
 
 
-def _direct(assembly: Assembly) -> dict[str, tuple[str, ...]]:
-    """Return the inputs with feedthrough to each output.
+def _name_in(part: Part, name: str) -> str:
+    """Return the name in the assembly of a variable of a part: `lf.force`, `der(lf.lagged_force)`."""
+    return f"der({part.name}.{name[4:]}" if name.startswith("der(") else f"{part.name}.{name}"
 
-    These are inputs of the same part; for a shock, also inputs with feedthrough to the vehicle's outputs that are
-    connected to it. A shock force reaches the vehicle one step later.
+
+def _direct(assembly: Assembly) -> dict[str, tuple[str, ...]]:
+    """Return the inputs with feedthrough to each output and derivative, and the states that it depends on.
+
+    They are followed from the vehicle to the shocks and back to the vehicle. In co-simulation a shock force reaches the
+    vehicle one step later, so the vehicle's outputs follow fewer of them.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for part in assembly.parts:
-        for output, inputs in part.interface.direct.items():
+    for part in (*assembly.parts, assembly.vehicle):
+        states = part.interface.states
+        for unknown, knowns in part.interface.direct.items():
             known: set[str] = set()
-            for name in inputs:
-                if assembly.is_outside(part, name):
+            for name in knowns:
+                if name in states or assembly.is_outside(part, name):
                     known.add(f"{part.name}.{name}")
-                if not part.is_vehicle:
-                    known.update(*(found.get(link.source, ()) for link in assembly.into(part, name)))
-            found[f"{part.name}.{output}"] = tuple(sorted(known))
+                known.update(*(found.get(link.source, ()) for link in assembly.into(part, name)))
+            found[_name_in(part, unknown)] = tuple(sorted(known))
     return found
 
 
@@ -236,29 +243,37 @@ def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
     the displacements depend on constant inputs; accelerations are zero.
     """
     steady = _closed(assembly, _steady(assembly))
-    zero = _closed(assembly, assembly.vehicle.interface.direct)
+    zero = _closed(assembly, _from_zero(assembly.vehicle.interface))
     flag = f"{assembly.vehicle.name}.start_at_equilibrium"
     found = {}
     for name in steady:
         part, _, output = name.partition(".")
         known = steady[name] | zero[name] | ({flag} if steady[name] != zero[name] else set())
-        if part == assembly.vehicle.name:
+        if part == assembly.vehicle.name and output in assembly.vehicle.interface.names("output"):
             known |= {f"{part}.{offset}" for offset in _offsets(assembly, output)}
         found[name] = tuple(sorted(known))
     return found
 
 
 def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
-    """Return the inputs that each vehicle output depends on in steady state; without a steady state, by feedthrough."""
+    """Return the inputs that each vehicle output, state and derivative depends on in steady state.
+
+    Without a steady state these are the inputs that matter in a start from zero.
+    """
     interface = assembly.vehicle.interface
     units = {v.name: v.unit for v in interface.variables}
-    inputs = set(interface.names("input"))
+    inputs, at_rest = set(interface.names("input")), {*interface.derivatives}
     if "HAS_EQUILIBRIUM = 0" in assembly.vehicle.data:
-        return interface.direct
+        return _from_zero(interface)
     return {
-        name: () if units[name] in RATES else tuple(known for known in names if known in inputs)
+        name: () if units[name] in RATES or name in at_rest else tuple(known for known in names if known in inputs)
         for name, names in interface.initial.items()
     }
+
+
+def _from_zero(interface: Interface) -> Mapping[str, tuple[str, ...]]:
+    """Return the inputs that each vehicle output, state and derivative depends on in a start from zero."""
+    return {name: interface.feedthrough(name) for name in interface.initial}
 
 
 def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
@@ -269,21 +284,21 @@ def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
 
 
 def _closed(assembly: Assembly, vehicle: Mapping[str, tuple[str, ...]]) -> dict[str, set[str]]:
-    """Return the dependencies of each output at a start, followed through the loop of vehicle and shocks.
+    """Return the dependencies of each unknown at a start, followed through the loop of vehicle and shocks.
 
-    `vehicle` contains the inputs of the vehicle that each of its outputs depends on.
+    `vehicle` contains the inputs of the vehicle that each of its unknowns depends on.
     """
     found: dict[str, set[str]] = {
-        f"{part.name}.{output}": set() for part in assembly.parts for output in part.interface.names("output")
+        _name_in(part, unknown): set() for part in assembly.parts for unknown in part.interface.initial
     }
     before = -1
     while before != (before := sum(map(len, found.values()))):
         for part in assembly.parts:
-            for output in part.interface.names("output"):
-                found[f"{part.name}.{output}"] |= (
-                    {known for name in vehicle[output] for known in _behind(assembly, part, name, found)}
+            for unknown in part.interface.initial:
+                found[_name_in(part, unknown)] |= (
+                    {known for name in vehicle[unknown] for known in _behind(assembly, part, name, found)}
                     if part.is_vehicle
-                    else set(_at_shock(assembly, part, output, found))
+                    else set(_at_shock(assembly, part, unknown, found))
                 )
     return found
 
@@ -292,11 +307,11 @@ def _at_shock(assembly: Assembly, part: Part, output: str, found: Mapping[str, s
     named = part.interface
     behind = {name: set(_behind(assembly, part, name, found)) for name in named.names("input")}
     for name in named.initial[output]:
-        at_rest = name in _AT_REST and (name != "gas_stiffness" or behind["displacement"])
+        at_rest = output == "force" and name in _AT_REST and (name != "gas_stiffness" or behind["displacement"])
         if name not in behind and (at_rest or behind["velocity"]):
             yield f"{part.name}.{name}"
-    for known in behind.values():
-        yield from known
+    for name in set(behind) & set(named.initial[output]):
+        yield from behind[name]
 
 
 def _behind(assembly: Assembly, part: Part, name: str, found: Mapping[str, set[str]]) -> Iterator[str]:

@@ -113,8 +113,8 @@ class Description:
 
     @property
     def identifier(self) -> str:
-        """Attribute modelIdentifier of CoSimulation."""
-        return (self.co_simulation or {}).get("modelIdentifier", "")
+        """Attribute modelIdentifier of CoSimulation; of ModelExchange for an FMU that offers only that."""
+        return (self.co_simulation or self.model_exchange or {}).get("modelIdentifier", "")
 
     @property
     def guid(self) -> str:
@@ -130,6 +130,18 @@ class Description:
     def can(self, flag: str) -> bool:
         """Return whether a capability flag of CoSimulation is true."""
         return (self.co_simulation or {}).get(flag, "false").strip() in ("true", "1")
+
+    def can_exchange(self, flag: str) -> bool:
+        """Return whether a capability flag of ModelExchange is true."""
+        return (self.model_exchange or {}).get(flag, "false").strip() in ("true", "1")
+
+    def state_pairs(self) -> Iterator[tuple[Variable, Variable]]:
+        """Yield each derivative that Derivatives lists, with its state."""
+        for unknown in self.in_section("Derivatives"):
+            derivative = self.variable(unknown.index)
+            state = None if derivative is None else self.variable(derivative.attributes.get("derivative", ""))
+            if derivative is not None and state is not None:
+                yield derivative, state
 
     def in_section(self, section: str) -> tuple[Unknown, ...]:
         """Return the entries of Outputs, Derivatives or InitialUnknowns."""

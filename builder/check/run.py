@@ -80,6 +80,9 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
         unpacked = Unpacked(Path(folder) / "fmu")
         _unpack(subject, unpacked.folder)
+        if subject.description is not None and subject.description.co_simulation is None:
+            _call_model_exchange(selected, unpacked, ledger)
+            return
         first = in_an_empty_folder("simulation", unpacked)
         if "simulation" in selected:
             ledger.enter("simulation", first)
@@ -92,6 +95,14 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
             unpacked = replace(unpacked, reach=int(first.values[REACH]))
         for group, outcome in _outcomes(subject, others, unpacked):
             ledger.enter(group, outcome)
+
+
+def _call_model_exchange(selected: list[str], unpacked: Unpacked, ledger: _Ledger) -> None:
+    """Apply the group for model exchange to an FMU that offers nothing else."""
+    if "model_exchange" in selected:
+        ledger.enter("model_exchange", in_an_empty_folder("model_exchange", unpacked))
+    if others := [group for group in selected if group != "model_exchange"]:
+        ledger.skipped.append(Skipped(", ".join(others), "the FMU does not support co-simulation"))
 
 
 def _outcomes(subject: Subject, groups: list[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
@@ -109,8 +120,8 @@ def _reason_not_to_call(subject: Subject) -> str:
         return "the archive is not safe to unpack"
     if subject.description is None:
         return "there is no valid modelDescription.xml"
-    if subject.description.co_simulation is None:
-        return "the FMU does not support co-simulation"
+    if subject.description.co_simulation is None and subject.description.model_exchange is None:
+        return "the FMU supports neither co-simulation nor model exchange"
     if subject.members.keys().isdisjoint(binary_members(subject.description.identifier)):
         available = [binary.platform for binary in subject.own_binaries]
         available += ["sources"] if subject.description.source_files else []

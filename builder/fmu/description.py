@@ -1,11 +1,11 @@
-"""Generation of modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation)."""
+"""Generation of modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation and Model Exchange)."""
 
 from __future__ import annotations
 
 import hashlib
 import uuid
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from builder.fmu.interface import Interface, Variable
@@ -33,6 +33,7 @@ class Description:
         text: Description of the model.
         interface: Variables and their dependencies.
         capabilities: Attributes of the CoSimulation element.
+        exchange: Attributes of the ModelExchange element; None for an FMU that offers co-simulation only.
         generation_tool: Name and version of the tools that built the FMU.
         source_files: Names of the C files in sources/ that a rebuild compiles.
         stop_time: Stop time of the default experiment [s].
@@ -46,6 +47,7 @@ class Description:
     capabilities: Mapping[str, str]
     generation_tool: str
     source_files: tuple[str, ...] = ()
+    exchange: Mapping[str, str] | None = None
     stop_time: float = 30.0
     step_size: float = 1e-3
 
@@ -66,11 +68,9 @@ def model_description(description: Description) -> bytes:
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )
-    kind = ET.SubElement(root, "CoSimulation", {"modelIdentifier": description.identifier, **description.capabilities})
-    if description.source_files:
-        files = ET.SubElement(kind, "SourceFiles")
-        for file in description.source_files:
-            ET.SubElement(files, "File", name=file)
+    for kind, attributes in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
+        if attributes is not None:
+            _kind(ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **attributes}), description)
     _unit_definitions(root, interface.variables)
     categories = ET.SubElement(root, "LogCategories")
     for name, text in _LOG_CATEGORIES.items():
@@ -99,6 +99,13 @@ def content_guid(description: Description, members: Mapping[str, bytes]) -> str:
     return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
 
 
+def _kind(element: ET.Element, description: Description) -> None:
+    if description.source_files:
+        files = ET.SubElement(element, "SourceFiles")
+        for file in description.source_files:
+            ET.SubElement(files, "File", name=file)
+
+
 def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
     displays: dict[str, set[str]] = {}
     for variable in variables:
@@ -116,8 +123,9 @@ def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
             ET.SubElement(element, "DisplayUnit", attributes)
 
 
-def _model_variables(root: ET.Element, variables: Iterable[Variable]) -> None:
+def _model_variables(root: ET.Element, variables: Sequence[Variable]) -> None:
     parent = ET.SubElement(root, "ModelVariables")
+    index = {variable.name: str(position) for position, variable in enumerate(variables, start=1)}
     for variable in variables:
         attributes = {
             "name": variable.name,
@@ -128,7 +136,9 @@ def _model_variables(root: ET.Element, variables: Iterable[Variable]) -> None:
         }
         if variable.initial:
             attributes["initial"] = variable.initial
-        ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), variable.type, _type_attributes(variable))
+        of = {} if variable.derivative_of is None else {"derivative": index[variable.derivative_of]}
+        element = ET.SubElement(parent, "ScalarVariable", attributes)
+        ET.SubElement(element, variable.type, _type_attributes(variable) | of)
 
 
 def _type_attributes(variable: Variable) -> dict[str, str]:
@@ -137,6 +147,7 @@ def _type_attributes(variable: Variable) -> dict[str, str]:
         "displayUnit": variable.display,
         "min": variable.minimum,
         "max": variable.maximum,
+        "nominal": variable.nominal,
         "start": variable.start,
     }
     return {name: _text(value) for name, value in values.items() if value is not None}
@@ -151,9 +162,17 @@ def _text(value: str | float | bool) -> str:
 def _model_structure(root: ET.Element, interface: Interface) -> None:
     structure = ET.SubElement(root, "ModelStructure")
     index = {variable.name: position for position, variable in enumerate(interface.variables, start=1)}
-    for section, depends in (("Outputs", interface.direct), ("InitialUnknowns", interface.initial)):
+    outputs, derivatives = interface.names("output"), interface.derivatives
+    starts = sorted({*outputs, *interface.states, *derivatives}, key=index.__getitem__)
+    for section, names, depends in (
+        ("Outputs", outputs, interface.direct),
+        ("Derivatives", derivatives, interface.direct),
+        ("InitialUnknowns", starts, interface.initial),
+    ):
+        if section == "Derivatives" and not names:
+            continue
         parent = ET.SubElement(structure, section)
-        for name in interface.names("output"):
+        for name in names:
             known = sorted(index[other] for other in depends[name])
             ET.SubElement(
                 parent,

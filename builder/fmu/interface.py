@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,14 +62,18 @@ _KEYS = {
     "max",
     "size",
 }
-_KEYS |= {"description", "offset", "with", "at_start"}
+_KEYS |= {"description", "offset", "with", "at_start", "derivative_of", "nominal"}
+
+#: Name of a vehicle's continuous states: `mode.real[1]`, `mode.imaginary[1]`, in an assembly `<vehicle>.mode.real[1]`.
+_MODE = re.compile(r"(?:\w+\.)?mode\.(?:real|imaginary)\[\d+\]")
 
 
 @dataclass(frozen=True)
 class Variable:
     """One scalar variable of an FMU.
 
-    `offset` is the name of the parameter that is added to an output.
+    `offset` is the name of the parameter that is added to an output, `derivative_of` the continuous state whose
+    derivative the variable is, and `nominal` the typical size of a continuous state.
     """
 
     name: str
@@ -82,6 +88,13 @@ class Variable:
     maximum: float | None
     description: str
     offset: str | None = None
+    derivative_of: str | None = None
+    nominal: float | None = None
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether it has no place in the C core's table of values: derivatives, and the modes of a vehicle."""
+        return self.derivative_of is not None or _MODE.fullmatch(self.name) is not None
 
     @property
     def initial(self) -> str | None:
@@ -91,10 +104,10 @@ class Variable:
 
 @dataclass(frozen=True)
 class Interface:
-    """All variables of one FMU and the dependencies of each output.
+    """All variables of one FMU and the dependencies of each output and derivative.
 
-    `direct` lists for each output the inputs with feedthrough to it, `initial` all variables that its initial value
-    depends on.
+    `direct` lists for each output and derivative the inputs with feedthrough to it and the continuous states that it
+    depends on, `initial` all variables that the initial value of an output, state or derivative depends on.
     """
 
     kind: str
@@ -108,23 +121,67 @@ class Interface:
         """Return the names of all variables of a causality, in order."""
         return tuple(v.name for v in self.variables if v.causality == causality)
 
+    @property
+    def derivatives(self) -> tuple[str, ...]:
+        """Names of the derivatives of the continuous states, in order."""
+        return tuple(v.name for v in self.variables if v.derivative_of is not None)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the continuous states, in the order of their derivatives."""
+        return tuple(v.derivative_of for v in self.variables if v.derivative_of is not None)
+
+    def feedthrough(self, name: str) -> tuple[str, ...]:
+        """Return the inputs with feedthrough to an output or derivative."""
+        inputs = set(self.names("input"))
+        return tuple(known for known in self.direct.get(name, ()) if known in inputs)
+
+    def without_states(self) -> Interface:
+        """Return the interface without continuous states, for an FMU that offers co-simulation only."""
+        hidden = set(self.derivatives) | {v.name for v in self.variables if v.is_computed}
+        outputs = self.names("output")
+        return replace(
+            self,
+            variables=tuple(replace(v, nominal=None) for v in self.variables if v.name not in hidden),
+            direct={name: self.feedthrough(name) for name in outputs},
+            initial={name: self.initial[name] for name in outputs},
+        )
+
 
 def shock_interface(shock: Shock) -> Interface:
     """Return the interface of a shock FMU; the shock's parameters are the start values."""
     table = read_table(f"shock_{shock.law_name}")
-    variables = tuple(v for row in table["variable"] for v in _sized_variables(row, shock.law))
+    rows = [row for row in table["variable"] if row["name"] not in table.get("without", ())]
+    variables = tuple(v for row in rows for v in _sized_variables(row, shock.law))
     # The start is an equilibrium, so parameters that only affect how the lag develops have no influence on it.
     idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
     parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
-    direct = {name: tuple(inputs) for name, inputs in table["dependencies"].items()}
-    return Interface(
+    inputs = tuple(v.name for v in variables if v.causality == "input")
+    starts = _start_dependencies(table["start_dependencies"], variables)
+    interface = Interface(
         kind=table["interface"],
         version=table["version"],
         description=table["description"],
         variables=variables,
-        direct=direct,
-        initial={name: inputs + parameters for name, inputs in direct.items()},
+        direct={},
+        initial={"force": inputs + parameters},
     )
+    known, rates = {*inputs, *interface.states}, interface.derivatives
+    return replace(
+        interface,
+        direct={name: tuple(n for n in table["dependencies"][name] if n in known) for name in ("force", *rates)},
+        initial=interface.initial | {name: starts.get(name, ()) for name in (*interface.states, *rates)},
+    )
+
+
+def _start_dependencies(
+    table: Mapping[str, Sequence[str]], variables: Sequence[Variable]
+) -> Mapping[str, tuple[str, ...]]:
+    """Return what the initial value of a state depends on; a name ending in `*` stands for all that begin with it."""
+    return {
+        name: tuple(v.name for v in variables if any(fnmatchcase(v.name, pattern) for pattern in patterns))
+        for name, patterns in table.items()
+    }
 
 
 def vehicle_interface(model: StateSpace) -> Interface:
@@ -136,7 +193,8 @@ def vehicle_interface(model: StateSpace) -> Interface:
     """
     table = read_table("vehicle_ss")
     channels = {c.name: ("input", c.unit) for c in model.inputs} | {c.name: ("output", c.unit) for c in model.outputs}
-    variables = tuple(v for row in table["variable"] for v in _corner_variables(row) if _is_included(row, v, channels))
+    rows = [row for row in table["variable"] if "<mode>" not in row["name"]]  # builder/fmu/modes.py
+    variables = tuple(v for row in rows for v in _corner_variables(row) if _is_included(row, v, channels))
     _check_channels(model.name, channels, variables)
     return Interface(
         kind=table["interface"],
@@ -163,14 +221,16 @@ def read_table(folder: str) -> dict[str, Any]:
     if base := table.get("extends"):
         common = tomllib.loads((path.parent / base).read_text(encoding="utf-8"))
         table["variable"] = common["variable"] + table.get("variable", [])
-        table["dependencies"] = common.get("dependencies", {}) | table.get("dependencies", {})
+        for section in ("dependencies", "start_dependencies"):
+            table[section] = common.get(section, {}) | table.get(section, {})
     for row in table["variable"]:
         if unknown := sorted(set(row) - _KEYS):
             raise FmuError(f"{path}: {row.get('name')}: unknown keys: {', '.join(unknown)}")
     return table
 
 
-def _variable(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
+def variable_of(row: Mapping[str, Any], name: str, reference: int, start: Any, offset: str | None = None) -> Variable:
+    """Return the variable of a row of interface.toml, with its name, reference, start value and offset."""
     return Variable(
         name=name,
         reference=reference,
@@ -184,6 +244,8 @@ def _variable(row: Mapping[str, Any], name: str, reference: int, start: Any, off
         maximum=row.get("max"),
         description=row["description"],
         offset=offset,
+        derivative_of=row.get("derivative_of"),
+        nominal=row.get("nominal"),
     )
 
 
@@ -191,19 +253,19 @@ def _sized_variables(row: Mapping[str, Any], law: Any) -> Sequence[Variable]:
     """Return a row's variables with start values from the law; a row with a size becomes name[1], name[2], ..."""
     start = attrgetter(row["start"])(law) if "start" in row else None
     if "size" not in row:
-        return [_variable(row, row["name"], row["reference"], start)]
+        return [variable_of(row, row["name"], row["reference"], start)]
     assert start is not None and len(start) == row["size"]
-    return [_variable(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
+    return [variable_of(row, f"{row['name']}[{k + 1}]", row["reference"] + k, start[k]) for k in range(row["size"])]
 
 
 def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
     """Return a row's variables: a row with <corner> becomes one per corner, and one without corner (quarter car)."""
     name, start, offset = row["name"], row.get("start"), row.get("offset")
     if "<corner>" not in name:
-        return [_variable(row, name, row["reference"], start, offset)]
+        return [variable_of(row, name, row["reference"], start, offset)]
     prefixes = [f"{corner}." for corner in CORNERS] + [""]
     return [
-        _variable(
+        variable_of(
             row,
             name.replace("<corner>.", prefix),
             row["reference"] + k % len(CORNERS),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from builder.fmu.interface import Interface, shock_interface, vehicle_interface
+from builder.fmu.modes import with_modes
 from eightpost.errors import FmuError
 from eightpost.shock import Shock
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Vehicle
@@ -43,7 +44,7 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     if model.dt is not None:
         raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
     _refuse_direct_velocity(model)
-    interface = _with_static(vehicle_interface(model), vehicle.static)
+    interface = _with_static(with_modes(vehicle_interface(model), model), vehicle.static)
     if isinstance(vehicle, IdentifiedVehicle):
         interface = _with_friction(interface, vehicle.friction)
     return Product(identifier, f"{interface.description}: {vehicle.name}", interface, vehicle)

@@ -31,6 +31,7 @@ COMMON = (
     "logging.c",
     "message.c",
     "message.h",
+    "model_exchange.c",
     "names.h",
     "refusals.c",
     "state_check.c",
@@ -39,6 +40,8 @@ COMMON = (
     "wide.h",
 )
 SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
+#: Files of fmus/vehicle_ss besides model.c.
+VEHICLE = ("modal.h", "phi.h", "rates.c")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
@@ -56,7 +59,7 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
         space = product.source.coupled()
         form = modal_form(space)
         states = kept_numbers(form, product.interface)
-        model["phi.h"] = (folder / product.sources / "phi.h").read_bytes()
+        model |= {name: (folder / product.sources / name).read_bytes() for name in VEHICLE}
         generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
     plan = layout(product.interface, states)
     generated |= {
@@ -74,6 +77,18 @@ CAPABILITIES = {
     "needsExecutionTool": "false",
     "canHandleVariableCommunicationStepSize": "true",
     "canInterpolateInputs": "true",
+    "canBeInstantiatedOnlyOncePerProcess": "false",
+    "canNotUseMemoryManagementFunctions": "false",
+    "canGetAndSetFMUstate": "true",
+    "canSerializeFMUstate": "true",
+    "providesDirectionalDerivative": "true",
+}
+
+
+#: The same of the element ModelExchange.
+EXCHANGE = {
+    "needsExecutionTool": "false",
+    "completedIntegratorStepNotNeeded": "true",
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canNotUseMemoryManagementFunctions": "false",
     "canGetAndSetFMUstate": "true",
@@ -133,6 +148,7 @@ def _source(product: Product, disclosure: Disclosure) -> Source:
         interface=visible,
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__}",
+        exchange=EXCHANGE,
     )
     return sealed(
         description,
@@ -181,5 +197,5 @@ def _visible(interface: Interface, disclosure: Disclosure) -> Interface:
         return interface
     shown = tuple(v for v in interface.variables if not v.name.startswith(SECRET))
     names = {v.name for v in shown}
-    initial = {output: tuple(n for n in known if n in names) for output, known in interface.initial.items()}
+    initial = {unknown: tuple(n for n in known if n in names) for unknown, known in interface.initial.items()}
     return replace(interface, variables=shown, initial=initial)

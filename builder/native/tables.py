@@ -13,10 +13,11 @@ _SIGNALS = ("input", "output", "local")
 
 #: Phases (fmus/common/component.h) in which a host may set a variable.
 _SETTABLE = {
-    ("input", "continuous"): "INSTANTIATED | INITIALIZING | STEPPING",
-    ("parameter", "tunable"): "INSTANTIATED | INITIALIZING | STEPPING",
+    ("input", "continuous"): "INSTANTIATED | INITIALIZING | STEPPING | EVENT | CONTINUOUS",
+    ("parameter", "tunable"): "INSTANTIATED | INITIALIZING | STEPPING | EVENT",
     ("parameter", "fixed"): "INSTANTIATED | INITIALIZING",
 }
+_STATE_SETTABLE = "EVENT | CONTINUOUS"
 
 
 #: Kinds whose outputs are computed when they are read, not in the step.
@@ -58,7 +59,10 @@ _PLACES = {"vehicle_ss": _vehicle_member, "assembly": _assembly_member}
 
 @dataclass(frozen=True)
 class Layout:
-    """The storage of each variable: Reals in a struct, signals before parameters; Booleans in an array."""
+    """The storage of each variable: Reals in a struct, signals before parameters; Booleans in an array.
+
+    Derivatives and a vehicle's modes are in no struct: the model computes or keeps them.
+    """
 
     interface: Interface
     reals: tuple[tuple[Variable, _Member], ...]
@@ -71,6 +75,14 @@ class Layout:
             variable.name
         )
 
+    def place(self, variable: Variable) -> str:
+        """Return the variable's index as C text; continuous states and their derivatives have indices of their own."""
+        if variable.name in self.interface.states:
+            return f"FIRST_STATE + {self.interface.states.index(variable.name)}"
+        if variable.derivative_of is not None:
+            return f"FIRST_DERIVATIVE + {self.interface.derivatives.index(variable.name)}"
+        return str(self.index(variable))
+
     def count(self, *causalities: str) -> int:
         """Return the number of Real variables of some causalities."""
         return sum(v.causality in causalities for v, _ in self.reals)
@@ -79,7 +91,8 @@ class Layout:
 def layout(interface: Interface, states: int) -> Layout:
     """Return the storage layout of an interface; `states` is the size of the model's internal state."""
     order = (*_SIGNALS, "parameter")
-    reals = sorted((v for v in interface.variables if v.type == "Real"), key=lambda v: order.index(v.causality))
+    stored = (v for v in interface.variables if v.type == "Real" and not v.is_computed)
+    reals = sorted(stored, key=lambda v: order.index(v.causality))
     place = _PLACES.get(interface.kind, _shock_member)
     members: list[_Member] = []
     for variable in reals:
@@ -108,6 +121,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "REALS": len(plan.reals),
         "FLAGS": max(1, len(plan.flags)),
         "STATES": max(1, plan.states),
+        "CONTINUOUS_STATES": len(interface.states),
         "REFERENCES": _references(interface.variables),
         "OUTPUTS_ARE_KEPT": int(interface.kind not in _COMPUTED_WHEN_ASKED),
     }
@@ -168,7 +182,8 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
     position = {v.reference: k for k, v in enumerate(variables)}
     references = range(_references(plan.interface.variables))
     places = [position.get(reference, -1) for reference in references]
-    index = {v.reference: plan.index(v) for v in variables if v.type == "Real"}
+    index = {v.reference: plan.index(v) for v in variables if v.type == "Real" and not v.is_computed}
+    nominal = {v.name: v.nominal for v in plan.interface.variables}
     inputs = [str(v.reference) for v, _ in plan.reals if v.causality == "input"]
     flags = [str(int(bool(v.start))) for v in plan.flags] or ["0"]
     lines = [
@@ -184,6 +199,8 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
         f"const int16_t real_of_reference[REFERENCES] = {{{', '.join(str(index.get(r, -1)) for r in references)}}};",
         "",
         f"const double start_values[REALS] = {c_array(float(v.start or 0.0) for v, _ in plan.reals)};",
+        f"const double nominal_states[CONTINUOUS_STATES + 1] = "
+        f"{c_array([*(nominal[name] or 1.0 for name in plan.interface.states), 1.0])};",
         f"const int64_t start_flags[FLAGS] = {{{', '.join(flags)}}};",
         "",
     ]
@@ -195,8 +212,10 @@ def _row(plan: Layout, variable: Variable) -> str:
         f'"{variable.name}"',
         f'"{"" if variable.unit == "1" else variable.unit or ""}"',
         variable.type.upper(),
-        str(plan.index(variable)),
-        _SETTABLE.get((variable.causality, variable.variability), "0"),
+        plan.place(variable),
+        _STATE_SETTABLE
+        if variable.name in plan.interface.states
+        else _SETTABLE.get((variable.causality, variable.variability), "0"),
         str(int(variable.causality == "output")),
         "-NO_LIMIT" if variable.minimum is None else c_number(variable.minimum),
         "NO_LIMIT" if variable.maximum is None else c_number(variable.maximum),

@@ -158,37 +158,3 @@ double model_output(const Memory *memory, int output)
     }
     return memory->values.named.signals.output[output];
 }
-
-/* d output / d input of part p, with indices in the part, for an input of the assembly: its direct effect on the part, and its
- * effect through the vehicle's outputs. */
-static double part_term(const Memory *memory, int p, int output, int outside)
-{
-    const Kept kept = kept_of(memory, p);
-    double sum = 0.0;
-    for (int i = 0; i < PART[p].input_count; i++) {
-        const Feed *fed = &FEED[PART[p].feeds + i];
-        double moved = fed->outside == outside ? 1.0 : 0.0;
-        for (int k = fed->first; k < fed->last && p > 0; k++) {
-            const Coupled *source = &SIGNAL[TERM[k].signal];
-            const Kept vehicle = kept_of(memory, 0);
-            for (int j = 0; j < PART[0].input_count; j++) {
-                if (FEED[PART[0].feeds + j].outside == outside) {
-                    moved += TERM[k].gain * TERM[k].factor *
-                             direct_term(PART[0].kind, &vehicle, PART[0].input_count + source->output, j);
-                }
-            }
-        }
-        sum += moved == 0.0 ? 0.0 : moved * direct_term(PART[p].kind, &kept, output, i);
-    }
-    return sum;
-}
-
-double model_direct_term(const Memory *memory, int output, int input)
-{
-    for (int p = 0; p < PARTS; p++) {
-        if (output >= PART[p].outputs && output < PART[p].outputs + PART[p].output_count) {
-            return part_term(memory, p, PART[p].input_count + output - PART[p].outputs, input);
-        }
-    }
-    return 0.0;
-}

@@ -27,6 +27,8 @@ typedef struct {
     int named(kind, part_start)(void *part, Message *why); \
     int named(kind, part_step)(void *part, const double *from, double h, Message *why); \
     void named(kind, part_output)(void *part, int output); \
-    double named(kind, part_direct_term)(const Kept *kept, int output, int input);
+    int named(kind, part_evaluate)(void *part, Message *why); \
+    void named(kind, part_derivatives)(void *part, double *rates); \
+    void named(kind, part_tangent)(void *part, const double *inputs, const double *states, double *outputs, double *rates);
 
 #endif

@@ -18,7 +18,9 @@ PART_KINDS(DECLARE)
 #define CASE_START(kind) case KIND_##kind: return NAMED(kind, part_start)(part, why);
 #define CASE_STEP(kind) case KIND_##kind: return NAMED(kind, part_step)(part, from, h, why);
 #define CASE_OUTPUT(kind) case KIND_##kind: NAMED(kind, part_output)(part, output); break;
-#define CASE_DIRECT(kind) case KIND_##kind: return NAMED(kind, part_direct_term)(kept, output, input);
+#define CASE_EVALUATE(kind) case KIND_##kind: return NAMED(kind, part_evaluate)(part, why);
+#define CASE_DERIVATIVES(kind) case KIND_##kind: NAMED(kind, part_derivatives)(part, rates); break;
+#define CASE_TANGENT(kind) case KIND_##kind: NAMED(kind, part_tangent)(part, inputs, states, outputs, rates); break;
 
 static inline size_t size_of_part(int kind)
 {
@@ -65,9 +67,20 @@ static inline void compute_output(int kind, void *part, int output)
     switch (kind) { PART_KINDS(CASE_OUTPUT) default: break; }
 }
 
-static inline double direct_term(int kind, const Kept *kept, int output, int input)
+static inline int evaluate(int kind, void *part, Message *why)
 {
-    switch (kind) { PART_KINDS(CASE_DIRECT) default: return 0.0; }
+    switch (kind) { PART_KINDS(CASE_EVALUATE) default: return 0; }
+}
+
+static inline void compute_derivatives(int kind, void *part, double *rates)
+{
+    switch (kind) { PART_KINDS(CASE_DERIVATIVES) default: break; }
+}
+
+static inline void compute_tangent(int kind, void *part, const double *inputs, const double *states, double *outputs,
+                                   double *rates)
+{
+    switch (kind) { PART_KINDS(CASE_TANGENT) default: break; }
 }
 
 #endif

@@ -14,6 +14,7 @@
 #undef variable_of_reference
 #undef real_of_reference
 #undef start_values
+#undef nominal_states
 #undef start_flags
 #undef model_work_size
 #undef model_refuses
@@ -21,10 +22,14 @@
 #undef model_start
 #undef model_step
 #undef model_output
-#undef model_direct_term
+#undef model_state
+#undef model_evaluate
+#undef model_derivatives
+#undef model_tangent
 #undef law_lag_weight
 #undef law_lag_weight_slope
 #undef law_advance_lag
+#undef law_rate
 #undef law_refuses
 
 #define variables fmi2FullName(OF_PART(variables))
@@ -32,6 +37,7 @@
 #define variable_of_reference fmi2FullName(OF_PART(variable_of_reference))
 #define real_of_reference fmi2FullName(OF_PART(real_of_reference))
 #define start_values fmi2FullName(OF_PART(start_values))
+#define nominal_states fmi2FullName(OF_PART(nominal_states))
 #define start_flags fmi2FullName(OF_PART(start_flags))
 #define model_work_size fmi2FullName(OF_PART(model_work_size))
 #define model_refuses fmi2FullName(OF_PART(model_refuses))
@@ -39,10 +45,14 @@
 #define model_start fmi2FullName(OF_PART(model_start))
 #define model_step fmi2FullName(OF_PART(model_step))
 #define model_output fmi2FullName(OF_PART(model_output))
-#define model_direct_term fmi2FullName(OF_PART(model_direct_term))
+#define model_state fmi2FullName(OF_PART(model_state))
+#define model_evaluate fmi2FullName(OF_PART(model_evaluate))
+#define model_derivatives fmi2FullName(OF_PART(model_derivatives))
+#define model_tangent fmi2FullName(OF_PART(model_tangent))
 #define law_lag_weight fmi2FullName(OF_PART(law_lag_weight))
 #define law_lag_weight_slope fmi2FullName(OF_PART(law_lag_weight_slope))
 #define law_advance_lag fmi2FullName(OF_PART(law_advance_lag))
+#define law_rate fmi2FullName(OF_PART(law_rate))
 #define law_refuses fmi2FullName(OF_PART(law_refuses))
 
 #define part_size fmi2FullName(OF_PART(part_size))
@@ -54,6 +64,8 @@
 #define part_start fmi2FullName(OF_PART(part_start))
 #define part_step fmi2FullName(OF_PART(part_step))
 #define part_output fmi2FullName(OF_PART(part_output))
-#define part_direct_term fmi2FullName(OF_PART(part_direct_term))
+#define part_evaluate fmi2FullName(OF_PART(part_evaluate))
+#define part_derivatives fmi2FullName(OF_PART(part_derivatives))
+#define part_tangent fmi2FullName(OF_PART(part_tangent))
 
 #endif

@@ -12,6 +12,7 @@ typedef struct {
     int kept; /* index of the first number in Memory.state of the assembly */
     int feeds; /* index of the feed of its first input */
     int signals, signal_count; /* index of the first of its outputs that feed another part */
+    int states; /* index of the first one of its continuous states */
 } Place;
 
 /* An output that feeds another part: forces of shocks first, then outputs of the vehicle. */

@@ -8,12 +8,18 @@ static double least_size(const Variable *variable)
     return variable->unit[0] == 'N' ? 1e3 : 1e-3;
 }
 
-/* d output / d known of the start, by central differences, because the start solves for the state and has no formula. */
-static double start_derivative(Component *c, int output, int known, double least)
+/* The value of an output or of a derivative, with the derivatives of all states at hand. */
+static double unknown_of(const Memory *memory, int index, const double *rates)
+{
+    return index < FIRST_DERIVATIVE ? value_of(memory, index) : rates[index - FIRST_DERIVATIVE];
+}
+
+/* d unknown / d known of the start, by central differences, because the start solves for the state and has no formula. */
+static double start_derivative(Component *c, int unknown, int known, double least)
 {
     Message why = {.length = 0};
     double ends[2] = {0.0, 0.0};
-    double places[2];
+    double places[2], rates[CONTINUOUS_STATES + 1];
     const double value = c->memory.values.at[known], size = value < 0.0 ? -value : value;
     const double change = 6e-6 * (size > least ? size : least);
     for (int side = 0; side < 2; side++) {
@@ -22,25 +28,25 @@ static double start_derivative(Component *c, int output, int known, double least
         if (!model_start(&trial, c->work, &why)) {
             return 0.0;
         }
-        ends[side] = value_of(&trial, output);
+        if (unknown >= FIRST_DERIVATIVE) {
+            model_derivatives(&trial, c->work, rates);
+        }
+        ends[side] = unknown_of(&trial, unknown, rates);
     }
     return (ends[1] - ends[0]) / (places[1] - places[0]);
 }
 
-static double derivative(Component *c, const Variable *output, const Variable *known)
-{
-    return c->memory.phase == INITIALIZING ? start_derivative(c, output->index, known->index, least_size(known))
-                                           : model_direct_term(&c->memory, output->index, known->index);
-}
-
 static const char *reason_not_to_derive(const Component *c, const Variable *variable, int is_unknown)
 {
+    const int is_derivative = variable->kind == REAL && variable->index >= FIRST_DERIVATIVE && variable->index < FIRST_STATE;
+    const int is_state = variable->kind == REAL && variable->index >= FIRST_STATE;
     if (is_unknown) {
-        return variable->is_output ? NULL : "an unknown must be an output";
+        return variable->is_output || is_derivative ? NULL : "an unknown must be an output or a derivative of a state";
     }
-    return is_input(variable) || (c->memory.phase == INITIALIZING && (variable->settable & INITIALIZING))
-               ? NULL
-               : "a known must be an input, or in initialization mode a parameter";
+    if (c->memory.phase == INITIALIZING) {
+        return variable->settable & INITIALIZING ? NULL : "a known must be an input or a parameter in initialization mode";
+    }
+    return is_input(variable) || is_state ? NULL : "a known must be an input or a state, or in initialization mode a parameter";
 }
 
 static int derivable(const Component *c, const fmi2ValueReference vr[], size_t n, int is_unknown)
@@ -58,6 +64,47 @@ static int derivable(const Component *c, const fmi2ValueReference vr[], size_t n
     return 1;
 }
 
+/* The unknowns' change at the start. */
+static void start_changes(Component *c, const fmi2ValueReference unknowns[], size_t n_unknown,
+                          const fmi2ValueReference knowns[], size_t n_known, const double direction[], double result[])
+{
+    for (size_t i = 0; i < n_unknown; i++) {
+        double sum = 0.0;
+        for (size_t k = 0; k < n_known; k++) {
+            const Variable *known = known_variable(knowns[k]);
+            sum += start_derivative(c, known_variable(unknowns[i])->index, known->index, least_size(known)) * direction[k];
+        }
+        result[i] = sum;
+    }
+}
+
+/* The unknowns' change at the present inputs and states. */
+static void changes(Component *c, const fmi2ValueReference unknowns[], size_t n_unknown, const fmi2ValueReference knowns[],
+                    size_t n_known, const double direction[], double result[])
+{
+    double inputs[INPUTS] = {0.0};
+    double states[CONTINUOUS_STATES + 1] = {0.0};
+    double outputs[OUTPUTS], rates[CONTINUOUS_STATES + 1];
+    int has_states = 0, has_rates = 0;
+    for (size_t k = 0; k < n_known; k++) {
+        const int index = known_variable(knowns[k])->index;
+        if (index < INPUTS) {
+            inputs[index] += direction[k];
+        } else {
+            states[index - FIRST_STATE] += direction[k];
+            has_states = 1;
+        }
+    }
+    for (size_t i = 0; i < n_unknown; i++) {
+        has_rates |= known_variable(unknowns[i])->index >= FIRST_DERIVATIVE;
+    }
+    model_tangent(&c->memory, c->work, inputs, has_states ? states : NULL, outputs, has_rates ? rates : NULL);
+    for (size_t i = 0; i < n_unknown; i++) {
+        const int index = known_variable(unknowns[i])->index;
+        result[i] = index < FIRST_DERIVATIVE ? outputs[index - INPUTS] : rates[index - FIRST_DERIVATIVE];
+    }
+}
+
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueReference unknowns[], size_t n_unknown,
                                         const fmi2ValueReference knowns[], size_t n_known, const fmi2Real direction[],
                                         fmi2Real result[])
@@ -70,18 +117,16 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueR
         (n_known > 0 && (knowns == NULL || direction == NULL))) {
         return refused(c, "fmi2GetDirectionalDerivative", "an array is NULL");
     }
-    if (!derivable(c, unknowns, n_unknown, 1) || !derivable(c, knowns, n_known, 0) ||
-        !is_current(c, "fmi2GetDirectionalDerivative")) {
+    if (!derivable(c, unknowns, n_unknown, 1) || !derivable(c, knowns, n_known, 0)) {
         return fmi2Error;
     }
-    for (size_t i = 0; i < n_unknown; i++) {
-        double sum = 0.0;
-        for (size_t k = 0; k < n_known; k++) {
-            sum += derivative(c, known_variable(unknowns[i]), known_variable(knowns[k])) * direction[k];
-        }
-        result[i] = sum;
+    const fmi2Status status = updated(c, "fmi2GetDirectionalDerivative");
+    if (status == fmi2OK && c->memory.phase == INITIALIZING) {
+        start_changes(c, unknowns, n_unknown, knowns, n_known, direction, result);
+    } else if (status == fmi2OK) {
+        changes(c, unknowns, n_unknown, knowns, n_known, direction, result);
     }
-    return fmi2OK;
+    return status;
 }
 
 fmi2Status slopes_refused(fmi2Component instance, size_t n, int is_null)

@@ -19,35 +19,36 @@ static uint64_t digest(const unsigned char *bytes, size_t size, uint64_t hash)
     return hash;
 }
 
-uint64_t state_tag(void)
+uint64_t state_tag(int is_model_exchange)
 {
-    return digest((const unsigned char *)MODEL_GUID, strlen(MODEL_GUID), UINT64_C(14695981039346656037));
+    const uint64_t tag = digest((const unsigned char *)MODEL_GUID, strlen(MODEL_GUID), UINT64_C(14695981039346656037));
+    return is_model_exchange ? ~tag : tag;
 }
 
-static void header(const unsigned char *body, uint64_t numbers[HEADER])
+static void header(uint64_t tag, const unsigned char *body, uint64_t numbers[HEADER])
 {
     numbers[0] = UINT64_C(0x5453544f50544838); /* "8HTPOTST"; differs with another byte order */
     numbers[1] = FORMAT;
-    numbers[2] = state_tag();
+    numbers[2] = tag;
     numbers[3] = sizeof(Memory);
     numbers[4] = digest(body, sizeof(Memory), numbers[2]);
 }
 
-static void pack_memory(const Memory *memory, unsigned char *bytes)
+static void pack_memory(uint64_t tag, const Memory *memory, unsigned char *bytes)
 {
     uint64_t numbers[HEADER];
     memcpy(bytes + sizeof numbers, memory, sizeof *memory);
-    header(bytes + sizeof numbers, numbers);
+    header(tag, bytes + sizeof numbers, numbers);
     memcpy(bytes, numbers, sizeof numbers);
 }
 
-static int unpack_memory(const unsigned char *bytes, size_t size, Memory *memory)
+static int unpack_memory(uint64_t tag, const unsigned char *bytes, size_t size, Memory *memory)
 {
     uint64_t numbers[HEADER];
     if (size != PACKED_SIZE) {
         return 0;
     }
-    header(bytes + sizeof numbers, numbers);
+    header(tag, bytes + sizeof numbers, numbers);
     if (memcmp(bytes, numbers, sizeof numbers) != 0) {
         return 0;
     }
@@ -142,7 +143,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
     if (saved(c, state) == NULL || bytes == NULL || size < PACKED_SIZE) {
         return refused(c, "fmi2SerializeFMUstate", "this is not a state of this FMU, or the buffer is NULL or too small");
     }
-    pack_memory(&saved(c, state)->memory, (unsigned char *)bytes);
+    pack_memory(c->tag, &saved(c, state)->memory, (unsigned char *)bytes);
     return fmi2OK;
 }
 
@@ -157,10 +158,10 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[
     if (bytes == NULL || state == NULL || (*state != NULL && saved(c, *state) == NULL)) {
         return refused(c, "fmi2DeSerializeFMUstate", "give bytes, and the address of NULL or of a state of this FMU");
     }
-    if (!unpack_memory((const unsigned char *)bytes, size, &memory)) {
-        return refused(c, "fmi2DeSerializeFMUstate", "the bytes are damaged, or of another FMU or version");
+    if (!unpack_memory(c->tag, (const unsigned char *)bytes, size, &memory)) {
+        return refused(c, "fmi2DeSerializeFMUstate", "the bytes are damaged, or of another FMU, version or kind of instance");
     }
-    if (!is_possible(&memory, &why)) {
+    if (!is_possible(&memory, c->is_model_exchange, &why)) {
         return refused(c, "fmi2DeSerializeFMUstate", why.text);
     }
     return save(c, "fmi2DeSerializeFMUstate", &memory, state);

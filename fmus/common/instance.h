@@ -18,11 +18,13 @@ typedef struct {
     int logging;
     int categories;
     int is_wide; /* wide.h */
+    int is_model_exchange;
     uint64_t tag; /* identifies states of this FMU */
 } Component;
 
-enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING };
-enum { READABLE = INITIALIZING | STEPPING | TERMINATED };
+enum { EXCHANGING = EVENT | CONTINUOUS };
+enum { SETTABLE = INSTANTIATED | INITIALIZING | STEPPING | EXCHANGING };
+enum { READABLE = INITIALIZING | STEPPING | EXCHANGING | TERMINATED };
 enum { ALIVE = INSTANTIATED | READABLE };
 
 /* logging.c: log a message (warnings and errors always, others if debug logging is on); refuse a call; log that a call is not
@@ -44,11 +46,12 @@ fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size
 fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]);
 fmi2Status slopes_refused(fmi2Component instance, size_t n, int is_null);
 
-/* fmu_state.c: tag of this FMU's states. A state of another FMU may be shorter, and reading it would go beyond its end. */
-uint64_t state_tag(void);
+/* fmu_state.c: tag of this FMU's states, for co-simulation or model exchange. A state of another FMU may be shorter, and reading it
+ * would go beyond its end; a state of the other kind of instance has other modes. */
+uint64_t state_tag(int is_model_exchange);
 
-/* state_check.c: 0 and the reason if no instance can have such a memory. */
-int is_possible(const Memory *m, Message *why);
+/* state_check.c: 0 and the reason if no instance of this kind can have such a memory. */
+int is_possible(const Memory *m, int is_model_exchange, Message *why);
 
 /* lifecycle.c: zeroed memory from the host; 0 and a message if parameters contradict each other; set outputs and state from
  * inputs and parameters, 0 and a message if there is no such start; whether inputs, outputs and local variables are finite. */
@@ -56,6 +59,11 @@ void *allocated(const Component *c, size_t size);
 int fits(const Component *c, const char *function);
 int started(Component *c, const char *function);
 int signals_are_finite(const Memory *m);
+
+/* model_exchange.c: compute outputs after a change of parameters, inputs or states; fmi2Error if parameters contradict each other,
+ * fmi2Discard if a result is not finite. Refuse a result that is not finite. */
+fmi2Status evaluated(Component *c, const char *function);
+fmi2Status not_finite(const Component *c, const char *function);
 
 /* The component if the function may be called in its phase (FMI 2.0.4, 4.2.4), otherwise NULL. */
 static inline Component *entered(fmi2Component instance, const char *function, int phases)
@@ -90,10 +98,16 @@ static inline int is_input(const Variable *variable)
     return variable->kind == REAL && variable->index < INPUTS;
 }
 
-/* In initialization mode, update outputs after changes; 0 and a message if there is no such start. */
-static inline int is_current(Component *c, const char *function)
+/* In initialization mode and in model exchange, update outputs after changes; a message if that is not possible. */
+static inline fmi2Status updated(Component *c, const char *function)
 {
-    return c->memory.phase != INITIALIZING || !c->memory.stale || started(c, function);
+    if (!c->memory.stale || !(c->memory.phase & (INITIALIZING | EXCHANGING))) {
+        return fmi2OK;
+    }
+    if (c->memory.phase == INITIALIZING) {
+        return started(c, function) ? fmi2OK : fmi2Error;
+    }
+    return evaluated(c, function);
 }
 
 #endif

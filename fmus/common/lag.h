@@ -20,4 +20,11 @@ static double advance_lag(LagFactors *f, double lagged, double static_start, dou
     return lagged + (static_start - lagged) * f->rise + (static_end - static_start) * f->ramp;
 }
 
+/* dF_lag/dt. */
+static inline Rate lag_rate(double lagged, double static_force, double time_constant)
+{
+    const Rate rate = {(static_force - lagged) / time_constant, -1.0 / time_constant, 0.0, 1.0 / time_constant};
+    return rate;
+}
+
 #endif

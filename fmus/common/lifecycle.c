@@ -13,7 +13,7 @@ static void start_over(Component *c)
     memcpy(c->memory.flag, start_flags, sizeof c->memory.flag);
     c->memory.phase = INSTANTIATED;
     c->memory.stop = NO_LIMIT;
-    c->memory.stale = 1;
+    c->memory.stale = CHANGED;
 }
 
 int fits(const Component *c, const char *function)
@@ -112,8 +112,8 @@ static const char *reason_not_to_instantiate(fmi2String name, fmi2Type type, fmi
     if (name == NULL || name[0] == '\0') {
         return "the instance has no name";
     }
-    if (type != fmi2CoSimulation) {
-        return "this FMU is for co-simulation only";
+    if (type != fmi2CoSimulation && type != fmi2ModelExchange) {
+        return "the type is neither co-simulation nor model exchange";
     }
     if (guid == NULL || strcmp(guid, MODEL_GUID) != 0) {
         return "the GUID of modelDescription.xml is not that of this binary, which is " MODEL_GUID;
@@ -144,7 +144,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         c->logging = logging != fmi2False;
         c->categories = ~0;
         c->is_wide = can_be_wide();
-        c->tag = state_tag();
+        c->is_model_exchange = type == fmi2ModelExchange;
+        c->tag = state_tag(c->is_model_exchange);
         start_over(c);
     }
     return c;
@@ -162,7 +163,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance
                                fmi2Boolean has_stop, fmi2Real stop)
 {
     Component *c = entered(instance, "fmi2SetupExperiment", INSTANTIATED);
-    (void)has_tolerance; /* the step is exact */
+    (void)has_tolerance; /* a step is exact, and derivatives are */
     (void)tolerance;
     if (c == NULL) {
         return fmi2Error;
@@ -194,14 +195,14 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component instance)
     if (c == NULL || !started(c, "fmi2ExitInitializationMode")) {
         return fmi2Error;
     }
-    c->memory.phase = STEPPING;
+    c->memory.phase = c->is_model_exchange ? EVENT : STEPPING;
     logged(c, fmi2OK, "initialized");
     return fmi2OK;
 }
 
 fmi2Status fmi2Terminate(fmi2Component instance)
 {
-    Component *c = entered(instance, "fmi2Terminate", STEPPING);
+    Component *c = entered(instance, "fmi2Terminate", STEPPING | EXCHANGING);
     if (c == NULL) {
         return fmi2Error;
     }

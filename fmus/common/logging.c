@@ -32,6 +32,8 @@ static const char *phase_name(int64_t phase)
     case INSTANTIATED: return "before initialization mode";
     case INITIALIZING: return "in initialization mode";
     case STEPPING: return "between steps";
+    case EVENT: return "in event mode";
+    case CONTINUOUS: return "in continuous-time mode";
     default: return "after fmi2Terminate";
     }
 }

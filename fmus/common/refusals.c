@@ -10,12 +10,23 @@ void not_known(const Component *c, const char *function, fmi2ValueReference refe
     refused(c, function, message.text);
 }
 
+static const char *reason_not_to_set(const Variable *variable)
+{
+    if (!variable->settable) {
+        return " is computed by the FMU and cannot be set";
+    }
+    if (!(variable->settable & INSTANTIATED)) {
+        return " is a continuous state: it can be set in event mode and continuous-time mode of model exchange only";
+    }
+    return variable->settable & EVENT ? " is a parameter: set it in event mode, not in continuous-time mode"
+                                      : " is fixed: set it before initialization ends";
+}
+
 int not_settable(const Component *c, const char *function, const Variable *variable)
 {
     Message message = {.length = 0};
     say(&message, variable->name);
-    say(&message, variable->settable ? " is fixed: set it before initialization ends"
-                                     : " is computed by the FMU and cannot be set");
+    say(&message, reason_not_to_set(variable));
     refused(c, function, message.text);
     return 0;
 }

@@ -91,7 +91,7 @@ static double follow(const Parameters *p, LagFactors *kept, double lagged, doubl
     return follow_piece(p, factors, lagged, before, end, part, f);
 }
 
-/* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
+/* ---- Functions declared in component.h: start and steps --------------------------------------------------------------- */
 
 size_t model_work_size(void)
 {
@@ -155,16 +155,52 @@ double model_output(const Memory *memory, int output)
     return memory->values.at[INPUTS + output];
 }
 
-/* d force / d velocity with F_lag fixed, or d force / d displacement. */
-double model_direct_term(const Memory *memory, int output, int input)
+/* ---- Model exchange: F_lag is the continuous state ------------------------------------------------------------------ */
+
+double *model_state(Memory *memory, int k)
+{
+    (void)k;
+    return &memory->values.named.signals.lagged_force;
+}
+
+int model_evaluate(Memory *memory, void *work, Message *why)
+{
+    Signals *s = &memory->values.named.signals;
+    const Parameters *p = &memory->values.named.parameters;
+    const double f = static_force(p, s->velocity);
+    (void)work;
+    (void)why;
+    if (!respond(s, p, CONTINUOUS_STATES > 0 ? s->lagged_force : f, f)) {
+        return 0;
+    }
+    memory->state[0] = s->velocity;
+    return 1;
+}
+
+void model_derivatives(const Memory *memory, void *work, double *rates)
+{
+    const Signals *s = &memory->values.named.signals;
+    const Parameters *p = &memory->values.named.parameters;
+    (void)work;
+    for (int k = 0; k < CONTINUOUS_STATES; k++) { /* there is one, or none */
+        rates[k] = law_rate(p, s->lagged_force, p->motion_ratio * memory->state[0], s->static_force).value;
+    }
+}
+
+/* F_lag changes by states[0], and not with the inputs. */
+void model_tangent(const Memory *memory, void *work, const double *inputs, const double *states, double *outputs,
+                   double *rates)
 {
     const Signals *s = &memory->values.named.signals;
     const Parameters *p = &memory->values.named.parameters;
     const double r = p->motion_ratio, v = r * s->velocity, f = static_force(p, s->velocity);
-    const double f_slope = valve_slope(p, v), alpha = law_lag_weight(p, f);
-    (void)output; /* force is the only output */
-    if (input != 0) {
-        return r * r * p->gas_stiffness;
+    const double f_slope = valve_slope(p, v), alpha = law_lag_weight(p, f), moved = states == NULL ? 0.0 : states[0];
+    const double by_velocity = (1.0 - alpha) * f_slope + law_lag_weight_slope(p, f) * f_slope * (s->lagged_force - f);
+    (void)work;
+    outputs[0] = r * r * (by_velocity + seal_slope(p, v)) * inputs[0] + r * r * p->gas_stiffness * inputs[1] +
+                 r * alpha * moved; /* force is the only output */
+    for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
+        const Rate rate = law_rate(p, s->lagged_force, v, f);
+        rates[k] = rate.by_lagged * moved + (rate.by_velocity + rate.by_static * f_slope) * r * inputs[0];
     }
-    return r * r * ((1.0 - alpha) * f_slope + law_lag_weight_slope(p, f) * f_slope * (s->lagged_force - f) + seal_slope(p, v));
 }

@@ -20,8 +20,15 @@ typedef struct {
 double law_lag_weight(const Parameters *p, double static_force);
 /* d alpha / d F_s [1/N]. */
 double law_lag_weight_slope(const Parameters *p, double static_force);
+/* dF_lag/dt [N/s], and its partial derivatives by F_lag [1/s], damper velocity [N/m] and F_s [1/s]. */
+typedef struct {
+    double value, by_lagged, by_velocity, by_static;
+} Rate;
+
 /* F_lag [N] after a piece. */
 double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece);
+/* dF_lag/dt at F_lag [N], a damper velocity [m/s] and its F_s [N]: the equation that law_advance_lag solves. */
+Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force);
 /* The reason why the law's own parameters contradict each other, or NULL. */
 const char *law_refuses(const Parameters *p);
 

@@ -21,9 +21,10 @@ static int are_finite(const double *numbers, size_t count)
     return finite;
 }
 
-static int is_phase(int64_t phase)
+static int is_phase(int64_t phase, int is_model_exchange)
 {
-    return phase == INSTANTIATED || phase == INITIALIZING || phase == STEPPING || phase == TERMINATED;
+    return phase == INSTANTIATED || phase == INITIALIZING || phase == TERMINATED ||
+           (is_model_exchange ? phase == EVENT || phase == CONTINUOUS : phase == STEPPING);
 }
 
 static int is_truth(int64_t value)
@@ -31,9 +32,9 @@ static int is_truth(int64_t value)
     return value == 0 || value == 1;
 }
 
-static int are_truths(const Memory *m)
+static int are_truths(const Memory *m, int is_model_exchange)
 {
-    int truths = is_truth(m->stale);
+    int truths = m->stale >= 0 && m->stale <= (is_model_exchange ? CHANGED | MOVED : CHANGED);
     for (int k = 0; k < FLAGS; k++) {
         truths &= is_truth(m->flag[k]);
     }
@@ -46,7 +47,7 @@ static int parameters_are_possible(const Memory *m, Message *why)
     unsigned char is_seen[REALS] = {0};
     for (fmi2ValueReference reference = 0; reference < REFERENCES; reference++) {
         const Variable *v = find_variable(reference);
-        if (v == NULL || v->kind != REAL) {
+        if (v == NULL || v->kind != REAL || v->index >= REALS) {
             continue;
         }
         is_seen[v->index] = 1;
@@ -64,12 +65,12 @@ static int parameters_are_possible(const Memory *m, Message *why)
     return 1;
 }
 
-int is_possible(const Memory *m, Message *why)
+int is_possible(const Memory *m, int is_model_exchange, Message *why)
 {
-    if (!is_phase(m->phase)) {
+    if (!is_phase(m->phase, is_model_exchange)) {
         return not_possible(why, "its phase is unknown");
     }
-    if (!are_truths(m)) {
+    if (!are_truths(m, is_model_exchange)) {
         return not_possible(why, "a Boolean is neither true nor false");
     }
     if (!is_finite(m->time) || !is_finite(m->stop) || !are_finite(m->slope, INPUTS) || !are_finite(m->state, STATES) ||

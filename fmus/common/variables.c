@@ -33,28 +33,71 @@ static int in_range(const Component *c, const char *function, const Variable *va
     return (value >= variable->minimum && value <= variable->maximum) || out_of_range(c, function, variable, value);
 }
 
-/* Until initialization ends outputs follow inputs at once; later only a change of a parameter needs a check. */
+/* Until initialization ends outputs follow inputs at once; later only a change of a parameter needs a check. In model exchange
+ * outputs always follow inputs and states. */
 static int asks_for_a_look(const Component *c, const Variable *variable)
 {
-    return c->memory.phase != STEPPING || !is_input(variable);
+    if (c->memory.phase & EXCHANGING) {
+        return variable->settable & CONTINUOUS ? MOVED : CHANGED;
+    }
+    return c->memory.phase != STEPPING || !is_input(variable) ? CHANGED : 0;
+}
+
+/* The place of a variable that can be set. */
+static double *place_of(Memory *memory, const Variable *variable)
+{
+    return CONTINUOUS_STATES > 0 && variable->index >= FIRST_STATE ? model_state(memory, variable->index - FIRST_STATE)
+                                                                   : &memory->values.at[variable->index];
+}
+
+/* The derivatives are computed when the first of them is read. */
+static double read_real(Component *c, int index, double *rates, int *are_known)
+{
+    if (CONTINUOUS_STATES == 0 || index < REALS) {
+        return value_of(&c->memory, index);
+    }
+    if (index >= FIRST_STATE) {
+        return *model_state(&c->memory, index - FIRST_STATE);
+    }
+    if (!*are_known) {
+        model_derivatives(&c->memory, c->work, rates);
+        *are_known = 1;
+    }
+    return rates[index - FIRST_DERIVATIVE];
+}
+
+/* Only model exchange can have a state whose outputs are not finite. */
+static int are_finite_results(const Component *c, const fmi2Real value[], size_t n)
+{
+    double rest = 0.0; /* 0 if all values are finite */
+    for (size_t k = 0; k < n; k++) {
+        rest += value[k] - value[k];
+    }
+    return !c->is_model_exchange || rest == 0.0;
 }
 
 fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     Component *c = entered(instance, "fmi2GetReal", READABLE);
+    double rates[CONTINUOUS_STATES + 1];
+    int are_known = 0;
     if (c == NULL) {
         return fmi2Error;
     }
     if (n > 0 && (vr == NULL || value == NULL)) {
         return refused(c, "fmi2GetReal", "an array is NULL");
     }
-    if (!all_known(c, "fmi2GetReal", vr, n, REAL) || !is_current(c, "fmi2GetReal")) {
+    if (!all_known(c, "fmi2GetReal", vr, n, REAL)) {
         return fmi2Error;
     }
-    for (size_t k = 0; k < n; k++) {
-        value[k] = value_of(&c->memory, known_variable(vr[k])->index);
+    const fmi2Status status = updated(c, "fmi2GetReal");
+    if (status != fmi2OK) {
+        return status;
     }
-    return fmi2OK;
+    for (size_t k = 0; k < n; k++) {
+        value[k] = read_real(c, known_variable(vr[k])->index, rates, &are_known);
+    }
+    return are_finite_results(c, value, n) ? fmi2OK : not_finite(c, "fmi2GetReal");
 }
 
 fmi2Status fmi2GetBoolean(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
@@ -94,7 +137,7 @@ fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size
     }
     for (size_t k = 0; k < n; k++) {
         const Variable *variable = known_variable(vr[k]);
-        c->memory.values.at[variable->index] = value[k];
+        *place_of(&c->memory, variable) = value[k];
         stale |= asks_for_a_look(c, variable);
     }
     c->memory.stale = stale;

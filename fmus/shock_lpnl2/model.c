@@ -21,6 +21,12 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
     return advance_lag(kept, lagged, piece->static_start, piece->static_end, p->time_constant, piece->step);
 }
 
+Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
+{
+    (void)velocity;
+    return lag_rate(lagged, static_force, p->time_constant);
+}
+
 const char *law_refuses(const Parameters *p)
 {
     return p->lag_full_force < p->lag_zero_force ? NULL : "lag_zero_force must be greater than lag_full_force";

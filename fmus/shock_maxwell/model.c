@@ -241,6 +241,14 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
     return advance_force(p, lagged, piece);
 }
 
+/* dF/dt = k (v - w) with f(w) = F, and so dw/dF = 1 / f'(w). */
+Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
+{
+    const double w = velocity_under(p, lagged, velocity, static_force), k = p->series_stiffness;
+    const Rate rate = {k * (velocity - w), -k / valve_slope(p, w), k, 0.0};
+    return rate;
+}
+
 static int rises_between(const Parameters *p, double side, double slow, double fast)
 {
     return side * (curve_force(p, side * fast) - curve_force(p, side * slow)) > 0.0;

@@ -25,6 +25,17 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
     return piece->static_end;
 }
 
+/* There is no lag, and so no continuous state. */
+Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
+{
+    const Rate none = {0.0, 0.0, 0.0, 0.0};
+    (void)p;
+    (void)lagged;
+    (void)velocity;
+    (void)static_force;
+    return none;
+}
+
 const char *law_refuses(const Parameters *p)
 {
     (void)p;

@@ -11,6 +11,7 @@
 #include "component.h"
 #include "elementary.h"
 #include "fresh.h"
+#include "modal.h"
 #include "phi.h"
 #include "vehicle_data.h"
 
@@ -23,9 +24,6 @@ enum { MOST_DOUBLINGS = 6 };
 static const double SUB_STEP_SHARE = 0.0625;
 static const double MOST_SUB_STEPS = 100000.0;
 
-/* Upper limit of any state, in any unit. */
-static const double LARGEST = 1e150;
-
 /* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
 typedef struct {
     double h;
@@ -33,12 +31,6 @@ typedef struct {
     double first_re[MODES], first_im[MODES]; /* h (phi1 - phi2) */
     double second_re[MODES], second_im[MODES]; /* h phi2 */
 } Factors;
-
-/* Real parts of all modes, then imaginary parts of the pairs, each padded to a multiple of LANES; the padding is zero and stays
- * so. */
-typedef struct {
-    double at[STATE_BLOCKS * BLOCK];
-} Modal;
 
 /* The last two b u are kept too: most steps begin with the inputs with which the last one ended. */
 typedef struct {
@@ -48,9 +40,6 @@ typedef struct {
     size_t loaded;
     Modal load[2];
 } Work;
-
-/* Memory.state: z, and the corresponding inputs including friction. Outputs are computed when they are read. */
-enum { REACHED = STATE_COUNT };
 
 /* ---- Factors of a step ---------------------------------------------------------------------------------------------- */
 
@@ -113,36 +102,6 @@ static const Factors *factors(Work *work, double h)
     return last->h == h ? last : other_factors(work, h);
 }
 
-/* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
- * order everywhere. Inputs that are zero are skipped. */
-static void load(const double *u, Modal *w)
-{
-    for (int b = 0; b < STATE_BLOCKS; b++) {
-        double sum[BLOCK] = {0.0};
-        for (int c = 0; c < INPUTS; c++) {
-            if (u[c] == 0.0) {
-                continue;
-            }
-            for (int r = 0; r < BLOCK; r++) {
-                sum[r] += B[b][c][r] * u[c];
-            }
-        }
-        memcpy(w->at + b * BLOCK, sum, sizeof sum);
-    }
-}
-
-/* One row of C times z, as four sums. */
-static double row_times(const double *row, const double *z)
-{
-    double sum[LANES] = {0.0};
-    for (int k = 0; k < STATE_COUNT; k += LANES) {
-        for (int i = 0; i < LANES; i++) {
-            sum[i] += row[k + i] * z[k + i];
-        }
-    }
-    return (sum[0] + sum[2]) + (sum[1] + sum[3]);
-}
-
 static int are_equal(const double *a, const double *b)
 {
     for (int k = 0; k < INPUTS; k++) {
@@ -197,25 +156,6 @@ static double friction_rate(const Parameters *p)
         rate += p->friction_force[i] / p->friction_velocity[i] * MOBILITY[i];
     }
     return rate;
-}
-
-static int has_friction(const Parameters *p)
-{
-    for (int i = 0; i < PORT_COUNT; i++) {
-        if (p->friction_force[i] > 0.0) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/* The inputs' increase by friction in state z. */
-static void add_friction(const Parameters *p, const double *z, double *u)
-{
-    for (int i = 0; i < PORT_COUNT; i++) {
-        const double v = row_times(C[PORT_OUTPUT[i]], z);
-        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
-    }
 }
 
 static int whole_number_above(double count)
@@ -282,29 +222,6 @@ double model_output(const Memory *memory, int output)
         y += DIRECT_TERM[k] * u[DIRECT_INPUT[k]];
     }
     return OFFSET_OF[output] < 0 ? y : y + memory->values.named.parameters.offset[OFFSET_OF[output]];
-}
-
-/* Limits far below an overflow of an output or of the next step. */
-static int is_sound(const Modal *z)
-{
-    double sum[LANES] = {0.0};
-    for (int k = 0; k < STATE_COUNT; k += LANES) {
-        for (int i = 0; i < LANES; i++) {
-            sum[i] += z->at[k + i] * z->at[k + i];
-        }
-    }
-    return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
-}
-
-/* Saves state z, and the inputs there. */
-static void reach(Memory *memory, const Modal *z, int rubs)
-{
-    double *u = memory->state + REACHED;
-    memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
-    copy_fresh(u, memory->values.named.signals.input, INPUTS);
-    if (rubs) {
-        add_friction(&memory->values.named.parameters, z->at, u);
-    }
 }
 
 /* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
@@ -382,16 +299,4 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     }
     reach(memory, &end, rubs);
     return 1;
-}
-
-double model_direct_term(const Memory *memory, int output, int input)
-{
-    const int row = output - INPUTS;
-    (void)memory;
-    for (int k = DIRECT_BEGIN[row]; k < DIRECT_BEGIN[row + 1]; k++) {
-        if (DIRECT_INPUT[k] == input) {
-            return DIRECT_TERM[k];
-        }
-    }
-    return 0.0;
 }

@@ -18,7 +18,7 @@
 #define LONGEST_STEP HUGE_VAL
 #endif
 
-enum { INSTANCES = 3, SAVED_STATES = 4, LONGEST = 6, NAMES = 32 };
+enum { INSTANCES = 3, SAVED_STATES = 4, LONGEST = 6, NAMES = 48 };
 
 typedef struct {
     fmi2Component component;
@@ -153,7 +153,10 @@ static double plausible(fmi2ValueReference reference)
 {
     if (reference < REFERENCES && variable_of_reference[reference] >= 0 && !one_in(4)) {
         const Variable *v = &variables[variable_of_reference[reference]];
-        if (v->kind == REAL) {
+        if (v->kind == REAL && v->index >= FIRST_STATE) {
+            return nominal_states[v->index - FIRST_STATE] * uniform(-2.0, 2.0);
+        }
+        if (v->kind == REAL && v->index < REALS) {
             return start_values[v->index] * uniform(0.5, 1.5) + (v->index < INPUTS ? uniform(-1.0, 1.0) : 0.0);
         }
     }
@@ -198,8 +201,8 @@ static void instantiate(Slot *slot)
     if (one_in(4)) {
         own.logger = NULL;
     }
-    slot->component = fmi2Instantiate(one_in(9) ? or_null("") : "instance", one_in(9) ? fmi2ModelExchange : fmi2CoSimulation,
-                                      one_in(9) ? or_null("{wrong}") : MODEL_GUID, or_null("file:///nowhere"), or_null(&own),
+    slot->component = fmi2Instantiate(one_in(9) ? or_null("") : "instance",
+                                      one_in(9) ? (fmi2Type)below(4) : one_in(2) ? fmi2ModelExchange : fmi2CoSimulation, one_in(9) ? or_null("{wrong}") : MODEL_GUID, or_null("file:///nowhere"), or_null(&own),
                                       below(2), below(2));
     slot->time = 0.0;
     count("fmi2Instantiate", slot->component == NULL ? fmi2Error : fmi2OK);
@@ -227,6 +230,69 @@ static void step(Slot *slot)
     const double time = one_in(20) ? any_number() : slot->time;
     if (judged(slot, "fmi2DoStep", fmi2DoStep(slot->component, time, h, below(2))) == fmi2OK) {
         slot->time = time + h;
+    }
+}
+
+/* ---- Model exchange --------------------------------------------------------------------------------------------------- */
+
+static size_t any_count(size_t right)
+{
+    return one_in(12) ? (size_t)below(4) : right;
+}
+
+static void exchange_states(Slot *slot, int choice)
+{
+    fmi2Component c = slot->component;
+    double x[CONTINUOUS_STATES + 4];
+    const size_t n = any_count(CONTINUOUS_STATES);
+    for (int k = 0; k < CONTINUOUS_STATES + 4; k++) {
+        x[k] = one_in(60) ? any_number() : (k < CONTINUOUS_STATES ? nominal_states[k] : 1.0) * uniform(-2.0, 2.0);
+    }
+    switch (choice) {
+    case 0: judged(slot, "fmi2SetContinuousStates", fmi2SetContinuousStates(c, or_null(x), n)); break;
+    case 1:
+        if (judged(slot, "fmi2GetContinuousStates", fmi2GetContinuousStates(c, or_null(x), n)) == fmi2OK) {
+            all_finite("fmi2GetContinuousStates", x, n);
+        }
+        break;
+    case 2:
+        judged(slot, "fmi2GetNominalsOfContinuousStates", fmi2GetNominalsOfContinuousStates(c, or_null(x), n));
+        break;
+    default:
+        if (judged(slot, "fmi2GetDerivatives", fmi2GetDerivatives(c, or_null(x), n)) == fmi2OK) {
+            all_finite("fmi2GetDerivatives", x, n);
+        }
+        break;
+    }
+}
+
+static void exchange_modes(Slot *slot, int choice)
+{
+    fmi2Component c = slot->component;
+    fmi2EventInfo info;
+    fmi2Boolean event = 7, end = 7;
+    double indicator;
+    switch (choice) {
+    case 0: judged(slot, "fmi2EnterEventMode", fmi2EnterEventMode(c)); break;
+    case 1: judged(slot, "fmi2NewDiscreteStates", fmi2NewDiscreteStates(c, or_null(&info))); break;
+    case 2: case 3: judged(slot, "fmi2EnterContinuousTimeMode", fmi2EnterContinuousTimeMode(c)); break;
+    case 4: judged(slot, "fmi2SetTime", fmi2SetTime(c, one_in(9) ? any_number() : uniform(0.0, 1e3))); break;
+    case 5:
+        judged(slot, "fmi2GetEventIndicators", fmi2GetEventIndicators(c, or_null(&indicator), (size_t)below(2)));
+        break;
+    default:
+        judged(slot, "fmi2CompletedIntegratorStep",
+               fmi2CompletedIntegratorStep(c, below(2), or_null(&event), or_null(&end)));
+        break;
+    }
+}
+
+static void exchange(Slot *slot)
+{
+    if (one_in(3)) {
+        exchange_modes(slot, below(7));
+    } else {
+        exchange_states(slot, below(5));
     }
 }
 
@@ -390,6 +456,10 @@ static void ask(Slot *slot, int choice)
 
 static void live(Slot *slot)
 {
+    if (one_in(4)) {
+        exchange(slot);
+        return;
+    }
     switch (below(40)) {
     case 0: release(slot); break;
     case 1: judged(slot, "fmi2Reset", fmi2Reset(slot->component)); slot->time = 0.0; break;

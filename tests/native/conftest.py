@@ -8,17 +8,20 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from builder.assembly import Assembly, read_parts
+from builder.assembly.assembled import _unbuilt as assembled_source
 from builder.assembly.plan import assembly_interface
 from builder.assembly.sources import assembly_sources
 from builder.fmu.product import shock_product, vehicle_product
-from builder.native.native_fmu import c_sources
-from eightpost.archive import extract_archive
+from builder.native.native_fmu import c_sources, compiled
+from builder.native.toolchain import find_toolchain
+from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped
 from eightpost.wiring import Wire
@@ -111,13 +114,28 @@ def c_level() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def folders(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def folders(fmus: dict[str, Path], assembled: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return unpacked native FMUs by name."""
     found = {}
-    for name, path in fmus.items():
+    for name, path in (fmus | {"assembly": assembled}).items():
         found[name] = tmp_path_factory.mktemp(name)
         extract_archive(path, found[name])
     return found
+
+
+@pytest.fixture(scope="session")
+def assembled(
+    assembly: Assembly,
+    one_platform: Callable[[], AbstractContextManager[None]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """The FMU of the assembly."""
+    path = tmp_path_factory.mktemp("assembled") / "assembly.fmu"
+    unbuilt = assembled_source(assembly, assembly_interface(assembly))
+    with one_platform():
+        (members,) = compiled([unbuilt], toolchain=find_toolchain())
+    write_archive(path, members)
+    return path
 
 
 @pytest.fixture

@@ -90,6 +90,58 @@ class Host:
             rows.append(self.all())
         return rows
 
+    def exchange(self, time=0.0):
+        """Start an instance for model exchange, up to continuous-time mode."""
+        info = fmi2.fmi2EventInfo()
+        self.start(time)
+        assert self.call("NewDiscreteStates", ctypes.byref(info)) == OK
+        assert self.call("EnterContinuousTimeMode") == OK
+        return self
+
+    @property
+    def state_names(self):
+        return [unknown.variable.derivative.name for unknown in self.description.derivatives]
+
+    @property
+    def derivative_names(self):
+        return [unknown.variable.name for unknown in self.description.derivatives]
+
+    def set_states(self, values):
+        count = len(values)
+        return self.call("SetContinuousStates", (ctypes.c_double * max(1, count))(*values), ctypes.c_size_t(count))
+
+    def _numbers(self, function):
+        count = len(self.state_names)
+        values = (ctypes.c_double * max(1, count))()
+        assert self.call(function, values, ctypes.c_size_t(count)) == OK
+        return np.array(values[:count])
+
+    def states(self):
+        return self._numbers("GetContinuousStates")
+
+    def derivatives(self):
+        return self._numbers("GetDerivatives")
+
+    def nominals(self):
+        return self._numbers("GetNominalsOfContinuousStates")
+
+    def tangent(self, unknowns, knowns, direction):
+        """Return the status and the results of fmi2GetDirectionalDerivative."""
+        results = (ctypes.c_double * max(1, len(unknowns)))(*[np.nan] * len(unknowns))
+        status = self.call(
+            "GetDirectionalDerivative",
+            (ctypes.c_uint * max(1, len(unknowns)))(*(self.references[n] for n in unknowns)),
+            ctypes.c_size_t(len(unknowns)),
+            (ctypes.c_uint * max(1, len(knowns)))(*(self.references[n] for n in knowns)),
+            ctypes.c_size_t(len(knowns)),
+            (ctypes.c_double * max(1, len(knowns)))(*direction),
+            results,
+        )
+        return status, np.array(results[: len(unknowns)])
+
+    def outputs(self):
+        return [v.name for v in self.description.modelVariables if v.causality == "output"]
+
     def messages_text(self):
         return " ".join(message for _, _, message in self.messages)
 

@@ -26,7 +26,7 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
     [
         ({"guid": "{0}"}, "the GUID of modelDescription.xml is not that of this binary"),
         ({"name": ""}, "the instance has no name"),
-        ({"kind": 0}, "for co-simulation only"),
+        ({"kind": 2}, "neither co-simulation nor model exchange"),
     ],
 )
 def test_an_invalid_instantiation_is_refused_with_the_reason(folders, options, reason, c_level):

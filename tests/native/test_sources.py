@@ -123,10 +123,12 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders,
     options += [*SANITIZERS, "-Wno-conversion", *map(str, folder.glob("*.c")), str(HERE / "call_sequences.c")]
     program = compiler(folder, options, tmp_path / "call_sequences")
     ran = subprocess.run(
-        [program, os.environ.get("EIGHTPOST_CALLS", "50000"), "1"], capture_output=True, text=True, check=False
+        [program, os.environ.get("EIGHTPOST_CALLS", "80000"), "1"], capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr[:2000]
     stepped = re.search(r"fmi2DoStep +(\d+) called +(\d+) accepted", ran.stdout)
     assert stepped is not None and int(stepped[2]) > 1000
+    exchanged = re.search(r"fmi2GetDerivatives +(\d+) called +(\d+) accepted", ran.stdout)
+    assert exchanged is not None and int(exchanged[2]) > 500
     forged = re.search(r"forged state +(\d+) called +(\d+) accepted", ran.stdout)
     assert forged is not None and 100 < int(forged[2]) < int(forged[1]) - 100

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from builder.check.catalogue import behaviour, static
+from builder.check.catalogue import behaviour, exchange, static
 from builder.check.rules import Rule
 
 CATALOGUE: tuple[Rule, ...] = tuple(
-    value for module in (static, behaviour) for value in vars(module).values() if isinstance(value, Rule)
+    value for module in (static, behaviour, exchange) for value in vars(module).values() if isinstance(value, Rule)
 )
 
 
@@ -43,7 +43,11 @@ GROUPS = {
     "values": _misuse("unknown references, NaN, infinity and out-of-range values", "misuse"),
     "null": _misuse("NULL arguments", "misuse"),
     "first_outputs": Group("outputs before the first step compared with those after a tiny step", "simulation"),
-    "model_exchange": Group("a few steps of model exchange, if it is declared", "simulation"),
+    "model_exchange": Group(
+        "model exchange, if it is declared: modes, states, derivatives, dependencies, FMU states, the results of "
+        "co-simulation",
+        "exchange",
+    ),
     "reset": Group(
         "reset after changed parameters and inputs, and after twice the default experiment, then the same run again",
         "instances",

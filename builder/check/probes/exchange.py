@@ -1,0 +1,411 @@
+"""Probe of model exchange: modes, states, derivatives, dependencies, directional derivatives, FMU states."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from ctypes import c_double, c_int
+from dataclasses import replace
+
+from builder.check.catalogue import exchange as rules
+from builder.check.catalogue.behaviour import MODEL_EXCHANGE as CALLABLE
+from builder.check.description import Variable
+from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, differ, step
+from builder.check.probes.instance import CallError, Instance, refused
+from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, Library, MissingFunctionError, binary_path
+from builder.check.rules import Finding, listed
+
+_STEPS, _H = 4, 1e-6  # of Euler's method [s]
+_MOST_ITERATIONS = 100
+_SMOOTH, _WRONG = 1e-4, 1e-3
+#: Results of both kinds agree if they differ by less than this share of an output's range, and the result of model
+#: exchange is known if half the step changes it by less than a tenth of that.
+_AGREEMENT = 0.02
+_POINTS, _PARTS = 20, 8
+
+
+def probe_model_exchange(bench: Bench) -> Results:
+    """Instantiate for model exchange, integrate, and check what an integrator relies on."""
+    declared = bench.description.model_exchange
+    if declared is None:
+        yield Skip("it does not support model exchange")
+        return
+    name = declared.get("modelIdentifier", "")
+    if name != bench.description.identifier:
+        path = binary_path(bench.folder, name)
+        if path is None:
+            yield Skip("its model exchange has no binary for this platform")
+            return
+        bench.library = Library(path, bench.library.progress)
+    host = _Host(bench)
+    try:
+        for check in (_integrated, _modes, _arrays, _repeated, _dependencies, _directional, _restored):
+            yield from check(host)
+    except (CallError, MissingFunctionError) as error:
+        yield CALLABLE.finding(f"instantiated for model exchange, {error}")
+        return
+    if bench.description.co_simulation is not None and name == bench.description.identifier:
+        yield from _agreement(host)
+
+
+class _Host:
+    """Instances for model exchange, and what the description says about them."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        pairs = [p for p in bench.description.state_pairs() if all(v.type == "Real" and v.is_callable for v in p)]
+        self.derivatives = [derivative for derivative, _ in pairs]
+        self.states = [state for _, state in pairs]
+        self.count = len(pairs)
+        indicators = bench.description.attributes.get("numberOfEventIndicators", "0")
+        self.indicators = int(indicators) if indicators.strip().isdigit() else 0
+        self.inputs = [v for v in bench.inputs if v.variability == "continuous"]
+
+    def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:
+        """Return the array that a function fills; nothing is called for an empty one."""
+        size = self.count if count is None else count
+        buffer = (c_double * size)()
+        if size:
+            instance.need(name, buffer, size)
+        return list(buffer)
+
+    def set_states(self, instance: Instance, values: Sequence[float]) -> None:
+        """Set the continuous states."""
+        if self.count:
+            instance.need("SetContinuousStates", (c_double * self.count)(*values), self.count)
+
+    @contextmanager
+    def instance(self) -> Iterator[Instance]:
+        """Provide an instance after fmi2Instantiate."""
+        with self.bench.instance(replace(self.bench.birth, kind=MODEL_EXCHANGE)) as created:
+            yield created
+
+    @contextmanager
+    def continuous(self) -> Iterator[Instance | None]:
+        """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
+        with self.instance() as created:
+            self.bench.initialize(created)
+            if _iterate_events(created):
+                yield None
+                return
+            created.need("EnterContinuousTimeMode")
+            yield created
+
+    def point(self, start: Values, k: int) -> tuple[Values, Values]:
+        """Return inputs and states near the start, different ones for each k."""
+        inputs = [(v.number("start") or 0.0) + 0.3 * amplitude(v) * math.sin(1.0 + i + 2.0 * k)
+                  for i, v in enumerate(self.inputs)]  # fmt: skip
+        states = [x + 0.1 * size * math.sin(2.0 + i + 3.0 * k) for i, (x, size) in enumerate(self.sizes(start))]
+        return inputs, states
+
+    def sizes(self, start: Values) -> list[tuple[float, float]]:
+        """Return each state's value at the start and its size: the nominal value."""
+        return [(x, abs(state.number("nominal") or 1.0)) for x, state in zip(start, self.states, strict=True)]
+
+    def go(self, instance: Instance, inputs: Values, states: Values) -> Values:
+        """Set inputs and states; return the derivatives, then the outputs.
+
+        Raises:
+            CallError: A call was rejected.
+        """
+        if refused(instance.set_reals(self.inputs, inputs)):
+            raise CallError(f"fmi2SetReal of inputs is rejected in continuous-time mode{instance.last_message()}")
+        self.set_states(instance, states)
+        return [*self.vector(instance, "GetDerivatives"), *instance.reals(self.bench.outputs)]
+
+
+def _iterate_events(instance: Instance) -> bool:
+    """Do the event iteration after initialization; return whether the FMU ends the simulation there.
+
+    Raises:
+        CallError: A call was rejected, or the iteration does not end.
+    """
+    for _ in range(_MOST_ITERATIONS):
+        info = EventInfo()
+        instance.need("NewDiscreteStates", ctypes.byref(info))
+        if info.terminateSimulation:
+            return True
+        if not info.newDiscreteStatesNeeded:
+            return False
+    raise CallError(f"fmi2NewDiscreteStates still needs new discrete states after {_MOST_ITERATIONS} iterations")
+
+
+def _integrated(host: _Host) -> Iterator[Finding]:
+    """Do a few tiny steps of Euler's method."""
+    with host.continuous() as instance:
+        if instance is None:
+            return
+        nominals = host.vector(instance, "GetNominalsOfContinuousStates")
+        if not all(math.isfinite(value) and value > 0.0 for value in nominals):
+            yield rules.NOMINALS.finding(f"not positive: {nominals[:6]}")
+        stated = [state.number("nominal") for state in host.states]
+        wrong = [s.name for s, own, text in zip(host.states, nominals, stated, strict=True)
+                 if text is not None and not math.isclose(own, text, rel_tol=1e-6)]  # fmt: skip
+        if wrong:
+            yield rules.NOMINALS.finding(f"different from the description for {listed(wrong)}")
+        states = host.vector(instance, "GetContinuousStates")
+        for point in range(1, _STEPS + 1):
+            slopes = host.vector(instance, "GetDerivatives")
+            if not all(map(math.isfinite, slopes)):
+                yield rules.FINITE.finding(f"at the start: {slopes[:6]}")
+                return
+            instance.need("SetTime", host.bench.timing.start + point * _H)
+            states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
+            host.set_states(instance, states)
+            enter, end = c_int(), c_int()
+            instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+            host.vector(instance, "GetEventIndicators", host.indicators)
+            if enter.value or end.value:
+                return  # an early event of the FMU is not a defect
+        instance.need("EnterEventMode")
+        _iterate_events(instance)
+        tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
+        locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
+        if locked:
+            yield rules.INPUTS.finding(f"rejected in event mode: {listed(locked)}")
+        instance.need("EnterContinuousTimeMode")
+        instance.need("Terminate")
+
+
+def _modes(host: _Host) -> Iterator[Finding]:
+    """Call functions in modes in which they are not allowed."""
+    buffer = (c_double * max(host.count, 1))(*[0.0] * max(host.count, 1))
+    states = [("SetContinuousStates", (buffer, host.count))] if host.count else []
+    step_call = [("DoStep", (host.bench.timing.start, host.bench.timing.step, 1))]
+    accepted = []
+    with host.instance() as instance:
+        for name, arguments in (("EnterContinuousTimeMode", ()), ("SetTime", (0.0,)), *states):
+            if not refused(instance.call(name, *arguments)):
+                accepted.append(f"fmi2{name} before initialization")
+    with host.instance() as instance:
+        host.bench.initialize(instance)
+        for name, arguments in (*states, *step_call):
+            if not _is_refused(instance, name, arguments):
+                accepted.append(f"fmi2{name} in event mode")
+    if accepted:
+        yield rules.MODES.finding(f"accepted: {listed(accepted)}")
+
+
+def _is_refused(instance: Instance, name: str, arguments: tuple[object, ...]) -> bool:
+    try:
+        return refused(instance.call(name, *arguments))
+    except MissingFunctionError:
+        return True
+
+
+def _arrays(host: _Host) -> Iterator[Finding]:
+    """Set states, and read states and derivatives as arrays and as variables."""
+    with host.continuous() as instance:
+        if instance is None or not host.count:
+            return
+        start = host.vector(instance, "GetContinuousStates")
+        for k in range(2):
+            inputs, states = host.point(start, k)
+            slopes = host.go(instance, inputs, states)[: host.count]
+            if host.vector(instance, "GetContinuousStates") != states:
+                yield rules.ARRAYS.finding("the values differ from those that were set")
+                return
+            for what, variables, values in (("states", host.states, states), ("derivatives", host.derivatives, slopes)):
+                read = instance.reals(variables)
+                wrong = [v.name for v, a, b in zip(variables, read, values, strict=True)
+                         if not math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-300)]  # fmt: skip
+                if wrong:
+                    yield rules.NAMED.finding(f"{what} differ: {listed(wrong)}")
+                    return
+
+
+def _repeated(host: _Host) -> Iterator[Finding]:
+    """Evaluate two points in turns."""
+    with host.continuous() as instance:
+        if instance is None:
+            return
+        start = host.vector(instance, "GetContinuousStates")
+        first, second = (host.point(start, k) for k in (0, 1))
+        rows = [host.go(instance, *point) for point in (first, second, first, first)]
+        if not all(math.isfinite(value) for row in rows for value in row):
+            yield rules.FINITE.finding("near the start, derivatives or outputs are not finite")
+        elif not rows[0] == rows[2] == rows[3]:
+            yield rules.REPEATABLE.finding("the same inputs and states gave other derivatives or outputs after others")
+
+
+def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
+    """Return a function of a known's index and a change of it: derivatives, then outputs."""
+    count = len(host.inputs)
+
+    def at(known: int, change: float) -> Values:
+        inputs, states = list(base[0]), list(base[1])
+        (inputs if known < count else states)[known - (0 if known < count else count)] += change
+        return host.go(instance, inputs, states)
+
+    return at
+
+
+def _changes(host: _Host, start: Values) -> Values:
+    """Return a change of each input and state."""
+    return [1e-3 * amplitude(v) for v in host.inputs] + [1e-3 * max(size, abs(x)) for x, size in host.sizes(start)]
+
+
+def _declared(host: _Host) -> dict[str, set[str] | None]:
+    description = host.bench.description
+    found: dict[str, set[str] | None] = {}
+    for section in ("Outputs", "Derivatives"):
+        for unknown in description.in_section(section):
+            variable = description.variable(unknown.index)
+            known = [description.variable(i) for i in unknown.dependencies or ()]
+            names = {v.name for v in known if v is not None}
+            if variable is not None:
+                found[variable.name] = None if unknown.dependencies is None else names
+    return found
+
+
+def _dependencies(host: _Host) -> Iterator[Finding]:
+    """Change every input and state; whatever follows must be declared."""
+    knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
+    declared, hidden = _declared(host), set()
+    with host.continuous() as instance:
+        if instance is None:
+            return
+        start = host.vector(instance, "GetContinuousStates")
+        for point in range(2):
+            at = _evaluations(host, instance, host.point(start, point))
+            for k, change in enumerate(_changes(host, start)):
+                before, after = at(k, 0.0), at(k, 30.0 * change)
+                for unknown, a, b in zip(unknowns, before, after, strict=True):
+                    names = declared.get(unknown.name)
+                    is_moved = abs(b - a) > 1e-9 * max(abs(a), abs(b), abs(unknown.number("nominal") or 1e-3))
+                    if is_moved and names is not None and not _aliases(host, knowns[k]) & names:
+                        hidden.add(f"{unknown.name} depends on {knowns[k].name}")
+    if hidden:
+        yield rules.HIDDEN.finding(listed(sorted(hidden)))
+
+
+def _aliases(host: _Host, variable: Variable) -> set[str]:
+    alike = host.bench.description.variables
+    return {v.name for v in alike if (v.type, v.reference) == (variable.type, variable.reference)}
+
+
+def _directional(host: _Host) -> Results:
+    """Compare directional derivatives with central differences where the functions are smooth."""
+    if not host.bench.description.can_exchange("providesDirectionalDerivative"):
+        yield Skip("providesDirectionalDerivative of ModelExchange is not true", "directional derivatives by states")
+        return
+    knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
+    wrong: dict[str, str] = {}
+    with host.continuous() as instance:
+        if instance is None:
+            return
+        start = host.vector(instance, "GetContinuousStates")
+        for point in range(2):
+            base = host.point(start, point)
+            at = _evaluations(host, instance, base)
+            for k, change in enumerate(_changes(host, start)):
+                rows = [at(k, share * change) for share in (-1.0, -0.5, 0.5, 1.0)]
+                host.go(instance, *base)
+                for i, unknown in enumerate(unknowns):
+                    status, stated = instance.directional(unknown, knowns[k])
+                    fault = "rejected" if refused(status) else _judged(stated, [row[i] for row in rows], change)
+                    if fault:
+                        wrong.setdefault(f"{unknown.name} by {knowns[k].name}", fault)
+    if wrong:
+        shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
+        yield rules.DIRECTIONAL.finding(listed(shown, most=3))
+
+
+def _judged(stated: float, ends: Values, change: float) -> str:
+    """Return the error of a derivative as text; "" if it is correct or if the function is not smooth there."""
+    a, b, c, d = ends
+    wide, narrow, size = (d - a) / (2.0 * change), (c - b) / change, max(map(abs, ends))
+    if abs(wide - narrow) > _SMOOTH * abs(narrow) + 1e-12 * size / change:
+        return ""
+    is_right = abs(stated - narrow) <= _WRONG * abs(narrow) + 1e-11 * size / change
+    return "" if is_right else f"{stated:.6g} instead of {narrow:.6g}"
+
+
+def _restored(host: _Host) -> Results:
+    """Save an FMU state in continuous-time mode, move on, and restore it."""
+    if not host.bench.description.can_exchange("canGetAndSetFMUstate"):
+        yield Skip("canGetAndSetFMUstate of ModelExchange is not true", "FMU states in model exchange")
+        return
+    with host.continuous() as instance:
+        if instance is None:
+            return
+        start = host.vector(instance, "GetContinuousStates")
+        before = host.go(instance, *host.point(start, 0))
+        kept = host.vector(instance, "GetContinuousStates")
+        state = instance.state()
+        host.go(instance, *host.point(start, 1))
+        instance.need("SetFMUstate", state)
+        again = [*host.vector(instance, "GetDerivatives"), *instance.reals(host.bench.outputs)]
+        if again != before or host.vector(instance, "GetContinuousStates") != kept:
+            yield rules.STATE.finding("after fmi2SetFMUstate states, derivatives or outputs differ")
+        instance.call("FreeFMUstate", ctypes.byref(state))
+
+
+# ---- The same results as co-simulation ------------------------------------------------------------------------------
+
+
+def _agreement(host: _Host) -> Results:
+    """Integrate a few communication steps with held inputs, and compare the outputs with those of co-simulation."""
+    bench = host.bench
+    points = range(min(bench.timing.count, _POINTS))
+    if not bench.outputs:
+        return
+    try:
+        rough, fine = (_runge_kutta(host, points, parts) for parts in (_PARTS, 2 * _PARTS))
+        if rough is None or fine is None or differ(fine, rough) > 0.1 * _AGREEMENT:
+            yield Skip("events, or a step of a few hundred microseconds is too long", "model exchange by co-simulation")
+            return
+        with bench.running() as instance:
+            stepped = []
+            for k in points:
+                bench.drive(instance, bench.excitation(bench.timing.at(k)))
+                step(instance, bench.timing.at(k), bench.timing.step)
+                stepped.append(instance.reals(bench.outputs))
+    except CallError as error:
+        yield Skip(str(error), "model exchange by co-simulation")
+        return
+    worst = differ(fine, stepped)
+    if worst > _AGREEMENT:
+        yield rules.AGREES.finding(f"outputs differ by {100.0 * worst:.2g} % of their size in {len(points)} steps")
+
+
+def _runge_kutta(host: _Host, points: range, parts: int) -> list[Values] | None:
+    """Return the outputs after each communication step by the classical Runge-Kutta method; None after an event."""
+    bench, rows = host.bench, []
+    with host.continuous() as instance:
+        if instance is None:
+            return None
+        x, h = host.vector(instance, "GetContinuousStates"), bench.timing.step / parts
+
+        def rates(time: float, states: Values) -> Values:
+            instance.need("SetTime", time)
+            host.set_states(instance, states)
+            return host.vector(instance, "GetDerivatives")
+
+        for point in points:
+            begin = bench.timing.at(point)
+            bench.drive(instance, bench.excitation(begin))
+            for part in range(parts):
+                x = _stage(rates, begin + part * h, h, x)
+            rates(begin + bench.timing.step, x)
+            enter, end = c_int(), c_int()
+            instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+            if enter.value or end.value or host.indicators:
+                return None
+            rows.append(instance.reals(bench.outputs))
+    return rows
+
+
+def _stage(rates: Callable[[float, Values], Values], time: float, h: float, x: Values) -> Values:
+    """Return the states after one step of the classical Runge-Kutta method."""
+
+    def moved(slope: Values, share: float) -> Values:
+        return [a + share * h * b for a, b in zip(x, slope, strict=True)]
+
+    k1 = rates(time, x)
+    k2 = rates(time + 0.5 * h, moved(k1, 0.5))
+    k3 = rates(time + 0.5 * h, moved(k2, 0.5))
+    k4 = rates(time + h, moved(k3, 1.0))
+    return [a + h / 6.0 * (p + 2.0 * q + 2.0 * r + s) for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True)]

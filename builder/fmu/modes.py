@@ -1,0 +1,127 @@
+"""The continuous states of a vehicle FMU: the modes of its model, their variables and their dependencies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from builder.fmu.interface import Interface, Variable, friction_ports, read_table, variable_of
+from eightpost.array_types import Array
+from eightpost.errors import ParameterError
+from eightpost.vehicle import StateSpace
+from eightpost.vehicle.modal import ModalForm, modal_form
+
+#: Terms below this share of the largest one of an input or an output are rounding errors, not dependencies.
+_ROUNDING = 1e-12
+
+#: Size of an output in motion, by its unit: the nominal value of a mode moves one of the outputs that far.
+_SIZES = {"m": 0.01, "m/s": 0.1, "m/s2": 5.0, "N": 500.0, "N.m": 500.0, "rad": 0.01, "rad/s": 0.1}
+
+_KEY = "<mode>"
+
+
+def with_modes(interface: Interface, model: StateSpace) -> Interface:
+    """Return the interface of a vehicle with its modes as continuous states.
+
+    A model without modal form, or with more modes than there are value references for, has none: its FMU offers
+    co-simulation only.
+
+    Args:
+        interface: Variables of the vehicle.
+        model: Its model, with the same inputs and outputs.
+    """
+    rows = [row for row in read_table("vehicle_ss")["variable"] if _KEY in row["name"]]
+    try:
+        form = modal_form(model)
+    except ParameterError:
+        return interface
+    if form.sigma.size > min(row["size"] for row in rows):
+        return interface
+    variables = (*interface.variables, *_variables(rows, form, _nominals(form, model)))
+    named = replace(interface, variables=variables)
+    return replace(named, **_Dependencies(named, model, form).sections())
+
+
+def _variables(rows: Sequence[Mapping[str, Any]], form: ModalForm, nominals: Array) -> Iterator[Variable]:
+    """Yield real parts, imaginary parts of the pairs, and the derivatives of both."""
+    for row in rows:
+        count, offset = (form.pairs, form.sigma.size) if "imaginary" in row["name"] else (form.sigma.size, 0)
+        for k in range(count):
+            variable = variable_of(row, _named(row["name"], k), row["reference"] + k, None)
+            if of := row.get("derivative_of"):
+                yield replace(variable, derivative_of=_named(of, k))
+            else:
+                yield replace(variable, nominal=float(nominals[offset + k]))
+
+
+def _named(name: str, k: int) -> str:
+    return name.replace(_KEY, str(k + 1))
+
+
+def _states_of(form: ModalForm, re: Array, im: Array) -> Array:
+    """Return rows (n, ...) of the continuous states from rows (K, ...) of real and imaginary parts."""
+    return np.concatenate([re, im[: form.pairs]])
+
+
+def _nominals(form: ModalForm, model: StateSpace) -> Array:
+    """Return the nominal value of each state (n,), rounded to a power of two."""
+    gains = np.abs(_states_of(form, form.C_re.T, form.C_im.T))
+    sizes = np.array([_SIZES.get(channel.unit, 1.0) for channel in model.outputs])
+    largest = (gains / sizes).max(axis=1, initial=0.0)
+    exponents = np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))
+    return np.asarray(np.exp2(-exponents))
+
+
+class _Dependencies:
+    """Which states and inputs the outputs and derivatives of a vehicle depend on."""
+
+    def __init__(self, interface: Interface, model: StateSpace, form: ModalForm) -> None:
+        self.interface, self.model = interface, model
+        into = np.abs(_states_of(form, form.B_re, form.B_im))
+        out = np.abs(_states_of(form, form.C_re.T, form.C_im.T)).T
+        self.into = (into > 0.0) & (into > _ROUNDING * into.max(axis=0, initial=0.0))  # (n, m)
+        self.out = (out > 0.0) & (out > _ROUNDING * out.max(axis=1, initial=0.0, keepdims=True))  # (p, n)
+        count, pairs = form.sigma.size, np.arange(form.pairs)
+        self.own = np.eye(len(into), dtype=bool)  # (n, n): a pair's parts depend on each other
+        self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
+
+    def sections(self) -> dict[str, dict[str, tuple[str, ...]]]:
+        """Return the fields `direct` and `initial` of the interface."""
+        named, states = self.interface, self.interface.states
+        inputs, outputs = self.model.input_names, self.model.output_names
+        rubbed = self._friction()
+        direct = dict(named.direct)
+        for name, row in zip(outputs, self.out | (self._of_forces(self.model.D != 0.0) @ rubbed), strict=True):
+            direct[name] = (*direct[name], *_chosen(states, row))
+        moved = self.own | (self._of_forces(self.into) @ rubbed)
+        for name, by_input, by_state in zip(named.derivatives, self.into, moved, strict=True):
+            direct[name] = (*_chosen(inputs, by_input), *_chosen(states, by_state))
+        return {"direct": direct, "initial": dict(named.initial) | self._at_start()}
+
+    def _at_start(self) -> dict[str, tuple[str, ...]]:
+        """Return what states and derivatives depend on at the start, in equilibrium or from zero."""
+        named, found = self.interface, {}
+        for state, derivative, row in zip(named.states, named.derivatives, self._with_partner(), strict=True):
+            known = _chosen(self.model.input_names, row)
+            found[state] = found[derivative] = (*known, *(("start_at_equilibrium",) if known else ()))
+        return found
+
+    def _with_partner(self) -> Any:
+        """Return the inputs (n, m) of each state or of the other part of its pair."""
+        return self.own @ self.into
+
+    def _friction(self) -> Any:
+        """Return the states (ports, n) that the friction at each port depends on."""
+        rows = [self.model.output_names.index(f"{port}velocity") for port in friction_ports(self.interface)]
+        return self.out[rows]
+
+    def _of_forces(self, terms: Any) -> Any:
+        """Return the columns (..., ports) of the forces at the ports with friction."""
+        return terms[:, [self.model.input_names.index(f"{port}force") for port in friction_ports(self.interface)]]
+
+
+def _chosen(names: Sequence[str], row: Any) -> tuple[str, ...]:
+    return tuple(name for name, term in zip(names, row, strict=True) if term)
