@@ -4,6 +4,7 @@
 #   make nightly  runs tests that take minutes: a million random FMI call sequences on each FMU under sanitizers (needs a
 #                 C compiler), coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
+#   make hosts    runs the programs of examples/hosts whose packages are installed, and writes docs/hosts.md: minutes
 #   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
@@ -12,7 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types contracts unit nightly fuzz mutants docs clean
+.PHONY: demo test lint types contracts unit nightly fuzz hosts mutants docs clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m eightpost demo -o demo
@@ -38,6 +39,9 @@ nightly: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m benchmarks.fuzz $(FUZZ)
+
+hosts: $(INSTALLED)
+	$(BIN)/python docs/make_hosts.py --run $(HOSTS)
 
 mutants: $(INSTALLED)
 	$(BIN)/python -m benchmarks.mutants $(MUTANTS)

@@ -61,7 +61,7 @@ int main(int count, char **arguments)
 
 
 def cost(call: Callable[[int], Any], count: int) -> float:
-    """Return the least processor time of a call over seven passes [us]."""
+    """Return the minimum processor time of a call over seven passes [us]."""
     best = float("inf")
     for _ in range(7):
         began = time.process_time()

@@ -17,8 +17,8 @@ class ForceLaw:
 
     The force at a trial point (t, velocity, displacement) is that at the end of one step of the FMU from the last
     accepted point, with inputs that change linearly in between. The FMU is returned to the accepted point before every
-    evaluation, so trial points may come in any order, may be repeated, and may be rejected. The integrator keeps its
-    order of convergence, explicit or implicit, with fixed or variable steps:
+    evaluation, so trial points may come in any order, may be repeated, and may be rejected. The integrator may be
+    explicit or implicit, with fixed or variable steps:
 
         law = ForceLaw("shock.fmu", corners=("lf", "rf", "lr", "rr"))
         law.start(0.0, velocity, displacement)
@@ -26,6 +26,12 @@ class ForceLaw:
         force = law.force(t, velocity, displacement)
         ...                                        # after every step that the integrator accepted:
         law.accept(t, velocity, displacement)
+
+    Error and cost: the seven-DOF car with four LPNL2 shocks on a track has errors of 1.7, 0.65, 0.13 and 0.04 % of the
+    standard deviation of the shock velocity at steps of 8, 4, 2 and 1 ms, with a Runge-Kutta integrator of fourth order
+    (docs/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py), without numba
+    28 us and 91 us. The integrator keeps its order with a shock without states; with lag, the ramps between accepted
+    points are of second order.
 
     If t is the accepted time, the inputs jump to the trial values and no time passes: the step is 1 ns, which
     is the limit of a short step for laws whose time constants are far longer.
@@ -128,7 +134,7 @@ class ForceLaw:
     def accept(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
         """Make a point the accepted one, after the integrator has accepted its step, and return the force there.
 
-        If the last evaluation was at this very point, the FMU is not stepped again.
+        If the last evaluation was at the same point, the FMU is not stepped again.
 
         Raises:
             InputError: The time is before the accepted one, or an input is not finite.

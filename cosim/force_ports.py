@@ -94,7 +94,7 @@ def components_of(fmus: str | Path | Sequence[str | Path], corners: Sequence[str
 
     Raises:
         FmuError: A file is not an FMU that this project can use.
-        InputError: The numbers of files and corners differ, or there are none.
+        InputError: The numbers of files and corners differ, or no file is given.
     """
     if isinstance(fmus, (str, Path)):
         paths = [Path(fmus)] * (1 if corners is None else len(corners))

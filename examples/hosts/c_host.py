@@ -54,4 +54,4 @@ HOST = "C program, RK4"
 LOOPS = {loop: partial(run, program, loop) for loop in "ABC"}
 
 if __name__ == "__main__":
-    reference.main(HOST, LOOPS)
+    reference.main(HOST, LOOPS, sources=("c_host.c", "car.h"))

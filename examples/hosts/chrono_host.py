@@ -12,4 +12,4 @@ HOST = "C++ program, Newmark"
 LOOPS = {"C": partial(run, partial(program, "chrono_style.cpp", "-lstdc++"), "C")}
 
 if __name__ == "__main__":
-    reference.main(HOST, LOOPS)
+    reference.main(HOST, LOOPS, sources=("chrono_style.cpp", "car.h"))

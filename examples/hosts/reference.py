@@ -19,7 +19,7 @@ import json
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -287,13 +287,14 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def main(host: str, loops: Mapping[str, Loop], *, package: str = "") -> None:
+def main(host: str, loops: Mapping[str, Loop], *, package: str = "", sources: Sequence[str] = ()) -> None:
     """Run a host program: parse the options, run every loop at every step, print the table.
 
     Args:
         host: Name of the host, with its integrator.
         loops: Functions that run one case, by the name of the loop: A, B, C, J (Jacobi) or anything else.
         package: Package of the host, whose version is recorded.
+        sources: Further files of the program in this folder, whose lines count.
     """
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
     parser.add_argument("--steps", type=float, nargs="+", default=[1e3 * step for step in STEPS], help="steps [ms]")
@@ -311,7 +312,8 @@ def main(host: str, loops: Mapping[str, Loop], *, package: str = "") -> None:
     if options.json:
         program = Path(sys.modules["__main__"].__file__ or "")
         record = {"host": host, "package": package, "version": _version(package), "program": program.name}
-        record |= {"lines": _lines(program), "seconds": options.seconds, "rows": [asdict(row) for row in rows]}
+        lines = sum(_lines(path) for path in (program, *(HERE / name for name in sources)))
+        record |= {"lines": lines, "seconds": options.seconds, "rows": [asdict(row) for row in rows]}
         options.json.write_text(json.dumps(record, indent=1) + "\n")
 
 
@@ -323,6 +325,6 @@ def _version(package: str) -> str:
 
 
 def _lines(program: Path) -> int:
-    """Return the number of lines of a program that are neither empty nor comments."""
+    """Return the number of lines of a program that are not empty."""
     lines = program.read_text(encoding="utf-8").splitlines() if program.is_file() else []
-    return sum(bool(line.strip()) and not line.strip().startswith("#") for line in lines)
+    return sum(bool(line.strip()) for line in lines)

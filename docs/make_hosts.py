@@ -1,0 +1,114 @@
+"""Run the host programs of examples/hosts, and write the table and the picture of docs/hosts.md from their results.
+
+    python docs/make_hosts.py                  # from the results in docs/hosts/
+    python docs/make_hosts.py --run            # run every program whose packages are installed first (minutes)
+    python docs/make_hosts.py --run mujoco_host
+
+A program is one file, examples/hosts/NAME_host.py; its result is docs/hosts/NAME_host.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+PROGRAMS, RESULTS, PAGE, PICTURE = ROOT / "examples" / "hosts", DOCS / "hosts", DOCS / "hosts.md", DOCS / "hosts.png"
+BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
+STEPS = (8e-3, 4e-3, 2e-3, 1e-3)
+
+
+def run(program: Path) -> str:
+    """Run a program and store its result; return what happened."""
+    line = [sys.executable, str(program), "--json", str(RESULTS / f"{program.stem}.json")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    ran = subprocess.run(line, capture_output=True, text=True, check=False, env=environment)
+    if ran.returncode == 0:
+        return ran.stdout
+    last = (ran.stderr.strip().splitlines() or ["no message"])[-1]
+    return f"{program.name} was not run: {last}\n"
+
+
+def results() -> list[dict[str, Any]]:
+    """Return the results of all programs, in the order of their names."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("*_host.json"))]
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """Return a Markdown table with one row for each host and loop."""
+    head = " | ".join(f"{1e3 * step:g} ms" for step in STEPS)
+    lines = [f"| host | loop | {head} | us per step | program |", "|---|---|" + "---|" * (len(STEPS) + 2)]
+    for one in found:
+        name = f"{one['host']} ({one['version']})" if one["version"] else one["host"]
+        program = f"[{one['program']}](../examples/hosts/{one['program']}), {one['lines']} lines"
+        for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
+            rows = {round(row["step"], 9): row for row in one["rows"] if row["loop"] == loop}
+            cells = [errors_of(rows.get(step)) for step in STEPS]
+            cost = f"{rows[min(rows)]['microseconds']:.3g}"
+            lines.append(f"| {name} | {loop} | {' | '.join(cells)} | {cost} | {program} |")
+            program = ""
+    return "\n".join(lines)
+
+
+def errors_of(row: dict[str, Any] | None) -> str:
+    """Return the cell of a row: errors of shock velocity and tire force."""
+    if row is None:
+        return ""
+    pair = (row["velocity"], row["tire_force"])
+    return " / ".join(f"{x:.2g}" for x in pair) if all(map(math.isfinite, pair)) else "diverges"
+
+
+def draw(found: list[dict[str, Any]], path: Path) -> None:
+    """Draw the error of the shock velocity over the step: a color for each loop, a marker for each host."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    colors = {"J": "C3", "A": "C1", "B": "C0", "C": "C2"}
+    figure, axes = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
+    for marker, one in zip("osv^Dp*XPh<>d" * 9, found, strict=False):
+        for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
+            rows = [row for row in one["rows"] if row["loop"] == loop and math.isfinite(row["velocity"])]
+            x, y = [1e3 * row["step"] for row in rows], [row["velocity"] for row in rows]
+            color = colors.get(loop[:1], "0.5")
+            axes.loglog(x, y, marker=marker, color=color, linewidth=1.0, markersize=6, fillstyle="none")
+        axes.plot([], [], marker=marker, color="0.3", linestyle="none", fillstyle="none", label=one["host"])
+    texts = {"J": "J: in parallel", "A": "A: held", "B": "B: extrapolated", "C": "C: force law"}
+    for loop, text in texts.items():
+        axes.plot([], [], color=colors[loop], label=text)
+    ticks = [1e3 * step for step in STEPS]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel("step of the host [ms]")
+    axes.set_ylabel("error of the shock velocity\n[% of standard deviation, worst corner]")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(fontsize=8, ncols=2)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Write the table and the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", nargs="*", metavar="PROGRAM", help="programs to run first; without names: all")
+    options = parser.parse_args()
+    if options.run is not None:
+        RESULTS.mkdir(exist_ok=True)
+        for program in sorted(PROGRAMS.glob("*_host.py")):
+            if not options.run or program.stem in options.run:
+                print(run(program))
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{table(results())}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    draw(results(), PICTURE)
+
+
+if __name__ == "__main__":
+    main()
