@@ -75,12 +75,12 @@ def integrate(case: Case, method, derivatives, start):
         options |= {"rootfinder_options": {"abstol": 1e-9, "abstolStep": 1e-9}}
     problem = {"x": state, "p": began, "t": t, "ode": ode}
     step = ca.integrator("step", method, problem, 0.0, case.step, options)
-    after = step(x0=state, p=began)["xf"]
-    run = ca.Function("one", [state, began], [after]).mapaccum(case.count)
-    rows = np.array(run(start, np.arange(case.count) * case.step)).T
-    if not np.isfinite(rows).all():
-        raise ArithmeticError("CasADi: the run diverged")
-    return np.vstack([start, rows])
+    rows = [start]
+    for k in range(case.count):
+        rows.append(np.array(step(x0=rows[-1], p=k * case.step)["xf"]).ravel())
+        if not np.isfinite(rows[-1]).all():
+            raise ArithmeticError(f"CasADi: the run diverged at {k * case.step:g} s")
+    return np.array(rows)
 
 
 def car_fmu(case: Case, method: str) -> Motion:
