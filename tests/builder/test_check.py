@@ -55,11 +55,8 @@ def in_slave(old, new):
 def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name):
     report = check(fmus[name], groups=QUICK)
     assert report.findings == ()
-    assert [(item.what, item.reason) for item in report.skipped] == [
-        ("model_exchange", "it does not support model exchange")
-    ]
-    done = [group for group in QUICK if group != "model_exchange"]
-    assert report.done == tuple(GROUPS[group].title for group in done)
+    assert report.skipped == ()
+    assert report.done == tuple(GROUPS[group].title for group in QUICK)
 
 
 def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
