@@ -31,7 +31,7 @@ def with_modes(interface: Interface, model: StateSpace) -> Interface:
 
     Args:
         interface: Variables of the vehicle.
-        model: Its model, with the same inputs and outputs.
+        model: Model of the vehicle, with the same inputs and outputs.
     """
     rows = [row for row in read_table("vehicle_ss")["variable"] if _KEY in row["name"]]
     try:
