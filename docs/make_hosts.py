@@ -100,7 +100,7 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
-    colors = {"J": "C3", "A": "C1", "B": "C0", "C": "C2"}
+    colors = {"J": "C3", "A": "C1", "B": "C0", "C": "C2", "M": "0.5"}
     figure, axes = plt.subplots(figsize=(7.5, 5.4), layout="constrained")
     for marker, one in zip("osv^Dp*XPh<>d" * 9, found, strict=False):
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
@@ -109,7 +109,7 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
             color = colors.get(loop[:1], "0.5")
             axes.loglog(x, y, marker=marker, color=color, linewidth=1.0, markersize=6, fillstyle="none")
         axes.plot([], [], marker=marker, color="0.3", linestyle="none", fillstyle="none", label=one["host"])
-    texts = {"J": "J: in parallel", "A": "A: held", "B": "B: extrapolated", "C": "C: force law"}
+    texts = {"J": "J: in parallel", "A": "A: held", "B": "B: extrapolated", "C": "C: force law", "M": "ME: model exchange"}
     for loop, text in texts.items():
         axes.plot([], [], color=colors[loop], label=text)
     ticks = [1e3 * step for step in STEPS]

@@ -128,7 +128,8 @@ def test_the_build_description_lists_the_c_files_of_the_model_description(name, 
     (file_set,) = configuration.sourceFileSets
     root = ET.parse(unpacked[name] / "modelDescription.xml").getroot()
     assert configuration.modelIdentifier == name and file_set.language == "C99"
-    assert file_set.sourceFiles == [f.get("name") for f in root.iter("File")]
+    for kind in ("ModelExchange", "CoSimulation"):
+        assert file_set.sourceFiles == [f.get("name") for f in root.iterfind(f"{kind}/SourceFiles/File")]
     assert file_set.sourceFiles == [path.name for path in sources(unpacked[name])]
 
 
