@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int
-from dataclasses import replace
 
 from builder.check.catalogue import exchange as rules
 from builder.check.catalogue.behaviour import MODEL_EXCHANGE as CALLABLE
 from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, differ, step
+from builder.check.probes.exchange_host import Host, iterate_events
 from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, Library, MissingFunctionError, binary_path
+from builder.check.probes.library import Library, MissingFunctionError, binary_path
 from builder.check.rules import Finding, listed
 
 _STEPS, _H = 4, 1e-6  # of Euler's method [s]
-_MOST_ITERATIONS = 100
 _SMOOTH, _WRONG = 1e-4, 1e-3
 #: Results of both kinds agree if they differ by less than this share of an output's range, and the result of model
 #: exchange is known if half the step changes it by less than a tenth of that.
@@ -39,7 +37,7 @@ def probe_model_exchange(bench: Bench) -> Results:
             yield Skip("its model exchange has no binary for this platform")
             return
         bench.library = Library(path, bench.library.progress)
-    host = _Host(bench)
+    host = Host(bench)
     try:
         for check in (_integrated, _modes, _arrays, _repeated, _dependencies, _directional, _restored):
             yield from check(host)
@@ -50,89 +48,7 @@ def probe_model_exchange(bench: Bench) -> Results:
         yield from _agreement(host)
 
 
-class _Host:
-    """Instances for model exchange, and what the description says about them."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        pairs = [p for p in bench.description.state_pairs() if all(v.type == "Real" and v.is_callable for v in p)]
-        self.derivatives = [derivative for derivative, _ in pairs]
-        self.states = [state for _, state in pairs]
-        self.count = len(pairs)
-        indicators = bench.description.attributes.get("numberOfEventIndicators", "0")
-        self.indicators = int(indicators) if indicators.strip().isdigit() else 0
-        self.inputs = [v for v in bench.inputs if v.variability == "continuous"]
-
-    def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:
-        """Return the array that a function fills; nothing is called for an empty one."""
-        size = self.count if count is None else count
-        buffer = (c_double * size)()
-        if size:
-            instance.need(name, buffer, size)
-        return list(buffer)
-
-    def set_states(self, instance: Instance, values: Sequence[float]) -> None:
-        """Set the continuous states."""
-        if self.count:
-            instance.need("SetContinuousStates", (c_double * self.count)(*values), self.count)
-
-    @contextmanager
-    def instance(self) -> Iterator[Instance]:
-        """Provide an instance after fmi2Instantiate."""
-        with self.bench.instance(replace(self.bench.birth, kind=MODEL_EXCHANGE)) as created:
-            yield created
-
-    @contextmanager
-    def continuous(self) -> Iterator[Instance | None]:
-        """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
-        with self.instance() as created:
-            self.bench.initialize(created)
-            if _iterate_events(created):
-                yield None
-                return
-            created.need("EnterContinuousTimeMode")
-            yield created
-
-    def point(self, start: Values, k: int) -> tuple[Values, Values]:
-        """Return inputs and states near the start, different ones for each k."""
-        inputs = [(v.number("start") or 0.0) + 0.3 * amplitude(v) * math.sin(1.0 + i + 2.0 * k)
-                  for i, v in enumerate(self.inputs)]  # fmt: skip
-        states = [x + 0.1 * size * math.sin(2.0 + i + 3.0 * k) for i, (x, size) in enumerate(self.sizes(start))]
-        return inputs, states
-
-    def sizes(self, start: Values) -> list[tuple[float, float]]:
-        """Return each state's value at the start and its size: the nominal value."""
-        return [(x, abs(state.number("nominal") or 1.0)) for x, state in zip(start, self.states, strict=True)]
-
-    def go(self, instance: Instance, inputs: Values, states: Values) -> Values:
-        """Set inputs and states; return the derivatives, then the outputs.
-
-        Raises:
-            CallError: A call was rejected.
-        """
-        if refused(instance.set_reals(self.inputs, inputs)):
-            raise CallError(f"fmi2SetReal of inputs is rejected in continuous-time mode{instance.last_message()}")
-        self.set_states(instance, states)
-        return [*self.vector(instance, "GetDerivatives"), *instance.reals(self.bench.outputs)]
-
-
-def _iterate_events(instance: Instance) -> bool:
-    """Do the event iteration after initialization; return whether the FMU ends the simulation there.
-
-    Raises:
-        CallError: A call was rejected, or the iteration does not end.
-    """
-    for _ in range(_MOST_ITERATIONS):
-        info = EventInfo()
-        instance.need("NewDiscreteStates", ctypes.byref(info))
-        if info.terminateSimulation:
-            return True
-        if not info.newDiscreteStatesNeeded:
-            return False
-    raise CallError(f"fmi2NewDiscreteStates still needs new discrete states after {_MOST_ITERATIONS} iterations")
-
-
-def _integrated(host: _Host) -> Iterator[Finding]:
+def _integrated(host: Host) -> Iterator[Finding]:
     """Do a few tiny steps of Euler's method."""
     with host.continuous() as instance:
         if instance is None:
@@ -160,7 +76,7 @@ def _integrated(host: _Host) -> Iterator[Finding]:
             if enter.value or end.value:
                 return  # an early event of the FMU is not a defect
         instance.need("EnterEventMode")
-        _iterate_events(instance)
+        iterate_events(instance)
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
         locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
         if locked:
@@ -169,7 +85,7 @@ def _integrated(host: _Host) -> Iterator[Finding]:
         instance.need("Terminate")
 
 
-def _modes(host: _Host) -> Iterator[Finding]:
+def _modes(host: Host) -> Iterator[Finding]:
     """Call functions in modes in which they are not allowed."""
     buffer = (c_double * max(host.count, 1))(*[0.0] * max(host.count, 1))
     states = [("SetContinuousStates", (buffer, host.count))] if host.count else []
@@ -195,7 +111,7 @@ def _is_refused(instance: Instance, name: str, arguments: tuple[object, ...]) ->
         return True
 
 
-def _arrays(host: _Host) -> Iterator[Finding]:
+def _arrays(host: Host) -> Iterator[Finding]:
     """Set states, and read states and derivatives as arrays and as variables."""
     with host.continuous() as instance:
         if instance is None or not host.count:
@@ -219,7 +135,7 @@ def _arrays(host: _Host) -> Iterator[Finding]:
                     return
 
 
-def _repeated(host: _Host) -> Iterator[Finding]:
+def _repeated(host: Host) -> Iterator[Finding]:
     """Evaluate two points in turns."""
     with host.continuous() as instance:
         if instance is None:
@@ -233,7 +149,7 @@ def _repeated(host: _Host) -> Iterator[Finding]:
             yield rules.REPEATABLE.finding("the same inputs and states gave other derivatives or outputs after others")
 
 
-def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
+def _evaluations(host: Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
     """Return a function of a known's index and a change of it: derivatives, then outputs."""
     count = len(host.inputs)
 
@@ -245,12 +161,12 @@ def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -
     return at
 
 
-def _changes(host: _Host, start: Values) -> Values:
+def _changes(host: Host, start: Values) -> Values:
     """Return a change of each input and state."""
     return [1e-3 * amplitude(v) for v in host.inputs] + [1e-3 * max(size, abs(x)) for x, size in host.sizes(start)]
 
 
-def _declared(host: _Host) -> dict[str, set[str] | None]:
+def _declared(host: Host) -> dict[str, set[str] | None]:
     description = host.bench.description
     found: dict[str, set[str] | None] = {}
     for section in ("Outputs", "Derivatives"):
@@ -263,7 +179,7 @@ def _declared(host: _Host) -> dict[str, set[str] | None]:
     return found
 
 
-def _dependencies(host: _Host) -> Iterator[Finding]:
+def _dependencies(host: Host) -> Iterator[Finding]:
     """Change every input and state; whatever follows must be declared."""
     knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
     declared, hidden = _declared(host), set()
@@ -284,12 +200,12 @@ def _dependencies(host: _Host) -> Iterator[Finding]:
         yield rules.HIDDEN.finding(listed(sorted(hidden)))
 
 
-def _aliases(host: _Host, variable: Variable) -> set[str]:
+def _aliases(host: Host, variable: Variable) -> set[str]:
     alike = host.bench.description.variables
     return {v.name for v in alike if (v.type, v.reference) == (variable.type, variable.reference)}
 
 
-def _directional(host: _Host) -> Results:
+def _directional(host: Host) -> Results:
     """Compare directional derivatives with central differences where the functions are smooth."""
     if not host.bench.description.can_exchange("providesDirectionalDerivative"):
         yield Skip("providesDirectionalDerivative of ModelExchange is not true", "directional derivatives by states")
@@ -326,7 +242,7 @@ def _judged(stated: float, ends: Values, change: float) -> str:
     return "" if is_right else f"{stated:.6g} instead of {narrow:.6g}"
 
 
-def _restored(host: _Host) -> Results:
+def _restored(host: Host) -> Results:
     """Save an FMU state in continuous-time mode, move on, and restore it."""
     if not host.bench.description.can_exchange("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate of ModelExchange is not true", "FMU states in model exchange")
@@ -349,7 +265,7 @@ def _restored(host: _Host) -> Results:
 # ---- The same results as co-simulation ------------------------------------------------------------------------------
 
 
-def _agreement(host: _Host) -> Results:
+def _agreement(host: Host) -> Results:
     """Integrate a few communication steps with held inputs, and compare the outputs with those of co-simulation.
 
     Outputs that declare no dependency describe the run, not the model, and are left out.
@@ -378,7 +294,7 @@ def _agreement(host: _Host) -> Results:
         yield rules.AGREES.finding(f"outputs differ by {100.0 * worst:.2g} % of their size in {len(points)} steps")
 
 
-def _runge_kutta(host: _Host, points: range, parts: int) -> list[Values] | None:
+def _runge_kutta(host: Host, points: range, parts: int) -> list[Values] | None:
     """Return the outputs after each communication step by the classical Runge-Kutta method; None after an event."""
     bench, rows = host.bench, []
     with host.continuous() as instance:
