@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from builder.documents import Disclosure
 from builder.documents.validity import combined_member, validity_of
 from builder.fmu.product import shock_product, vehicle_product
-from builder.native.native_fmu import _source
+from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu
 from cosim import FmuComponent
 from eightpost.__main__ import main
@@ -157,20 +157,20 @@ def test_the_fit_of_a_shock_file_without_a_verdict_is_unknown(bad: Shock, tmp_pa
 
 def test_every_type_of_fmu_contains_it(bad: Shock) -> None:
     product = shock_product(bad, "late")
-    python, native = python_fmu(product), _source(product, Disclosure.FULL).members
+    python, native = python_fmu(product), without_binaries(product, Disclosure.FULL).members
     assert python[MEMBER] == native[MEMBER]
     assert Validity.from_json(json.loads(native[MEMBER])) == bad.validity
 
 
 def test_a_confidential_fmu_contains_the_verdict_without_file_names(bad: Shock) -> None:
-    members = _source(shock_product(bad, "late"), Disclosure.CONFIDENTIAL).members
+    members = without_binaries(shock_product(bad, "late"), Disclosure.CONFIDENTIAL).members
     carried = Validity.from_json(json.loads(members[MEMBER]))
     assert carried.verdict.grade is Grade.NOT_USABLE
     assert b"dyno_A" not in members[MEMBER]
 
 
 def test_an_assembly_has_the_verdicts_of_its_parts_and_the_ranges_of_its_own_variables(bad: Shock) -> None:
-    parts = {"car": None, "lf": _source(shock_product(bad, "late"), Disclosure.FULL).members[MEMBER]}
+    parts = {"car": None, "lf": without_binaries(shock_product(bad, "late"), Disclosure.FULL).members[MEMBER]}
     fed = {"lf.displacement": "car.lf.displacement", "lf.velocity": "car.lf.velocity"}
     (content,) = combined_member(parts, fed, frozenset({"car.lf.displacement"})).values()
     whole = Validity.from_json(json.loads(content))
@@ -189,7 +189,7 @@ def test_a_vehicle_file_keeps_its_verdict(tmp_path: Path) -> None:
     found = read_vehicle(tmp_path / "car.json")
     assert isinstance(found, IdentifiedVehicle)
     assert found.validity == known
-    members = _source(vehicle_product(found, "car"), Disclosure.FULL).members
+    members = without_binaries(vehicle_product(found, "car"), Disclosure.FULL).members
     assert Validity.from_json(json.loads(members[MEMBER])) == known
 
 

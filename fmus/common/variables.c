@@ -46,8 +46,10 @@ static int asks_for_a_look(const Component *c, const Variable *variable)
 /* The place of a variable that can be set. */
 static double *place_of(Memory *memory, const Variable *variable)
 {
-    return CONTINUOUS_STATES > 0 && variable->index >= FIRST_STATE ? model_state(memory, variable->index - FIRST_STATE)
-                                                                   : memory->values.at + variable->index;
+    if (variable->index < REALS) {
+        return memory->values.at + variable->index;
+    }
+    return model_state(memory, variable->index - FIRST_STATE);
 }
 
 /* The derivatives are computed when the first of them is read. */

@@ -106,7 +106,7 @@ def test_cached_code_is_reused_and_damaged_code_is_compiled_again(
         return numbers.count
 
     monkeypatch.setattr("cosim.engine.machine_code.object_file", make)
-    bind, numbers = compiled(function), Numbers(np.zeros(1), 3, 0.5)
+    bind, numbers = compiled(function, {}), Numbers(np.zeros(1), 3, 0.5)
     for _ in range(2):
         monkeypatch.setattr(machine_code, "_FUNCTIONS", {})
         assert bind(numbers)() != 0
