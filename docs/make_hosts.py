@@ -109,7 +109,13 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
             color = colors.get(loop[:1], "0.5")
             axes.loglog(x, y, marker=marker, color=color, linewidth=1.0, markersize=6, fillstyle="none")
         axes.plot([], [], marker=marker, color="0.3", linestyle="none", fillstyle="none", label=one["host"])
-    texts = {"J": "J: in parallel", "A": "A: held", "B": "B: extrapolated", "C": "C: force law", "M": "ME: model exchange"}
+    texts = {
+        "J": "J: in parallel",
+        "A": "A: held",
+        "B": "B: extrapolated",
+        "C": "C: force law",
+        "M": "ME: model exchange",
+    }
     for loop, text in texts.items():
         axes.plot([], [], color=colors[loop], label=text)
     ticks = [1e3 * step for step in STEPS]

@@ -81,7 +81,10 @@ def test_a_package_of_the_same_name_is_a_clash_and_a_folder_of_that_name_is_not(
 def test_the_third_party_packages_are_folders_and_are_all_that_the_project_needs():
     project = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    needed = [*project["dependencies"], *(line for name, lines in extras.items() if name != "test" and "host" not in name for line in lines)]
+    needed = [
+        *project["dependencies"],
+        *(line for name, lines in extras.items() if name != "test" and "host" not in name for line in lines),
+    ]
     module = {"fmu-manipulation-toolbox": "fmu_manipulation_toolbox", "markdown-it-py": "markdown_it", "pillow": "PIL"}
     names = {name.partition(">")[0].partition("[")[0].strip() for name in needed}
     assert {module.get(name, name) for name in names} - {"threadpoolctl"} <= set(THIRD_PARTY)
