@@ -14,11 +14,11 @@ static int start_all(Machine *m, const double *outside, const double *taken, dou
     double from[MOST_INPUTS];
     memcpy(m->now, taken, FORCES * sizeof *taken);
     for (int p = 0; p < PARTS; p++) {
-        Message said = {.length = 0};
+        Message message = {.length = 0};
         feed(m, p, outside, outside, 1.0, from, m->values[p]);
         memcpy(m->values[p], from, (size_t)PART[p].input_count * sizeof *from);
-        if (!start(PART[p].kind, m->part[p], &said)) {
-            told_by(p, &said, why);
+        if (!start(PART[p].kind, m->part[p], &message)) {
+            add_part_message(p, &message, why);
             return 0;
         }
         read_part(m, p);

@@ -54,11 +54,11 @@ void pack(const Machine *m, Memory *memory)
     memcpy(memory->state + SLOPE, m->slope, sizeof m->slope);
 }
 
-void told_by(int p, const Message *said, Message *why)
+void add_part_message(int p, const Message *message, Message *why)
 {
     say(why, PART[p].name);
     say(why, ": ");
-    say(why, said->length > 0 ? said->text : "the result is not finite");
+    say(why, message->length > 0 ? message->text : "the result is not finite");
 }
 
 static double through(const Term *t, double value)

@@ -9,7 +9,7 @@
 #define kept_of fmi2FullName(kept_of)
 #define unpack fmi2FullName(unpack)
 #define pack fmi2FullName(pack)
-#define told_by fmi2FullName(told_by)
+#define add_part_message fmi2FullName(add_part_message)
 #define read_part fmi2FullName(read_part)
 #define feed fmi2FullName(feed)
 #define settle fmi2FullName(settle)
@@ -49,7 +49,7 @@ void unpack(Machine *m, const Memory *memory, void *work);
 /* Saves the parts, and copies their outputs and local variables. */
 void pack(const Machine *m, Memory *memory);
 /* Reports why part p failed, or that its result is not finite. */
-void told_by(int p, const Message *said, Message *why);
+void add_part_message(int p, const Message *message, Message *why);
 /* Updates the coupled outputs of part p. */
 void read_part(Machine *m, int p);
 /* The inputs of part p at both ends of a micro step of h [s]; the vehicle's outputs are known at its end, forces are extrapolated

@@ -17,11 +17,11 @@ static const double ROUNDING = 1e-9;
 static int step_part(Machine *m, int p, const double *outside0, const double *outside1, double h, Message *why)
 {
     double from[MOST_INPUTS];
-    Message said;
-    said.length = 0; /* the text itself need not be initialized */
+    Message message;
+    message.length = 0; /* the text itself need not be initialized */
     feed(m, p, outside0, outside1, h, from, m->values[p]);
-    if (!step(PART[p].kind, m->part[p], from, h, &said)) {
-        told_by(p, &said, why);
+    if (!step(PART[p].kind, m->part[p], from, h, &message)) {
+        add_part_message(p, &message, why);
         return 0;
     }
     read_part(m, p);
@@ -86,14 +86,14 @@ size_t model_work_size(void)
     return size;
 }
 
-static int said_of_parts(const Values *v, int (*says)(int, const double *, Message *), Message *why)
+static int message_of_parts(const Values *v, int (*judge)(int, const double *, Message *), Message *why)
 {
     int found = 0;
     for (int p = 0; p < PARTS; p++) {
-        Message said = {.length = 0};
-        if (says(PART[p].kind, v->named.parameters.parameter + PART[p].parameters, &said)) {
+        Message message = {.length = 0};
+        if (judge(PART[p].kind, v->named.parameters.parameter + PART[p].parameters, &message)) {
             say(why, found ? "; " : "");
-            told_by(p, &said, why);
+            add_part_message(p, &message, why);
             found = 1;
         }
     }
@@ -102,12 +102,12 @@ static int said_of_parts(const Values *v, int (*says)(int, const double *, Messa
 
 int model_refuses(const Values *v, Message *why)
 {
-    return said_of_parts(v, refuses, why);
+    return message_of_parts(v, refuses, why);
 }
 
 int model_warns(const Values *v, Message *why)
 {
-    return said_of_parts(v, warns, why);
+    return message_of_parts(v, warns, why);
 }
 
 int model_start(Memory *memory, void *work, Message *why)

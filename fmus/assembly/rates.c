@@ -9,11 +9,11 @@
 static int evaluate_part(Machine *m, int p, const double *outside, Message *why)
 {
     double from[MOST_INPUTS];
-    Message said = {.length = 0};
+    Message message = {.length = 0};
     feed(m, p, outside, outside, 1.0, from, m->values[p]);
     memcpy(m->values[p], from, (size_t)PART[p].input_count * sizeof *from);
-    if (!evaluate(PART[p].kind, m->part[p], &said)) {
-        told_by(p, &said, why);
+    if (!evaluate(PART[p].kind, m->part[p], &message)) {
+        add_part_message(p, &message, why);
         return 0;
     }
     read_part(m, p);
