@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from builder.documents import Disclosure
 from builder.documents.validity import validity_of
@@ -29,6 +30,9 @@ Members = tuple["Built", Mapping[str, bytes]]
 
 TARGETS = ("native", "python", "all")
 
+#: FMI versions to build for: 2.0, 3.0, or both.
+VERSIONS: Mapping[str, tuple[int, ...]] = MappingProxyType({"2": (2,), "3": (3,), "all": (2, 3)})
+
 
 @dataclass(frozen=True)
 class Built:
@@ -40,6 +44,7 @@ class Built:
         interface: Variables of the FMU and their dependencies.
         target: `native` or `python`.
         validity: Verdict on the model and the ranges in which it may be used.
+        fmi: FMI version, 2 or 3.
         limits: Limits of the toolchain, such as platforms without a binary, or an empty string.
     """
 
@@ -48,6 +53,7 @@ class Built:
     interface: Interface
     target: str
     validity: Validity
+    fmi: int = 2
     limits: str = ""
 
 
@@ -56,6 +62,7 @@ def build(
     folder: str | Path,
     *,
     target: str = "native",
+    fmi: str = "2",
     disclosure: Disclosure = Disclosure.FULL,
     progress: Progress | None = None,
 ) -> list[Built]:
@@ -65,6 +72,8 @@ def build(
         sources: Shock files (`eightpost fit`) and vehicle files (.toml with parameters, .json with a state space).
         folder: Output folder; created if it does not exist. Nothing is written before all FMUs are built.
         target: `native`, `python`, or `all` for both: the Python FMU is then named <name>_python.fmu.
+        fmi: FMI version of native FMUs: `2` for FMI 2.0, `3` for FMI 3.0, or `all` for both: the FMU of FMI 3.0 is
+            then named <name>_fmi3.fmu. Python FMUs are of FMI 2.0.
         disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve,
             and must be native.
         progress: Callback that receives the number of compiled binaries and the total number.
@@ -75,16 +84,22 @@ def build(
     """
     if target not in TARGETS:
         raise FmuError(f"target {target!r} is not known; use one of {', '.join(TARGETS)}")
+    if fmi not in VERSIONS:
+        raise FmuError(f"FMI version {fmi!r} is not known; use one of {', '.join(VERSIONS)}")
+    if target != "native" and fmi != "2":
+        raise FmuError("python FMUs are of FMI 2.0 (PythonFMU); build FMI 3.0 with --target native")
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
     products = [(str(source), product_of(Path(source))) for source in sources]
     names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
+    if fmi == "all":
+        names += [f"{name}_fmi3" for name in names]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise FmuError(f"several sources would be written to {doubled[0]}.fmu; rename one of them")
     built: list[Members] = []
     if target != "python":
-        built += _native(products, Path(folder), disclosure, progress)
+        built += _native(products, Path(folder), VERSIONS[fmi], disclosure, progress)
     if target != "native":
         built += _python(products, Path(folder), "_python" if target == "all" else "")
     for item, members in built:
@@ -102,16 +117,31 @@ def verdict_on(built: Sequence[Built]) -> Verdict:
 
 
 def _native(
-    products: Sequence[tuple[str, Product]], folder: Path, disclosure: Disclosure, progress: Progress | None
+    products: Sequence[tuple[str, Product]],
+    folder: Path,
+    versions: Sequence[int],
+    disclosure: Disclosure,
+    progress: Progress | None,
 ) -> list[Members]:
     toolchain = find_toolchain()
-    found = native_fmus(
-        [product for _, product in products], toolchain=toolchain, disclosure=disclosure, progress=progress
-    )
-    return [
-        (_built(product, folder / f"{product.identifier}.fmu", source, "native", toolchain.limits), members)
-        for (source, product), members in zip(products, found, strict=True)
+    wanted = [
+        (source, _named_apart(product) if fmi == 3 and len(versions) > 1 else product, fmi)
+        for source, product in products
+        for fmi in versions
     ]
+    found = native_fmus(
+        [(product, fmi) for _, product, fmi in wanted], toolchain=toolchain, disclosure=disclosure, progress=progress
+    )
+    built: list[Members] = []
+    for (source, product, fmi), members in zip(wanted, found, strict=True):
+        item = _built(product, folder / f"{product.identifier}.fmu", source, "native")
+        built.append((replace(item, fmi=fmi, limits=toolchain.limits), members))
+    return built
+
+
+def _named_apart(product: Product) -> Product:
+    """Return the product of FMI 3.0 of a release with both versions."""
+    return replace(product, identifier=f"{product.identifier}_fmi3")
 
 
 def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) -> list[Members]:
@@ -121,8 +151,8 @@ def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) 
     ]
 
 
-def _built(product: Product, path: Path, source: str, target: str, limits: str = "") -> Built:
-    return Built(path, source, product.interface, target, validity_of(product.source), limits)
+def _built(product: Product, path: Path, source: str, target: str) -> Built:
+    return Built(path, source, product.interface, target, validity_of(product.source))
 
 
 def product_of(source: Path) -> Product:

@@ -172,5 +172,5 @@ def _describe(product: Product, members: dict[str, bytes]) -> None:
         capabilities=CAPABILITIES,
         generation_tool=f"eightpost {__version__} with PythonFMU {pythonfmu_version}",
     )
-    guid = content_guid(description, members)
+    guid = content_guid(model_description(description), members)
     members["modelDescription.xml"] = model_description(replace(description, guid=guid))

@@ -18,7 +18,6 @@ from builder.build import fmu_identifier
 from builder.fmu.description import Description
 from builder.fmu.interface import Interface, source_folder
 from builder.native.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
-from builder.native.source_folder import prefix_header
 from builder.native.tables import c_number, interface_header, interface_source, layout
 from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
@@ -45,7 +44,7 @@ _OWN = (
 
 
 def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dict[str, bytes]:
-    """Return file name -> content of sources/."""
+    """Return the sources that both FMI versions have: file name -> content."""
     folder = source_folder()
     files = {name: (folder / "common" / name).read_bytes() for name in COMMON}
     files |= {name: (folder / "assembly" / name).read_bytes() for name in _OWN}
@@ -56,7 +55,6 @@ def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dic
         "assembly_data.h": _wiring(assembly, interface),
         "interface.h": interface_header(plan, assembly.identifier, guid),
         "interface.c": interface_source(plan, interface.variables),
-        "prefix.h": prefix_header(assembly.identifier),
     }
     return files | {name: text.encode() for name, text in generated.items()}
 
@@ -249,6 +247,7 @@ def assemble(
     wiring: Wiring,
     path: str | Path,
     *,
+    fmi: int = 2,
     toolchain: Toolchain | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Assembled:
@@ -257,6 +256,7 @@ def assemble(
     Args:
         wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
         path: FMU file to write; its name must be a C identifier.
+        fmi: FMI version, 2 or 3.
         toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
         progress: Callback that receives the number of compiled binaries and the total number.
 
@@ -273,13 +273,13 @@ def assemble(
     assembly = Assembly.of(wiring, path.stem)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
-    (members,) = compiled([_unbuilt(assembly, interface)], toolchain=toolchain, progress=progress)
+    (members,) = compiled([_unbuilt(assembly, interface, fmi)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)
     return Assembled(path, assembly, interface, platforms, toolchain.limits)
 
 
-def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
+def _unbuilt(assembly: Assembly, interface: Interface, fmi: int) -> Source:
     """Return the FMU without its binaries."""
     description = Description(
         identifier=assembly.identifier,
@@ -290,5 +290,5 @@ def _unbuilt(assembly: Assembly, interface: Interface) -> Source:
         generation_tool=f"eightpost {__version__}",
         exchange=EXCHANGE,
     )
-    members = assembly_documents(assembly, interface)
-    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid))
+    members = assembly_documents(assembly, interface, fmi)
+    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid), fmi=fmi)

@@ -263,7 +263,7 @@ _CONNECTIONS = (Column("from", "name"), Column("to", "name"), Column("gain", "nu
 _CAPTION = "Force at the port of each shock without gas force, over the fitted velocity range."
 
 
-def assembly_documents(assembly: Assembly, interface: Interface) -> dict[str, bytes]:
+def assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
     picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
@@ -274,9 +274,11 @@ def assembly_documents(assembly: Assembly, interface: Interface) -> dict[str, by
         Picture(picture, _CAPTION),
         [_parts(assembly), _connections(assembly), _equations(assembly)],
         reference is not None,
+        fmi,
     )
     return {
         "model.png": picture,
+        **({"terminalsAndIcons/icon.png": picture} if fmi == 3 else {}),
         "documentation/index.html": page(contents),
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         **combined_member(

@@ -152,6 +152,10 @@ def read_parts(files: Mapping[str, Path]) -> tuple[Part, ...]:
 
 def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
     root = ET.fromstring(members["modelDescription.xml"])
+    if root.get("fmiVersion", "").startswith("3."):
+        raise _CannotBeError(
+            "is of FMI 3.0; assemble FMUs of FMI 2.0 (eightpost build), with --fmi 3 for an assembly of FMI 3.0"
+        )
     interface = _described_interface(root)
     if interface is None:
         raise _CannotBeError(f"is not an FMU of eightpost, so its equations are not known; {_NOT_ASSEMBLED}")

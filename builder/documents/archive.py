@@ -213,16 +213,17 @@ class _Disclosed:
     recorded: tuple[str, ...]
 
 
-def documents(subject: Subject, *, disclosure: Disclosure) -> dict[str, bytes]:
+def documents(subject: Subject, *, disclosure: Disclosure, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive, for people and for tools: member name -> content.
 
     The same subject gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
     neither names nor digests of source files. It also omits the subject's name, which is often the name of its file.
+    `fmi` is the FMI version, 2 or 3, which only the page names.
     """
     disclosed = _full(subject) if disclosure is Disclosure.FULL else _confidential(subject)
     shown, picture = disclosed.subject, disclosed.picture
     reference = results(shown, disclosed.recorded)
-    contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference))
+    contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference), fmi)
     return {
         "model.png": picture.png,
         "documentation/index.html": page(contents),

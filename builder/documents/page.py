@@ -56,6 +56,7 @@ class Contents:
     picture: Picture
     origin: Sequence[Section]
     has_reference: bool
+    fmi: int = 2
 
 
 def page(contents: Contents) -> bytes:
@@ -63,14 +64,15 @@ def page(contents: Contents) -> bytes:
     sections = [*_variables(contents.interface), *contents.origin, *_usage(contents)]
     places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
     body = equations(contents.interface.kind) + "".join(str(section) for section in sections)
-    text, facts = contents.text, _facts(contents.interface)
+    text, facts = contents.text, _facts(contents)
     return static_page(contents.identifier, text, facts, places, contents.picture, body).encode()
 
 
-def _facts(interface: Interface) -> str:
+def _facts(contents: Contents) -> str:
+    interface = contents.interface
     return (
-        f"Interface {interface.kind} {interface.version} · FMI 2.0 {_kinds(interface)} · SI at the interface · "
-        f"built with eightpost {__version__}"
+        f"Interface {interface.kind} {interface.version} · FMI {contents.fmi}.0 {_kinds(interface)} · "
+        f"SI at the interface · built with eightpost {__version__}"
     )
 
 

@@ -55,23 +55,39 @@ class Description:
 def model_description(description: Description) -> bytes:
     """Return modelDescription.xml; the same description gives the same bytes."""
     interface = description.interface
-    root = ET.Element(
+    root = root_element("2.0", "guid", description)
+    root.set("numberOfEventIndicators", "0")
+    for kind, attributes in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
+        if attributes is not None:
+            _kind(ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **attributes}), description)
+    add_environment(root, description, interface.variables)
+    annotations = ET.SubElement(root, "VendorAnnotations")
+    tool = ET.SubElement(annotations, "Tool", name="eightpost")
+    ET.SubElement(tool, "Interface", name=interface.kind, version=interface.version)
+    _model_variables(root, interface.variables)
+    _model_structure(root, interface)
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+
+
+def root_element(version: str, token: str, description: Description) -> ET.Element:
+    """Return the root element of an FMI version, with the GUID in the attribute `token`."""
+    named = {"fmiVersion": version, "modelName": description.identifier, token: f"{{{description.guid}}}"}
+    return ET.Element(
         "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=description.identifier,
-        guid=f"{{{description.guid}}}",
+        named,
         description=description.text,
         author="eightpost",
         version=__version__,
         license="MIT",
         generationTool=description.generation_tool,
         variableNamingConvention="structured",
-        numberOfEventIndicators="0",
     )
-    for kind, attributes in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
-        if attributes is not None:
-            _kind(ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **attributes}), description)
-    _unit_definitions(root, interface.variables)
+
+
+def add_environment(root: ET.Element, description: Description, variables: Iterable[Variable]) -> None:
+    """Add what both FMI versions write alike: units of the variables, log categories and the default experiment."""
+    _unit_definitions(root, variables)
     categories = ET.SubElement(root, "LogCategories")
     for name, text in _LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
@@ -82,18 +98,11 @@ def model_description(description: Description) -> bytes:
         stopTime=repr(description.stop_time),
         stepSize=repr(description.step_size),
     )
-    annotations = ET.SubElement(root, "VendorAnnotations")
-    tool = ET.SubElement(annotations, "Tool", name="eightpost")
-    ET.SubElement(tool, "Interface", name=interface.kind, version=interface.version)
-    _model_variables(root, interface.variables)
-    _model_structure(root, interface)
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 
 
-def content_guid(description: Description, members: Mapping[str, bytes]) -> str:
-    """Return a GUID that is a digest of the description (except for the GUID) and of all members of the archive."""
-    digest = hashlib.sha256(model_description(description))
+def content_guid(description: bytes, members: Mapping[str, bytes]) -> str:
+    """Return a GUID that is a digest of modelDescription.xml without GUID and of all other members of the archive."""
+    digest = hashlib.sha256(description)
     for name in sorted(members):
         digest.update(name.encode() + b"\0" + hashlib.sha256(members[name]).digest())
     return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
@@ -138,10 +147,11 @@ def _model_variables(root: ET.Element, variables: Sequence[Variable]) -> None:
             attributes["initial"] = variable.initial
         of = {} if variable.derivative_of is None else {"derivative": index[variable.derivative_of]}
         element = ET.SubElement(parent, "ScalarVariable", attributes)
-        ET.SubElement(element, variable.type, _type_attributes(variable) | of)
+        ET.SubElement(element, variable.type, type_attributes(variable) | of)
 
 
-def _type_attributes(variable: Variable) -> dict[str, str]:
+def type_attributes(variable: Variable) -> dict[str, str]:
+    """Return the attributes that both FMI versions give a variable because of its type: unit, range, start value."""
     values = {
         "unit": variable.unit,
         "displayUnit": variable.display,

@@ -13,6 +13,7 @@ from builder.assembly.plan import assembly_interface
 from builder.build import product_of
 from builder.fmu.interface import Interface
 from builder.native.native_fmu import without_binaries
+from builder.native.source_folder import version_files
 from builder.native.toolchain import Library, compile_for_browser
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError
@@ -100,7 +101,7 @@ def _code(members: dict[str, bytes]) -> dict[str, bytes]:
 
 def _coupled(assembly: Assembly) -> Model:
     interface = assembly_interface(assembly)
-    sources = assembly_sources(assembly, interface, "page")
+    sources = assembly_sources(assembly, interface, "page") | version_files(assembly.identifier, 2)
     return Model(interface, compile_for_browser(Library(assembly.identifier, sources)))
 
 

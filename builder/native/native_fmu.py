@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 from builder.documents import SECRET, Disclosure, Subject, documents
 from builder.fmu.description import Description, content_guid, model_description
+from builder.fmu.description3 import model_description_3
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
-from builder.native.source_folder import build_members, prefix_header
+from builder.native.source_folder import build_members, version_files
 from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
 from builder.native.vehicle_data import kept_numbers, vehicle_data
@@ -46,7 +47,7 @@ VEHICLE = ("modal.h", "phi.h", "rates.c")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
-    """Return file name -> content of sources/; `visible` contains the variables that a host can see.
+    """Return the sources that both FMI versions have: file name -> content; a host can see the variables of `visible`.
 
     Raises:
         FmuError: The vehicle has no modal form.
@@ -66,7 +67,6 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
     generated |= {
         "interface.h": interface_header(plan, product.identifier, guid),
         "interface.c": interface_source(plan, visible.variables),
-        "prefix.h": prefix_header(product.identifier),
     }
     common = {name: (folder / "common" / name).read_bytes() for name in COMMON}
     return common | model | {name: text.encode() for name, text in generated.items()}
@@ -108,7 +108,7 @@ class Source:
 
 
 def native_fmus(
-    products: Sequence[Product],
+    products: Sequence[tuple[Product, int]],
     *,
     toolchain: Toolchain,
     disclosure: Disclosure = Disclosure.FULL,
@@ -117,7 +117,7 @@ def native_fmus(
     """Return the members of each product's archive; the same product gives the same bytes.
 
     Args:
-        products: FMUs to build.
+        products: FMUs to build, each with its FMI version, 2 or 3.
         toolchain: Compiler and its platforms.
         disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve.
         progress: Callback that receives the number of finished binaries and the total number.
@@ -126,7 +126,9 @@ def native_fmus(
         FmuError: A vehicle has no modal form, or the compiler fails.
     """
     return compiled(
-        [without_binaries(product, disclosure) for product in products], toolchain=toolchain, progress=progress
+        [without_binaries(product, disclosure, fmi) for product, fmi in products],
+        toolchain=toolchain,
+        progress=progress,
     )
 
 
@@ -139,8 +141,8 @@ def compiled(
     return [source.members | found for source, found in zip(sources, binaries, strict=True)]
 
 
-def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL) -> Source:
-    """Return a product's FMU without its binaries.
+def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL, fmi: int = 2) -> Source:
+    """Return a product's FMU of an FMI version, 2 or 3, without its binaries.
 
     Raises:
         FmuError: A vehicle has no modal form.
@@ -149,7 +151,7 @@ def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description
     subject = Subject(product.identifier, text, visible, product.source)
-    members = documents(subject, disclosure=disclosure)
+    members = documents(subject, disclosure=disclosure, fmi=fmi)
     description = Description(
         identifier=product.identifier,
         guid="",
@@ -163,10 +165,15 @@ def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL)
         description,
         members,
         lambda guid: c_sources(product, visible, guid),
+        fmi=fmi,
         disclosure=disclosure,
         is_one_unit=True,
         is_wide=not isinstance(product.source, Shock),
     )
+
+
+#: Members that have another place in FMI 3.0.
+_PLACES_3 = {"model.png": "documentation/diagram.png"}
 
 
 def sealed(
@@ -174,6 +181,7 @@ def sealed(
     members: Mapping[str, bytes],
     code: Callable[[str], dict[str, bytes]],
     *,
+    fmi: int,
     disclosure: Disclosure = Disclosure.FULL,
     is_one_unit: bool = False,
     is_wide: bool = False,
@@ -184,20 +192,24 @@ def sealed(
         description: Content of modelDescription.xml, without GUID and source files.
         members: Documents.
         code: Function that returns the C sources for a GUID.
+        fmi: FMI version, 2 or 3.
         disclosure: Amount of information in the archive; a confidential FMU contains no sources.
         is_one_unit: Whether the C files can be compiled as one translation unit (see `Library`).
         is_wide: Whether they are also compiled for processors with AVX, which helps models with many sums of products.
     """
-    drafted = code("")
+    write = model_description_3 if fmi == 3 else model_description
+    version = version_files(description.identifier, fmi)
+    drafted = code("") | version
+    members = {_PLACES_3.get(name, name) if fmi == 3 else name: content for name, content in members.items()}
     named = {f"sources/{name}": content for name, content in drafted.items()}
     if disclosure is Disclosure.FULL:
         description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
-        members = {**members, **build_members(description.identifier, description.source_files)}
-    guid = content_guid(description, {**members, **named})
-    found = code(guid)
+        members = {**members, **build_members(description.identifier, description.source_files, fmi)}
+    guid = content_guid(write(description), {**members, **named})
+    found = code(guid) | version
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
-    xml = model_description(replace(description, guid=guid))
-    library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide)
+    xml = write(replace(description, guid=guid))
+    library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide, fmi=fmi)
     return Source({**members, "modelDescription.xml": xml, **sources}, library)
 
 

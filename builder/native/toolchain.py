@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform as this
 import shutil
@@ -19,36 +18,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from builder.fmu.interface import source_folder
+from builder.native.headers import HEADERS, fmi_headers, installed
 from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.workers.process import usable_processors
-
-# ---- Location of the FMI 2.0 header files ---------------------------------------------------------------------------
-
-HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-
-
-def fmi_headers() -> Path:
-    """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
-
-    Raises:
-        FmuError: The package that contains the header files is not installed, or no longer contains them.
-    """
-    package = "fmu_manipulation_toolbox"
-    folder = _installed(package, "resources/fmi")
-    if folder is None:
-        raise FmuError(f"{package}, which contains the FMI header files, is not installed; reinstall eightpost")
-    if missing := [name for name in HEADERS if not (folder / name).is_file()]:
-        raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
-    return folder
-
-
-def _installed(package: str, name: str) -> Path | None:
-    """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
-    spec = importlib.util.find_spec(package)
-    return None if spec is None or spec.origin is None else Path(spec.origin).parent / name
-
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
 
@@ -59,19 +33,21 @@ class Platform:
 
     Attributes:
         name: Name of the platform in FMI 2.0.
+        name_3: Name of the platform in FMI 3.0.
         suffix: Suffix of the library's file name.
         targets: Target names of the cross compiler, one per slice; several slices make a universal file.
         processor: Minimum processor, set if the target's default would round doubles differently.
     """
 
     name: str
+    name_3: str
     suffix: str
     targets: tuple[str, ...]
     processor: str = "baseline"
 
-    def member(self, identifier: str) -> str:
-        """Return the path of the library in the archive."""
-        return f"binaries/{self.name}/{identifier}{self.suffix}"
+    def member(self, identifier: str, fmi: int = 2) -> str:
+        """Return the path of the library in the archive of an FMI version."""
+        return f"binaries/{self.name_3 if fmi == 3 else self.name}/{identifier}{self.suffix}"
 
 
 #: glibc 2.17 is the version of CentOS 7. win32 needs SSE2: the x87 unit computes with more digits than a double has.
@@ -79,18 +55,18 @@ PLATFORMS: Mapping[str, Platform] = MappingProxyType(
     {
         found.name: found
         for found in (
-            Platform("linux64", ".so", ("x86_64-linux-gnu.2.17",)),
-            Platform("win64", ".dll", ("x86_64-windows-gnu",)),
-            Platform("win32", ".dll", ("x86-windows-gnu",), "pentium4"),
-            Platform("aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
-            Platform("darwin64", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
-            Platform("aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
+            Platform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu.2.17",)),
+            Platform("win64", "x86_64-windows", ".dll", ("x86_64-windows-gnu",)),
+            Platform("win32", "x86-windows", ".dll", ("x86-windows-gnu",), "pentium4"),
+            Platform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
+            Platform("darwin64", "x86_64-darwin", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
+            Platform("aarch64-darwin", "aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
         )
     }
 )
 
 #: A page in a browser: a module without imports.
-BROWSER = Platform("a browser", ".wasm", ("wasm32-freestanding",))
+BROWSER = Platform("a browser", "a browser", ".wasm", ("wasm32-freestanding",))
 
 _MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
 
@@ -103,13 +79,13 @@ def this_platform() -> Platform:
         name = f"{system}32"
     else:
         name = f"aarch64-{system}" if machine == "aarch64" else f"{system}{machine}"
-    return PLATFORMS.get(name) or Platform(name, ".so", ("",))
+    return PLATFORMS.get(name) or Platform(name, name, ".so", ("",))
 
 
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 
 #: C99; no fused floating-point operations, so that all platforms give the same bits; only the functions of
-#: fmi2Functions.h are visible; no debug information, and so no paths; no frame pointers, which cost a few percent; no
+#: the FMI version are visible; no debug information, and so no paths; no frame pointers, which cost a few percent; no
 #: prefix of function names (fmus/common/names.h).
 FLAGS = (
     "-std=c99",
@@ -119,6 +95,7 @@ FLAGS = (
     "-ffp-contract=off",
     "-fvisibility=hidden",
     "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
+    "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
 )
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
@@ -221,7 +198,7 @@ def _includes() -> list[str]:
 
 
 def _zig() -> str | None:
-    found = _installed("ziglang", "zig.exe" if sys.platform == "win32" else "zig")
+    found = installed("ziglang", "zig.exe" if sys.platform == "win32" else "zig")
     return str(found) if found and found.is_file() else None
 
 
@@ -265,12 +242,14 @@ class Library:
             define the same static name. Functions can then be inlined across files, which makes steps a few percent
             faster.
         is_wide: Whether the unit is compiled a second time for processors with AVX.
+        fmi: FMI version, 2 or 3.
     """
 
     identifier: str
     sources: Mapping[str, bytes]
     is_one_unit: bool = False
     is_wide: bool = False
+    fmi: int = 2
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -287,10 +266,12 @@ class Library:
         """The C files that include all others; empty if they are compiled separately."""
         if not self.is_one_unit:
             return {}
-        includes = "".join(f'#include "{name}"\n' for name in _c_files(self.sources))
+        files = _c_files(self.sources)
+        includes = _includes_of(files)
         if not self.is_wide:
             return {_WHOLE: includes.encode()}
-        texts = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=includes)}
+        wide = _includes_of(name for name in files if not name.startswith("fmi3_"))  # only the core switches
+        texts = {_WHOLE: f"#define EIGHTPOST_WIDE\n{includes}", _WIDE: _WIDE_UNIT.format(includes=wide)}
         return {name: text.encode() for name, text in texts.items()}
 
 
@@ -321,7 +302,10 @@ def compile_libraries(
             if progress:
                 progress(len(done), len(jobs))
     found = iter(done)
-    return [{p.member(library.identifier): next(found) for p in toolchain.platforms} for library in libraries]
+    return [
+        {platform.member(library.identifier, library.fmi): next(found) for platform in toolchain.platforms}
+        for library in libraries
+    ]
 
 
 def compile_for_browser(library: Library) -> bytes:
@@ -379,6 +363,10 @@ def _compile(toolchain: Toolchain, library: Library, platform: Platform, command
 
 def _c_files(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name.endswith(".c")))
+
+
+def _includes_of(files: Iterable[str]) -> str:
+    return "".join(f'#include "{name}"\n' for name in files)
 
 
 def _first_error(errors: str) -> str:

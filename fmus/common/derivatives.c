@@ -57,15 +57,15 @@ static const char *reason_not_to_derive(const Component *c, const Variable *vari
     return is_input(variable) || is_state ? NULL : "a known must be an input or a state, or in initialization mode a parameter";
 }
 
-static int derivable(const Component *c, const fmi2ValueReference vr[], size_t n, int is_unknown)
+int derivable(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, int is_unknown)
 {
-    if (!all_known(c, "fmi2GetDirectionalDerivative", vr, n, REAL)) {
+    if (!all_known(c, function, vr, n, REAL)) {
         return 0;
     }
     for (size_t k = 0; k < n; k++) {
         const char *reason = reason_not_to_derive(c, known_variable(vr[k]), is_unknown);
         if (reason != NULL) {
-            refused(c, "fmi2GetDirectionalDerivative", reason);
+            refused(c, function, reason);
             return 0;
         }
     }
@@ -135,7 +135,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const fmi2ValueR
         (n_known > 0 && (knowns == NULL || direction == NULL))) {
         return refused(c, "fmi2GetDirectionalDerivative", "an array is NULL");
     }
-    if (!derivable(c, unknowns, n_unknown, 1) || !derivable(c, knowns, n_known, 0)) {
+    if (!derivable(c, "fmi2GetDirectionalDerivative", unknowns, n_unknown, 1) ||
+        !derivable(c, "fmi2GetDirectionalDerivative", knowns, n_known, 0)) {
         return fmi2Error;
     }
     const fmi2Status status = updated(c, "fmi2GetDirectionalDerivative");

@@ -41,6 +41,9 @@ int out_of_range(const Component *c, const char *function, const Variable *varia
 /* variables.c: 0 and a message if a reference in a list is unknown or of another type. */
 int all_known(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind);
 
+/* derivatives.c: 0 and a message if a reference in a list cannot be an unknown of a derivative in this phase, or a known. */
+int derivable(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, int is_unknown);
+
 /* variables.c, derivatives.c: the calls of exchange.c with all checks, and a message for each refusal. */
 fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[]);
 fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]);
@@ -59,6 +62,9 @@ void *allocated(const Component *c, size_t size);
 int fits(const Component *c, const char *function);
 int started(Component *c, const char *function);
 int signals_are_finite(const Memory *m);
+
+/* step.c: whether a step begins at the end of the last one and ends by the stop time; a message if not. */
+int is_next_step(const Component *c, double time, double h);
 
 /* model_exchange.c: compute outputs after a change of parameters, inputs or states; fmi2Error if parameters contradict each other,
  * fmi2Discard if a result is not finite. Refuse a result that is not finite. */

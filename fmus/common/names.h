@@ -5,13 +5,13 @@
 #ifndef EIGHTPOST_NAMES_H
 #define EIGHTPOST_NAMES_H
 
+#include "prefix.h"
+
 #if defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
 #undef FMI2_FUNCTION_PREFIX
 #if defined(FMI2_ACTUAL_FUNCTION_PREFIX)
 #define FMI2_FUNCTION_PREFIX FMI2_ACTUAL_FUNCTION_PREFIX
 #endif
-#elif !defined(FMI2_FUNCTION_PREFIX)
-#include "prefix.h"
 #endif
 
 #include "fmi2Functions.h"
@@ -59,12 +59,14 @@
 #define not_settable fmi2FullName(not_settable)
 #define out_of_range fmi2FullName(out_of_range)
 #define all_known fmi2FullName(all_known)
+#define derivable fmi2FullName(derivable)
 #define get_reals fmi2FullName(get_reals)
 #define set_reals fmi2FullName(set_reals)
 #define slopes_refused fmi2FullName(slopes_refused)
 #define allocated fmi2FullName(allocated)
 #define fits fmi2FullName(fits)
 #define started fmi2FullName(started)
+#define is_next_step fmi2FullName(is_next_step)
 #define signals_are_finite fmi2FullName(signals_are_finite)
 #define evaluated fmi2FullName(evaluated)
 #define not_finite fmi2FullName(not_finite)

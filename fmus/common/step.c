@@ -48,10 +48,14 @@ static int goes_on(const Memory *m, double time, double h)
     return h > 0.0 && apart <= ROUNDING && apart >= -ROUNDING && time + h <= m->stop;
 }
 
+int is_next_step(const Component *c, double time, double h)
+{
+    return goes_on(&c->memory, time, h) || checked_step(c, time, h) == fmi2OK;
+}
+
 static int may_step(const Component *c, double time, double h)
 {
-    return (goes_on(&c->memory, time, h) || checked_step(c, time, h) == fmi2OK) &&
-           (!c->memory.stale || fits(c, "fmi2DoStep"));
+    return is_next_step(c, time, h) && (!c->memory.stale || fits(c, "fmi2DoStep"));
 }
 
 /* Moves the inputs to the end of the step with their derivatives, which apply to one step. */

@@ -6,19 +6,9 @@
  * is the same to the byte), and what was read is finite. Some serialized states are changed and given a correct checksum, as
  * another program could do: they are refused with a message, or an instance continues from them. Prints how often
  * each function was called and accepted. */
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "random_calls.h"
 
-#include "component.h"
-
-/* Up to 1e5 s, steps longer than this [s] are made shorter: for a model whose steps take the longer the longer they are. */
-#ifndef LONGEST_STEP
-#define LONGEST_STEP HUGE_VAL
-#endif
-
-enum { INSTANCES = 3, SAVED_STATES = 4, LONGEST = 6, NAMES = 48 };
+enum { INSTANCES = 3, SAVED_STATES = 4, LONGEST = 6 };
 
 typedef struct {
     fmi2Component component;
@@ -26,50 +16,8 @@ typedef struct {
     double time;
 } Slot;
 
-typedef struct {
-    const char *name;
-    long called, accepted;
-} Count;
-
-static uint64_t random_state;
 static Slot slots[INSTANCES];
-static Count counts[NAMES];
 static long messages;
-
-static uint64_t random_bits(void)
-{
-    random_state ^= random_state >> 12;
-    random_state ^= random_state << 25;
-    random_state ^= random_state >> 27;
-    return random_state * UINT64_C(2685821657736338717);
-}
-
-static int below(int limit)
-{
-    return (int)(random_bits() >> 33) % limit;
-}
-
-static int one_in(int count)
-{
-    return below(count) == 0;
-}
-
-static double uniform(double low, double high)
-{
-    return low + (high - low) * (double)(random_bits() >> 11) / 9007199254740992.0;
-}
-
-static double any_number(void)
-{
-    static const double odd[] = {NAN, INFINITY, -INFINITY, 1e308, -1e308, 1e-320, 0.0, -0.0, -1.0, 5e-324};
-    return one_in(8) ? odd[below(10)] : uniform(-1.0, 1.0) * pow(10.0, uniform(-6.0, one_in(20) ? 300.0 : 4.0));
-}
-
-static void fail(const char *function, const char *what)
-{
-    fprintf(stderr, "%s: %s\n", function, what);
-    exit(1);
-}
 
 static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                    fmi2String message, ...)
@@ -103,21 +51,10 @@ static size_t snapshot(fmi2Component c, fmi2Byte **bytes)
 static fmi2Byte *before;
 static size_t before_size;
 
-static void count(const char *name, fmi2Status status)
-{
-    int k = 0;
-    while (k < NAMES - 1 && counts[k].name != NULL && strcmp(counts[k].name, name) != 0) {
-        k++;
-    }
-    counts[k].name = name;
-    counts[k].called++;
-    counts[k].accepted += status == fmi2OK;
-}
-
 static fmi2Status judged(Slot *slot, const char *name, fmi2Status status)
 {
     fmi2Byte *after;
-    count(name, status);
+    count(name, status == fmi2OK);
     if (status != fmi2OK && status != fmi2Discard && status != fmi2Error) {
         fail(name, "returned a status that it may not");
     }
@@ -142,27 +79,6 @@ typedef struct {
     size_t count;
 } Arguments;
 
-static fmi2ValueReference any_reference(void)
-{
-    const int reference = below(REFERENCES + 2);
-    return one_in(30) ? (fmi2ValueReference)random_bits() : one_in(3) ? (fmi2ValueReference)below(INPUTS)
-                                                                       : (fmi2ValueReference)reference;
-}
-
-static double plausible(fmi2ValueReference reference)
-{
-    if (reference < REFERENCES && variable_of_reference[reference] >= 0 && !one_in(4)) {
-        const Variable *v = &variables[variable_of_reference[reference]];
-        if (v->kind == REAL && v->index >= FIRST_STATE) {
-            return nominal_states[v->index - FIRST_STATE] * uniform(-2.0, 2.0);
-        }
-        if (v->kind == REAL && v->index < REALS) {
-            return start_values[v->index] * uniform(0.5, 1.5) + (v->index < INPUTS ? uniform(-1.0, 1.0) : 0.0);
-        }
-    }
-    return any_number();
-}
-
 static Arguments any_arguments(void)
 {
     Arguments a = {.count = (size_t)below(LONGEST)};
@@ -174,20 +90,6 @@ static Arguments any_arguments(void)
         a.strings[k] = one_in(4) ? NULL : "text";
     }
     return a;
-}
-
-static void *or_null(void *pointer)
-{
-    return one_in(25) ? NULL : pointer;
-}
-
-static void all_finite(const char *name, const double *values, size_t n)
-{
-    for (size_t k = 0; k < n; k++) {
-        if (!isfinite(values[k])) {
-            fail(name, "gave a value that is not finite");
-        }
-    }
 }
 
 /* ---- Calls ---------------------------------------------------------------------------------------------------------- */
@@ -205,7 +107,7 @@ static void instantiate(Slot *slot)
                                       one_in(9) ? (fmi2Type)below(4) : one_in(2) ? fmi2ModelExchange : fmi2CoSimulation, one_in(9) ? or_null("{wrong}") : MODEL_GUID, or_null("file:///nowhere"), or_null(&own),
                                       below(2), below(2));
     slot->time = 0.0;
-    count("fmi2Instantiate", slot->component == NULL ? fmi2Error : fmi2OK);
+    count("fmi2Instantiate", slot->component != NULL);
 }
 
 static void release(Slot *slot)
@@ -215,13 +117,7 @@ static void release(Slot *slot)
     }
     fmi2FreeInstance(slot->component);
     slot->component = NULL;
-    count("fmi2FreeInstance", fmi2OK);
-}
-
-static double any_step(void)
-{
-    const double h = any_number();
-    return h > LONGEST_STEP && h < 1e5 ? fmod(h, LONGEST_STEP) : h;
+    count("fmi2FreeInstance", 1);
 }
 
 static void step(Slot *slot)
@@ -234,11 +130,6 @@ static void step(Slot *slot)
 }
 
 /* ---- Model exchange --------------------------------------------------------------------------------------------------- */
-
-static size_t any_count(size_t right)
-{
-    return one_in(12) ? (size_t)below(4) : right;
-}
 
 static void exchange_states(Slot *slot, int choice)
 {
@@ -341,47 +232,6 @@ static void read_and_write(Slot *slot, int choice)
     }
 }
 
-/* ---- States that another program made --------------------------------------------------------------------------------- */
-
-enum { HEADER = 40 }; /* bytes: tag, format, digest of the GUID, size, checksum */
-
-static void put(fmi2Byte *bytes, uint64_t number)
-{
-    memcpy(bytes, &number, sizeof number);
-}
-
-/* FNV-1a of the body, begun with the digest of the GUID. */
-static void sign(fmi2Byte *bytes, size_t size)
-{
-    uint64_t hash;
-    memcpy(&hash, bytes + 16, sizeof hash);
-    for (size_t k = HEADER; k < size; k++) {
-        hash = (hash ^ (unsigned char)bytes[k]) * UINT64_C(1099511628211);
-    }
-    put(bytes + 32, hash);
-}
-
-static uint64_t any_word(void)
-{
-    const double number = any_number();
-    uint64_t word;
-    memcpy(&word, &number, sizeof word);
-    return one_in(4) ? random_bits() : one_in(3) ? (uint64_t)below(12) - 2 : word;
-}
-
-static void forge(fmi2Byte *bytes, size_t size)
-{
-    for (int changes = 1 + below(3); changes > 0; changes--) {
-        fmi2Byte *word = bytes + HEADER + 8 * (size_t)below((int)((size - HEADER) / 8));
-        if (one_in(3)) {
-            word[below(8)] ^= (fmi2Byte)(1 << below(7));
-        } else {
-            put(word, any_word());
-        }
-    }
-    sign(bytes, size);
-}
-
 static void take_forged(Slot *slot, fmi2Byte *bytes, size_t size)
 {
     fmi2FMUstate state = NULL;
@@ -477,7 +327,7 @@ static void live(Slot *slot)
 int main(int argc, char *argv[])
 {
     const long calls = argc > 1 ? atol(argv[1]) : 10000;
-    random_state = UINT64_C(88172645463325252) ^ (argc > 2 ? (uint64_t)atoll(argv[2]) * UINT64_C(0x9e3779b97f4a7c15) : 0);
+    begin_randomly(argc, argv);
     for (long k = 0; k < calls; k++) {
         Slot *slot = &slots[below(INSTANCES)];
         if (slot->component == NULL) {
@@ -493,9 +343,7 @@ int main(int argc, char *argv[])
             release(&slots[k]);
         }
     }
-    for (int k = 0; k < NAMES && counts[k].name != NULL; k++) {
-        printf("%-30s %8ld called %8ld accepted\n", counts[k].name, counts[k].called, counts[k].accepted);
-    }
+    print_counts();
     printf("%ld messages\n", messages);
     return 0;
 }

@@ -20,6 +20,7 @@ from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import c_sources, compiled
+from builder.native.source_folder import version_files
 from builder.native.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
@@ -28,7 +29,7 @@ from eightpost.wiring import Wire
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 #: Plain function names in programs, too.
-PLAIN = "-DFMI2_OVERRIDE_FUNCTION_PREFIX"
+PLAIN = ("-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")
 
 
 @pytest.fixture(scope="session")
@@ -36,16 +37,29 @@ def source_folders(
     tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly
 ) -> dict[str, Path]:
     """Return the folder with an FMU's sources by model."""
+    return _source_folders(tmp_path_factory, shocks, assembly, 2)
+
+
+@pytest.fixture(scope="session")
+def source_folders_3(
+    tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly
+) -> dict[str, Path]:
+    """Return the folder with the sources of an FMU of FMI 3.0 by model."""
+    return _source_folders(tmp_path_factory, shocks, assembly, 3)
+
+
+def _source_folders(
+    factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly, fmi: int
+) -> dict[str, Path]:
     products = [shock_product(shock, name) for name, shock in shocks.items()]
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
+    found = {product.identifier: c_sources(product, product.interface, "0") for product in products}
+    found["assembly"] = assembly_sources(assembly, assembly_interface(assembly), "0")
     folders = {}
-    for product in products:
-        folder = folders[product.identifier] = tmp_path_factory.mktemp(product.identifier)
-        for name, content in c_sources(product, product.interface, "0").items():
-            (folder / name).write_bytes(content)
-    folder = folders["assembly"] = tmp_path_factory.mktemp("assembly")
-    for name, content in assembly_sources(assembly, assembly_interface(assembly), "0").items():
-        (folder / name).write_bytes(content)
+    for model, files in found.items():
+        folders[model] = factory.mktemp(model)
+        for name, content in (files | version_files(model, fmi)).items():
+            (folders[model] / name).write_bytes(content)
     return folders
 
 
@@ -80,7 +94,7 @@ def compiler(headers: Path) -> Callable[..., Path]:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine")
 
     def run(folder: Path, options: Sequence[str], output: Path) -> Path:
-        line = [command, *STRICT, PLAIN, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
+        line = [command, *STRICT, *PLAIN, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
         ran = subprocess.run(line, capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr[:2000]
         return output
@@ -93,7 +107,9 @@ def elementary(compiler: Callable[..., Path], tmp_path_factory: pytest.TempPathF
     """Return the elementary functions of the C core as a shared library."""
     source = Path(__file__).resolve().parents[2] / "fmus" / "common" / "elementary.c"
     path = tmp_path_factory.mktemp("elementary") / "elementary.so"
-    library = ctypes.CDLL(str(compiler(source.parent, ["-O1", "-fPIC", "-shared", str(source)], path)))
+    path.with_name("prefix.h").write_bytes(version_files("elementary", 2)["prefix.h"])
+    options = [f"-I{path.parent}", "-O1", "-fPIC", "-shared", str(source)]
+    library = ctypes.CDLL(str(compiler(source.parent, options, path)))
     for name in ("exponential", "exponential_minus_1", "hyperbolic_tangent"):
         getattr(library, name).argtypes, getattr(library, name).restype = [ctypes.c_double], ctypes.c_double
     pointer = ctypes.POINTER(ctypes.c_double)
@@ -104,9 +120,19 @@ def elementary(compiler: Callable[..., Path], tmp_path_factory: pytest.TempPathF
 @pytest.fixture(scope="session")
 def c_level() -> ModuleType:
     """Return the module tests/native/host.py."""
-    name = "eightpost_tests_host"
+    return _beside("host")
+
+
+@pytest.fixture(scope="session")
+def c_level_3() -> ModuleType:
+    """Return the module tests/native/host3.py."""
+    return _beside("host3")
+
+
+def _beside(module_name: str) -> ModuleType:
+    name = f"eightpost_tests_{module_name}"
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("host.py"))
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{module_name}.py"))
         assert spec is not None and spec.loader is not None
         module = sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -124,14 +150,43 @@ def folders(fmus: dict[str, Path], assembled: Path, tmp_path_factory: pytest.Tem
 
 
 @pytest.fixture(scope="session")
+def folders_3(fmus3: dict[str, Path], assembled_3: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return unpacked native FMUs of FMI 3.0 by name."""
+    found = {}
+    for name, path in (fmus3 | {"assembly": assembled_3}).items():
+        found[name] = tmp_path_factory.mktemp(f"{name}_3")
+        extract_archive(path, found[name])
+    return found
+
+
+@pytest.fixture(scope="session")
 def assembled(
     assembly: Assembly,
     one_platform: Callable[[], AbstractContextManager[None]],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """The FMU of the assembly."""
-    path = tmp_path_factory.mktemp("assembled") / "assembly.fmu"
-    unbuilt = assembled_source(assembly, assembly_interface(assembly))
+    return _assembled(assembly, one_platform, tmp_path_factory, 2)
+
+
+@pytest.fixture(scope="session")
+def assembled_3(
+    assembly: Assembly,
+    one_platform: Callable[[], AbstractContextManager[None]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """The FMU of FMI 3.0 of the assembly."""
+    return _assembled(assembly, one_platform, tmp_path_factory, 3)
+
+
+def _assembled(
+    assembly: Assembly,
+    one_platform: Callable[[], AbstractContextManager[None]],
+    factory: pytest.TempPathFactory,
+    fmi: int,
+) -> Path:
+    path = factory.mktemp("assembled") / "assembly.fmu"
+    unbuilt = assembled_source(assembly, assembly_interface(assembly), fmi)
     with one_platform():
         (members,) = compiled([unbuilt], toolchain=find_toolchain())
     write_archive(path, members)
@@ -145,6 +200,20 @@ def host(folders: dict[str, Path], c_level: ModuleType) -> Iterator[Callable[...
 
     def make(model: str, **options: object) -> object:
         made.append(c_level.Host(folders[model], **options))
+        return made[-1]
+
+    yield make
+    for item in made:
+        item.free()
+
+
+@pytest.fixture
+def host_3(folders_3: dict[str, Path], c_level_3: ModuleType) -> Iterator[Callable[..., object]]:
+    """Make instances of FMUs of FMI 3.0 by name; they are freed with the test."""
+    made = []
+
+    def make(model: str, **options: object) -> object:
+        made.append(c_level_3.Host3(folders_3[model], **options))
         return made[-1]
 
     yield make

@@ -141,12 +141,16 @@ def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     assert run_fmu(fmu, ramps)[:, 1:3].tolist() == [list(row) for row in expected]
 
 
+@pytest.mark.parametrize("count", [12, pytest.param(40, marks=pytest.mark.nightly)])
 def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_fitted_range(
-    component, shocks, elementary
+    count, component, shocks, elementary
 ):
-    """Scales up to a factor of ten, soft springs and velocities to 20 m/s make the velocity search use bisection."""
+    """Scales up to a factor of ten, soft springs and velocities to 20 m/s make the velocity search use bisection.
+
+    The first 11 sets of values reach every line of the law that all 40 reach.
+    """
     rng, fmu = np.random.default_rng(5), component("maxwell")
-    for _ in range(40):
+    for _ in range(count):
         scales = dict(zip(("compression_scale", "rebound_scale"), 10.0 ** rng.uniform(-1.0, 1.0, 2), strict=True))
         values = scales | {"series_stiffness": 10.0 ** rng.uniform(4.0, 8.0)}
         sizes = 10.0 ** rng.uniform(-3.0, 1.3, 20)

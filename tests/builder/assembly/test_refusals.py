@@ -31,6 +31,11 @@ def test_every_component_that_cannot_be_a_part_is_listed_with_the_remedy(
     assert "car (" not in message
 
 
+def test_a_part_of_fmi_3_is_refused_with_the_option_that_makes_an_assembly_of_fmi_3(fmus, fmus3):
+    with pytest.raises(FmuError, match=r"lf \(.*lpf1.fmu\) is of FMI 3.0.*--fmi 3"):
+        read_parts({"car": fmus["quarter_car"], "lf": fmus3["lpf1"]})
+
+
 def _plan(case, **changes):
     return replace(Assembly.of(case.wiring, "car"), **changes)
 

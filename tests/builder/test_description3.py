@@ -1,0 +1,266 @@
+"""modelDescription.xml and the archive of FMI 3.0 are valid and say what those of FMI 2.0 say."""
+
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from builder.build import build
+from builder.documents import Disclosure
+from builder.native.headers import installed
+from builder.native.toolchain import PLATFORMS, this_platform
+from eightpost.__main__ import main
+from eightpost.archive import read_archive
+from eightpost.errors import FmuError
+from eightpost.shock import LAWS, write_shock
+
+ALL = (*LAWS, "seven_dof", "quarter_car")
+TYPES = {"Real": "Float64", "Boolean": "Boolean"}
+
+
+def xml_of(path):
+    return ET.fromstring(read_archive(path)["modelDescription.xml"])
+
+
+@pytest.fixture
+def both(fmus, fmus3):
+    """Return the descriptions of FMI 2.0 and 3.0 of a model, as FMPy reads them."""
+    return lambda name: tuple(read_model_description(str(found[name])) for found in (fmus, fmus3))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_xml_files_are_valid_against_the_schemas_of_fmi_3(fmus3, name):
+    folder, members = installed("fmu_manipulation_toolbox", "resources/fmi-3.0"), read_archive(fmus3[name])
+    for schema, member in {
+        "fmi3ModelDescription.xsd": "modelDescription.xml",
+        "fmi3TerminalsAndIcons.xsd": "terminalsAndIcons/terminalsAndIcons.xml",
+        "fmi3BuildDescription.xsd": "sources/buildDescription.xml",
+    }.items():
+        etree.XMLSchema(etree.parse(str(folder / schema))).assertValid(etree.fromstring(members[member]))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_validator_of_fmpy_reports_nothing(fmus3, name):
+    assert validate_fmu(str(fmus3[name])) == []
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_variable_is_that_of_fmi_2_and_time_is_added(both, fmus3, name):
+    old, new = both(name)
+    time, *variables = new.modelVariables
+    assert (time.name, time.valueReference, time.type, time.causality) == ("time", 1000000, "Float64", "independent")
+    assert (time.variability, time.unit, time.start) == ("continuous", "s", None)
+    references = [v.valueReference for v in new.modelVariables]
+    assert len(set(references)) == len(references)
+    for before, after in zip(old.modelVariables, variables, strict=True):
+        for attribute in ("name", "valueReference", "causality", "variability", "initial", "description", "unit",
+                          "displayUnit", "min", "max", "nominal", "start"):  # fmt: skip
+            assert getattr(after, attribute) == getattr(before, attribute), (before.name, attribute)
+        assert after.type == TYPES[before.type]
+        assert getattr(after.derivative, "name", None) == getattr(before.derivative, "name", None)
+
+    updated = {
+        v.get("name") for v in xml_of(fmus3[name]).find("ModelVariables") if v.get("intermediateUpdate") == "true"
+    }
+    assert updated == {v.name for v in variables if v.causality == "input"}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_dependencies_and_units_are_those_of_fmi_2(both, name):
+    old, new = both(name)
+    for section in ("outputs", "derivatives", "initialUnknowns"):
+        known = [
+            [(u.variable.name, sorted(d.name for d in u.dependencies), u.dependenciesKind)
+             for u in getattr(found, section)] for found in (old, new)
+        ]  # fmt: skip
+        assert known[0] == known[1]
+        assert len(known[0]) == len(getattr(new, section))
+    assert {u.name for u in new.unitDefinitions} == {u.name for u in old.unitDefinitions} | {"s"}
+    units = {unit.name: unit for unit in new.unitDefinitions}
+    for unit in old.unitDefinitions:
+        assert repr(units[unit.name].baseUnit) == repr(unit.baseUnit)
+        assert list(map(repr, units[unit.name].displayUnits)) == list(map(repr, unit.displayUnits))
+    assert [c.name for c in new.logCategories] == [c.name for c in old.logCategories]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_capabilities_are_those_of_fmi_2_by_their_names_in_fmi_3(fmus3, name):
+    root = xml_of(fmus3[name])
+    common = {
+        "modelIdentifier": name, "needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "true",
+        "providesAdjointDerivatives": "true",
+    }  # fmt: skip
+    assert root.attrib["fmiVersion"] == "3.0"
+    assert root.find("ModelExchange").attrib == common | {"needsCompletedIntegratorStep": "false"}
+    assert root.find("CoSimulation").attrib == common | {
+        "canHandleVariableCommunicationStepSize": "true", "providesIntermediateUpdate": "true",
+        "recommendedIntermediateInputSmoothness": "0", "hasEventMode": "false",
+    }  # fmt: skip
+    assert root.find("ScheduledExecution") is None
+    interface = root.find("Annotations/Annotation/Interface").attrib
+    assert set(interface) == {"name", "version"}
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "quarter_car"])
+def test_fmpy_simulates_both_kinds_of_instance_with_the_results_of_fmi_2(fmus, fmus3, name):
+    first = "velocity" if name == "lpnl2" else "road"
+    time = np.arange(0.0, 0.3, 1e-3)
+    signals = np.zeros(time.size, dtype=[("time", "f8"), (first, "f8")])
+    signals["time"], signals[first] = time, 0.05 * np.sin(30.0 * time)
+    for kind in ("CoSimulation", "ModelExchange"):
+        found = [
+            simulate_fmu(str(archives[name]), stop_time=0.2, output_interval=1e-3, input=signals, fmi_type=kind)
+            for archives in (fmus, fmus3)
+        ]
+        assert np.ptp(found[0][found[0].dtype.names[1]]) > 0.0
+        assert found[1].dtype == found[0].dtype
+        for column in found[0].dtype.names:
+            assert found[1][column].tolist() == pytest.approx(found[0][column].tolist(), rel=1e-9, abs=1e-12)
+            if kind == "CoSimulation":
+                assert found[1][column].tolist() == found[0][column].tolist()
+
+
+# ---- The archive ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_archive_has_the_members_of_fmi_2_at_their_places_in_fmi_3(fmus, fmus3, name):
+    old, new = (read_archive(found[name]) for found in (fmus, fmus3))
+    moved = {"model.png": "documentation/diagram.png"}
+    binaries = {p.member(name) for p in PLATFORMS.values()} | {this_platform().member(name)}
+    expected = {moved.get(member, member) for member in old if member not in binaries}
+    added = set(new) - expected
+    assert expected <= set(new)
+    assert {m for m in added if not m.startswith("sources/fmi3")} == {this_platform().member(name, 3)}
+    assert new["documentation/diagram.png"] == old["model.png"]
+    for page, version in ((old, b"FMI 2.0"), (new, b"FMI 3.0")):
+        assert version in page["documentation/index.html"]
+    token = xml_of(fmus3[name]).get("instantiationToken").encode()
+    assert token in new[this_platform().member(name, 3)] and token in new["sources/interface.h"]
+    assert token != xml_of(fmus[name]).get("guid").encode()
+
+
+def size_of(path, platform):
+    """Return the compressed size of an archive with the binary of one platform."""
+    with zipfile.ZipFile(path) as archive:
+        return sum(m.compress_size for m in archive.infolist()
+                   if not m.filename.startswith("binaries/") or f"/{platform}/" in m.filename)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_an_archive_is_at_most_six_tenths_larger_than_that_of_fmi_2(fmus, fmus3, name):
+    here = this_platform()
+    assert 1000 < size_of(fmus3[name], here.name_3) <= 1.6 * size_of(fmus[name], here.name)
+
+
+# ---- eightpost build --fmi ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def run(one_platform, monkeypatch):
+    """Run `eightpost build` for this platform; return the exit code and the output."""
+
+    def command(*arguments):
+        monkeypatch.setenv("COLUMNS", "200")
+        with one_platform():
+            result = CliRunner().invoke(main, ["build", *map(str, arguments)])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result.exit_code, " ".join(result.output.split())
+
+    return command
+
+
+@pytest.fixture
+def shock(shocks, tmp_path):
+    """The file of a shock."""
+    write_shock(shocks["lpnl2"], path := tmp_path / "lpnl2.json")
+    return path
+
+
+def versions(folder):
+    return {path.name: xml_of(path).get("fmiVersion") for path in Path(folder).glob("*.fmu")}
+
+
+def test_build_writes_the_versions_that_are_asked_for_with_the_same_bytes_each_time(run, shock, fmus3, tmp_path):
+    usual = run(shock, "-o", tmp_path / "usual")[0]
+    assert run(shock, "--fmi", "3", "-o", tmp_path / "three")[0] == usual
+    code, output = run(shock, "--fmi", "all", "-o", tmp_path / "all")
+    assert code == usual and "2.0" in output and "3.0" in output
+    assert versions(tmp_path / "usual") == {"lpnl2.fmu": "2.0"}
+    assert versions(tmp_path / "three") == {"lpnl2.fmu": "3.0"}
+    assert versions(tmp_path / "all") == {"lpnl2.fmu": "2.0", "lpnl2_fmi3.fmu": "3.0"}
+    assert (tmp_path / "three" / "lpnl2.fmu").read_bytes() == fmus3["lpnl2"].read_bytes()
+    # Beside the FMU of FMI 2.0 it has an identifier of its own, so that a program can link both.
+    assert xml_of(tmp_path / "all" / "lpnl2_fmi3.fmu").find("CoSimulation").get("modelIdentifier") == "lpnl2_fmi3"
+
+
+def test_a_confidential_fmu_has_no_sources_and_gives_the_same_outputs(run, shock, fmus3, tmp_path):
+    run(shock, "--fmi", "3", "--confidential", "-o", tmp_path / "out")
+    (path,) = (tmp_path / "out").glob("*.fmu")
+    members = read_archive(path)
+    assert not [m for m in members if m.startswith("sources/")]
+    assert b"curve." not in members["modelDescription.xml"]
+    for word in (b"model.c", b"shock.c", b"fmi3_step", b"lpnl2.json", str(tmp_path).encode()):
+        assert all(word not in content for content in members.values()), word
+    assert validate_fmu(str(path)) == []
+    time = np.arange(0.0, 0.1, 1e-3)
+    signals = np.zeros(time.size, dtype=[("time", "f8"), ("velocity", "f8")])
+    signals["time"], signals["velocity"] = time, 0.6 * np.sin(30.0 * time)
+    found = [
+        simulate_fmu(str(p), stop_time=0.09, output_interval=1e-3, input=signals, output=["force"])
+        for p in (fmus3["lpnl2"], path)
+    ]
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--target", "python", "--fmi", "3"), "python FMUs are of FMI 2.0"),
+        (("--target", "all", "--fmi", "all"), "python FMUs are of FMI 2.0"),
+        (("--fmi", "1"), "'1' is not one of '2', '3', 'all'"),
+    ],
+)
+def test_an_fmi_version_that_cannot_be_built_is_a_usage_error(run, shock, tmp_path, options, reason):
+    code, output = run(shock, *options, "-o", tmp_path / "out")
+    assert code == 2 and reason in output
+    assert not (tmp_path / "out").exists()
+
+
+def test_build_refuses_the_same_from_python(shock, tmp_path):
+    for options in ({"target": "python", "fmi": "3"}, {"fmi": "4"}):
+        with pytest.raises(FmuError, match="FMI"):
+            build([shock], tmp_path, **options)
+    with pytest.raises(FmuError, match="must be native"):
+        build([shock], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
+
+
+def test_an_assembly_is_built_for_fmi_3_from_the_command_line(run, shock, fmus, tmp_path):
+    (tmp_path / "corner.toml").write_text(
+        f"""
+schema = 1
+[components.car]
+fmu = "{fmus["quarter_car"].as_posix()}"
+[components.shock]
+fmu = "{fmus["lpnl2"].as_posix()}"
+[[bond]]
+between = ["car", "shock"]
+[scenario]
+stop = 1.0
+"""
+    )
+    code, output = run("--assemble", tmp_path / "corner.toml", "--fmi", "3", "-o", tmp_path / "corner.fmu")
+    assert code == 0, output
+    assert versions(tmp_path) == {"corner.fmu": "3.0"}
+    assert validate_fmu(str(tmp_path / "corner.fmu")) == []
+    result = simulate_fmu(str(tmp_path / "corner.fmu"), stop_time=0.05, output_interval=1e-3,
+                          start_values={"car.aero_force": 1000.0, "car.start_at_equilibrium": False})  # fmt: skip
+    assert np.ptp(result["shock.force"]) > 0.1
+    assert run("--assemble", tmp_path / "corner.toml", "--fmi", "all")[0] == 2

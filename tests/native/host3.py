@@ -1,0 +1,187 @@
+"""Access to the C functions of FMI 3.0 with the methods of host.py: statuses are returned, messages are kept."""
+
+import ctypes
+from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+
+import numpy as np
+from fmpy import fmi3, read_model_description
+
+from builder.native.toolchain import this_platform
+
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "CoSimulation", "ModelExchange", "ScheduledExecution"
+
+
+class Host3:
+    """An instance whose C functions are called directly.
+
+    `update` is called as update(host, time) in every intermediate update, and `updates` keeps all arguments of each.
+    """
+
+    def __init__(self, folder, *, logging=False, token=None, name="instance", kind=CO_SIMULATION, update=None,
+                 required=(), event_mode=False, has_log=True):  # fmt: skip
+        self.description = read_model_description(str(folder))
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.messages, self.updates, self.update = [], [], update
+        identifier = self.description.coSimulation.modelIdentifier
+        self.dll = ctypes.CDLL(str(folder / this_platform().member(identifier, 3)))
+        self.log = fmi3.fmi3LogMessageCallback(
+            lambda _environment, status, category, message: self.messages.append(
+                (status, category.decode(), message.decode())
+            )
+        )
+        self.callback = fmi3.fmi3IntermediateUpdateCallback(self._updated)
+        token = self.description.instantiationToken if token is None else token
+        first = [name.encode(), token.encode(), b"/nowhere/", c_bool(False), c_bool(logging)]
+        log = self.log if has_log else None
+        if kind == CO_SIMULATION:
+            wanted = (c_uint * max(1, len(required)))(*required)
+            first += [c_bool(event_mode), c_bool(True), wanted, c_size_t(len(required)), None, log]
+            first += [None if update is None else self.callback]
+        else:
+            first += [None, log] + ([None] * 3 if kind == SCHEDULED_EXECUTION else [])
+        make = getattr(self.dll, f"fmi3Instantiate{kind}")
+        make.argtypes, make.restype = None, c_void_p
+        self.c = make(*first)
+
+    def _updated(self, _environment, time, *flags):
+        *values, early, early_time = flags
+        self.updates.append((time, *map(bool, values)))
+        early[0], early_time[0] = True, time  # a request that the FMU may ignore, because it cannot return early
+        self.update(self, time)
+
+    def call(self, function, *arguments):
+        """Return the status of fmi3<function>."""
+        address = getattr(self.dll, f"fmi3{function}")
+        address.argtypes, address.restype = None, c_int
+        return address(c_void_p(self.c), *arguments)
+
+    def enter(self, time=0.0, stop=None):
+        return self.call("EnterInitializationMode", c_bool(False), c_double(0.0), c_double(time),
+                         c_bool(stop is not None), c_double(stop or 0.0))  # fmt: skip
+
+    def start(self, time=0.0, stop=None):
+        assert self.enter(time, stop) == OK
+        assert self.call("ExitInitializationMode") == OK
+        return self
+
+    def set(self, **values):
+        return self.set_named({name.replace("__", "."): value for name, value in values.items()})
+
+    def set_named(self, values):
+        count = c_size_t(len(values))
+        numbers = (c_double * len(values))(*values.values())
+        return self.call("SetFloat64", self.of(values), count, numbers, count)
+
+    def of(self, names):
+        """Return the value references of variables."""
+        return (c_uint * max(1, len(names)))(*(self.references[n] for n in names))
+
+    def read(self, *names):
+        """Return the status and the values."""
+        count, values = c_size_t(len(names)), (c_double * max(1, len(names)))(*[np.nan] * len(names))
+        return self.call("GetFloat64", self.of(names), count, values, count), list(values[: len(names)])
+
+    def get(self, *names):
+        status, values = self.read(*names)
+        assert status == OK
+        return values
+
+    def step(self, time, step=1e-3):
+        self.results = [c_bool(True), c_bool(True), c_bool(True), c_double(np.nan)]
+        return self.call("DoStep", c_double(time), c_double(step), c_bool(True), *map(byref, self.results))
+
+    def all(self):
+        """Return all variables that FMI 2.0 has, too."""
+        return self.get(*(v.name for v in self.description.modelVariables if v.type == "Float64" and v.name != "time"))
+
+    def inputs(self):
+        return [v.name for v in self.description.modelVariables if v.causality == "input"]
+
+    def outputs(self):
+        return [v.name for v in self.description.modelVariables if v.causality == "output"]
+
+    def exchange(self, time=0.0):
+        """Start an instance for model exchange, up to continuous-time mode."""
+        self.start(time)
+        assert self.discrete() == (OK, [False] * 5, 0.0)
+        assert self.call("EnterContinuousTimeMode") == OK
+        return self
+
+    def discrete(self):
+        """Return status, flags and time of fmi3UpdateDiscreteStates."""
+        flags, time = [c_bool(True) for _ in range(5)], c_double(np.nan)
+        status = self.call("UpdateDiscreteStates", *map(byref, flags), byref(time))
+        return status, [flag.value for flag in flags], time.value
+
+    @property
+    def derivative_names(self):
+        return [unknown.variable.name for unknown in self.description.derivatives]
+
+    @property
+    def state_names(self):
+        return [unknown.variable.derivative.name for unknown in self.description.derivatives]
+
+    def set_states(self, values):
+        return self.call("SetContinuousStates", (c_double * max(1, len(values)))(*values), c_size_t(len(values)))
+
+    def _numbers(self, function):
+        count = len(self.state_names)
+        values = (c_double * max(1, count))()
+        assert self.call(function, values, c_size_t(count)) == OK
+        return np.array(values[:count])
+
+    def states(self):
+        return self._numbers("GetContinuousStates")
+
+    def derivatives(self):
+        return self._numbers("GetContinuousStateDerivatives")
+
+    def nominals(self):
+        return self._numbers("GetNominalsOfContinuousStates")
+
+    def tangent(self, unknowns, knowns, seed, *, function="GetDirectionalDerivative"):
+        """Return the status and the results of fmi3GetDirectionalDerivative, or of fmi3GetAdjointDerivative."""
+        known_seed = function == "GetDirectionalDerivative"
+        count = len(unknowns if known_seed else knowns)
+        results = (c_double * max(1, count))(*[np.nan] * count)
+        given = (c_double * max(1, len(seed)))(*seed)
+        status = self.call(function, self.of(unknowns), c_size_t(len(unknowns)), self.of(knowns),
+                           c_size_t(len(knowns)), given, c_size_t(len(seed)), results, c_size_t(count))  # fmt: skip
+        return status, np.array(results[:count])
+
+    def messages_text(self):
+        return " ".join(message for _, _, message in self.messages)
+
+    def categories(self, on, *names):
+        texts = (c_char_p * len(names))(*(name.encode() for name in names)) if names else None
+        return self.call("SetDebugLogging", c_bool(on), c_size_t(len(names)), texts)
+
+    def free(self):
+        if self.c:
+            free = self.dll.fmi3FreeInstance
+            free.argtypes, free.restype = None, None
+            free(c_void_p(self.c))
+            self.c = None
+
+
+def saved(fmu):
+    state = c_void_p()
+    assert fmu.call("GetFMUState", byref(state)) == OK
+    return state
+
+
+def packed(fmu, state):
+    size = c_size_t()
+    assert fmu.call("SerializedFMUStateSize", state, byref(size)) == OK
+    content = (ctypes.c_char * size.value)()
+    assert fmu.call("SerializeFMUState", state, content, size) == OK
+    return content.raw
+
+
+def unpacked(fmu, content):
+    state = c_void_p()
+    status = fmu.call(
+        "DeserializeFMUState", (ctypes.c_char * len(content))(*content), c_size_t(len(content)), byref(state)
+    )
+    return status, state
