@@ -8,15 +8,16 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 SECTIONS = ("Outputs", "Derivatives", "InitialUnknowns")
+_MOST_DIGITS = 19
 
 #: Default of `initial` by causality and variability (FMI 2.0.4, tables of 2.2.7).
 _DEFAULT_INITIAL = {
-    **dict.fromkeys((("parameter", v) for v in ("fixed", "tunable")), "exact"),
+    **dict.fromkeys(((c, v) for c in ("parameter", "structuralParameter") for v in ("fixed", "tunable")), "exact"),
     **dict.fromkeys((("output", "constant"), ("local", "constant")), "exact"),
     **dict.fromkeys((("calculatedParameter", v) for v in ("fixed", "tunable")), "calculated"),
     **dict.fromkeys((("output", v) for v in ("discrete", "continuous")), "calculated"),
@@ -26,7 +27,11 @@ _DEFAULT_INITIAL = {
 
 @dataclass(frozen=True)
 class Variable:
-    """One ScalarVariable, with `initial` as written; `attributes` includes those inherited from the declared type."""
+    """One variable, with `initial` as written; `attributes` includes those inherited from the declared type.
+
+    ModelStructure names a variable by `index`: its position in FMI 2.0, its value reference in FMI 3.0. `native` is the
+    type of FMI 3.0, such as Float64, or an empty string in FMI 2.0.
+    """
 
     index: int
     name: str
@@ -37,6 +42,8 @@ class Variable:
     initial: str | None
     description: str
     attributes: Mapping[str, str]
+    native: str = ""
+    is_array: bool = False
 
     @property
     def effective_initial(self) -> str | None:
@@ -56,8 +63,8 @@ class Variable:
     @property
     def is_callable(self) -> bool:
         """Whether it has a type and a valid value reference, so that it can be set and read."""
-        reference = self.reference
-        return self.type in TYPES and reference.isascii() and reference.isdigit() and int(reference) < 2**32
+        reference = whole_number(self.reference)
+        return self.type in TYPES and reference is not None and reference < 2**32 and not self.is_array
 
     @property
     def is_settable_at_start(self) -> bool:
@@ -96,7 +103,11 @@ class Unit:
 
 @dataclass(frozen=True)
 class Description:
-    """The content of modelDescription.xml."""
+    """The content of modelDescription.xml, in the terms of FMI 2.0; `fmi` is the version, 2 or 3.
+
+    Only FMI 3.0 has `aliases` (further names of a variable), `alias_units` (their display units), `dimensions` of
+    arrays, and `lengths`, the numbers of their values; all are by the name of the variable.
+    """
 
     attributes: Mapping[str, str]
     co_simulation: Mapping[str, str] | None
@@ -110,6 +121,11 @@ class Description:
     variables: tuple[Variable, ...]
     sections: frozenset[str]
     unknowns: tuple[Unknown, ...]
+    fmi: int = 2
+    aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    alias_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    dimensions: Mapping[str, tuple[Mapping[str, str], ...]] = field(default_factory=dict)
+    lengths: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def identifier(self) -> str:
@@ -124,8 +140,17 @@ class Description:
     @property
     def output_derivative_order(self) -> int:
         """Value of maxOutputDerivativeOrder; 0 if it is not a number."""
-        text = (self.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip()
-        return int(text) if text.isascii() and text.isdigit() else 0
+        return whole_number((self.co_simulation or {}).get("maxOutputDerivativeOrder", "0").strip()) or 0
+
+    @property
+    def interpolated_inputs(self) -> list[Variable]:
+        """Inputs that may change linearly during a step: by input derivatives, or by intermediate updates."""
+        if not self.can("canInterpolateInputs"):
+            return []
+        inputs = [v for v in self.of("input") if v.variability == "continuous"]
+        if self.fmi == 2:
+            return inputs
+        return [v for v in inputs if v.native == "Float64" and v.attributes.get("intermediateUpdate") in ("true", "1")]
 
     def can(self, flag: str) -> bool:
         """Return whether a capability flag of CoSimulation is true."""
@@ -149,8 +174,12 @@ class Description:
 
     def variable(self, index: str) -> Variable | None:
         """Return the variable with an index as written in ModelStructure."""
-        position = int(index) if index.isascii() and index.isdigit() else 0
-        return self.variables[position - 1] if 1 <= position <= len(self.variables) else None
+        number = whole_number(index)
+        return None if number is None else self._by_index.get(number)
+
+    @cached_property
+    def _by_index(self) -> Mapping[int, Variable]:
+        return {variable.index: variable for variable in reversed(self.variables)}
 
     @cached_property
     def by_name(self) -> Mapping[str, Variable]:
@@ -162,19 +191,19 @@ class Description:
         return [v for v in self.variables if v.causality == causality and v.type == kind and v.is_callable]
 
 
-def read_description(root: ET.Element) -> Description:
-    """Return the content of the root element, without any checks."""
+def read_description_2(root: ET.Element) -> Description:
+    """Return the content of the root element of FMI 2.0, without any checks."""
     types = dict(_types(root))
     return Description(
         attributes=dict(root.attrib),
-        co_simulation=_attributes(root.find("CoSimulation")),
-        model_exchange=_attributes(root.find("ModelExchange")),
+        co_simulation=attributes_of(root.find("CoSimulation")),
+        model_exchange=attributes_of(root.find("ModelExchange")),
         source_files=_source_files(root, "CoSimulation"),
         exchange_source_files=_source_files(root, "ModelExchange"),
-        units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
+        units=tuple(unit_of(e) for e in root.iterfind("UnitDefinitions/Unit")),
         types=types,
         categories=tuple(e.get("name", "") for e in root.iterfind("LogCategories/Category")),
-        experiment=_attributes(root.find("DefaultExperiment")),
+        experiment=attributes_of(root.find("DefaultExperiment")),
         variables=tuple(
             _variable(index, e, types) for index, e in enumerate(root.iterfind("ModelVariables/ScalarVariable"), 1)
         ),
@@ -187,7 +216,8 @@ def _source_files(root: ET.Element, kind: str) -> tuple[str, ...]:
     return tuple(file.get("name", "") for file in root.iterfind(f"{kind}/SourceFiles/File"))
 
 
-def _attributes(element: ET.Element | None) -> dict[str, str] | None:
+def attributes_of(element: ET.Element | None) -> dict[str, str] | None:
+    """Return the attributes of an element; None if there is no element."""
     return None if element is None else dict(element.attrib)
 
 
@@ -202,7 +232,8 @@ def _typed(element: ET.Element) -> ET.Element | None:
     return next((child for child in element if child.tag in TYPES), None)
 
 
-def _unit(element: ET.Element) -> Unit:
+def unit_of(element: ET.Element) -> Unit:
+    """Return a unit as written."""
     base = element.find("BaseUnit")
     displays = tuple(dict(display.attrib) for display in element.iterfind("DisplayUnit"))
     return Unit(element.get("name", ""), None if base is None else dict(base.attrib), displays)
@@ -227,9 +258,18 @@ def _variable(index: int, element: ET.Element, types: Mapping[str, tuple[str, Ma
 
 def _unknown(section: str, element: ET.Element) -> Unknown:
     return Unknown(
-        section, element.get("index", ""), _words(element.get("dependencies")), _words(element.get("dependenciesKind"))
+        section,
+        element.get("index", ""),
+        words_of(element.get("dependencies")),
+        words_of(element.get("dependenciesKind")),
     )
 
 
-def _words(text: str | None) -> tuple[str, ...] | None:
+def whole_number(text: str) -> int | None:
+    """Return a text of at most 19 digits as a number; None for any other text."""
+    return int(text) if len(text) <= _MOST_DIGITS and text.isascii() and text.isdigit() else None
+
+
+def words_of(text: str | None) -> tuple[str, ...] | None:
+    """Return the words of a list; None if there is no list."""
     return None if text is None else tuple(text.split())

@@ -87,7 +87,7 @@ def _not_started(group: str, printed: bytes) -> EightpostError:
 
 
 def _failed(group: str, outcome: Outcome, message: str) -> Outcome:
-    rule = rules.FREE_NULL if FREEING_NOTHING in message else GROUPS[group].crash
+    rule = rules.FREE_NULL if FREEING_NOTHING.removeprefix("fmi2") in message else GROUPS[group].crash
     crash = rule.finding(f"the process of the probe {group!r} {message}")
     return Outcome((*outcome.findings, crash), outcome.skipped, completed=False, values=outcome.values)
 

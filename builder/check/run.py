@@ -17,10 +17,13 @@ from builder.check.rules import Finding, Level, Scope, Skipped
 from builder.check.static import static_findings
 from builder.check.subject import Subject, read_subject
 from builder.check.tools import rebuild, tool_findings
+from builder.check.version3 import finding_in_version_3, text_in_version_3
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 
-_IDENTITY = ("modelName", "version", "author", "generationTool", "guid")
+_IDENTITY = ("fmiVersion", "modelName", "version", "author", "generationTool")
+#: Attribute of an FMU's own key by the version of FMI.
+_KEYS = {2: "guid", 3: "instantiationToken"}
 _AT_ONCE = 2
 
 
@@ -52,6 +55,11 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
         ledger.enter("tools", _tools(subject))
     _call(subject, [group for group in GROUPS if group in groups], ledger)
     findings = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
+    if subject.description is not None and subject.description.fmi == 3:
+        findings = [finding_in_version_3(finding) for finding in findings]
+        ledger.skipped = [
+            Skipped(text_in_version_3(item.what), text_in_version_3(item.reason)) for item in ledger.skipped
+        ]
     order = list(Level)
     findings.sort(key=lambda finding: order.index(finding.rule.level))
     return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(findings))
@@ -59,19 +67,21 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
 
 def _identity(subject: Subject) -> dict[str, str]:
     attributes = subject.description.attributes if subject.description else {}
-    stated = {name: attributes[name] for name in _IDENTITY if name in attributes}
+    key = _KEYS[subject.description.fmi] if subject.description else ""
+    stated = {name: attributes[name] for name in (*_IDENTITY, key) if name in attributes}
     return {**stated, "sha256": sha256_of(subject.path)}
 
 
 def _tools(subject: Subject) -> Outcome:
     if not subject.is_safe:
         return Outcome(skipped=(("", "the archive is not safe to unpack"),))
-    return Outcome(tuple(tool_findings(subject.path)))
+    return Outcome(tuple(tool_findings(subject)))
 
 
 def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
     """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
-    selected = [group for group in groups if group not in ("static", "tools")]
+    version_2 = subject.description is not None and subject.description.fmi == 2
+    selected = [group for group in groups if group not in ("static", "tools", *(["version_3"] if version_2 else []))]
     if not selected:
         return
     if reason := _reason_not_to_call(subject):
@@ -98,10 +108,11 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
 
 
 def _call_model_exchange(selected: list[str], unpacked: Unpacked, ledger: _Ledger) -> None:
-    """Apply the group for model exchange to an FMU that offers nothing else."""
-    if "model_exchange" in selected:
-        ledger.enter("model_exchange", in_an_empty_folder("model_exchange", unpacked))
-    if others := [group for group in selected if group != "model_exchange"]:
+    """Apply the groups for model exchange to an FMU that offers nothing else."""
+    for group in ("model_exchange", "version_3"):
+        if group in selected:
+            ledger.enter(group, in_an_empty_folder(group, unpacked))
+    if others := [group for group in selected if group not in ("model_exchange", "version_3")]:
         ledger.skipped.append(Skipped(", ".join(others), "the FMU does not support co-simulation"))
 
 
@@ -122,10 +133,10 @@ def _reason_not_to_call(subject: Subject) -> str:
         return "there is no valid modelDescription.xml"
     if subject.description.co_simulation is None and subject.description.model_exchange is None:
         return "the FMU supports neither co-simulation nor model exchange"
-    if subject.members.keys().isdisjoint(binary_members(subject.description.identifier)):
+    if subject.members.keys().isdisjoint(binary_members(subject.description.identifier, subject.description.fmi)):
         available = [binary.platform for binary in subject.own_binaries]
         available += ["sources"] if subject.description.source_files else []
-        here = platform_folders()[0]
+        here = platform_folders(subject.description.fmi)[0]
         return f"no binary for this platform ({here}), so nothing was run; available: {', '.join(available) or 'none'}"
     return ""
 

@@ -16,7 +16,8 @@ from typing import Any
 
 import lief
 
-from builder.check.description import Description, read_description
+from builder.check.description import Description
+from builder.check.description3 import BUILD, read_description
 from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
 
@@ -208,7 +209,7 @@ def read_subject(path: str | Path) -> Subject:
 
     Raises:
         FmuError: The file is missing, is a folder, is not a readable zip archive, contains no modelDescription.xml, or
-            is an FMU of FMI 1 or 3.
+            is an FMU of FMI 1.
     """
     path = Path(path)
     if path.is_dir():
@@ -222,9 +223,16 @@ def read_subject(path: str | Path) -> Subject:
         root = ET.fromstring(members[XML])
     except (ET.ParseError, ValueError, LookupError) as error:
         return Subject(path, entries, members, f"{type(error).__name__}: {error}", None)
-    if root.get("fmiVersion", "2").startswith(("1.", "3.")):
-        raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0")
-    return Subject(path, entries, members, "", read_description(root))
+    if root.get("fmiVersion", "2").startswith("1."):
+        raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0 and 3.0")
+    return Subject(path, entries, members, "", read_description(root, _build_description(members)))
+
+
+def _build_description(members: Mapping[str, bytes]) -> ET.Element | None:
+    try:
+        return ET.fromstring(members[BUILD])
+    except (KeyError, ET.ParseError, ValueError, LookupError):
+        return None
 
 
 def _read(path: Path) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:

@@ -1,8 +1,9 @@
-"""Third-party tools: `fmpy validate`, `fmutool -check`, and `fmpy compile` of the sources in an archive."""
+"""Third-party tools: `fmpy validate`, `fmutool -check`, XML schemas, and `fmpy compile` of the sources."""
 
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import sys
 import tempfile
@@ -10,25 +11,55 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from builder.check.catalogue import static as rules
+from builder.check.catalogue.version3 import SCHEMA
+from builder.check.description3 import BUILD
 from builder.check.process import Outcome, Unpacked, trace
 from builder.check.rules import Finding
-from builder.check.subject import Subject
 from eightpost.workers.process import python_command, run
+
+if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
+    from builder.check.subject import Subject
 
 # ---- Checkers -------------------------------------------------------------------------------------------------------
 
 _SUMMARY = ("This FMU does not validate", "semantic error(s)")
 
 
-def tool_findings(path: Path) -> Iterator[Finding]:
-    """Apply both checkers to an FMU."""
-    for problem in _fmpy(path):
+def tool_findings(subject: Subject) -> Iterator[Finding]:
+    """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
+    for problem in _fmpy(subject.path):
         yield rules.FMPY.finding(problem)
-    for message in _fmutool(path):
+    for message in _fmutool(subject.path):
         if not any(text in message for text in _SUMMARY):
             yield rules.FMUTOOL.finding(message)
+    for member, schema in _SCHEMAS.items():
+        if member in subject.members:
+            yield from (SCHEMA.finding(f"{member}: {fault}") for fault in _faults(subject.members[member], schema))
+
+
+#: Documents with their schemas, which are those of FMI 3.0 in both versions.
+_SCHEMAS = {
+    "terminalsAndIcons/terminalsAndIcons.xml": "fmi3TerminalsAndIcons.xsd",
+    BUILD: "fmi3BuildDescription.xsd",
+}
+
+
+def _faults(content: bytes, schema: str) -> list[str]:
+    """Return the lines of a document that do not follow a schema, at most three."""
+    import fmu_manipulation_toolbox  # noqa: PLC0415 - slow to import
+    from lxml import etree  # noqa: PLC0415 - comes with FMPy
+
+    folder = Path(fmu_manipulation_toolbox.__file__).parent / "resources" / "fmi-3.0"
+    rules_of_schema = etree.XMLSchema(etree.parse(folder / schema))
+    try:
+        document = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
+    except etree.XMLSyntaxError as error:
+        return [str(error)]
+    rules_of_schema.validate(document)
+    return [f"line {entry.line}: {entry.message}" for entry in rules_of_schema.error_log][:3]
 
 
 def _fmpy(path: Path) -> list[str]:
@@ -149,6 +180,9 @@ def _compile(folder: str) -> None:
     """Compile an unpacked FMU with FMPy; this module run as a program does this for `rebuild`."""
     from fmpy.build import build_platform_binary  # noqa: PLC0415 - slow to import
 
+    # Sources may give functions the identifier as prefix, which FMI 3.0 lets the compiler remove.
+    for name in ("CFLAGS", "CXXFLAGS"):
+        os.environ[name] = f"{os.environ.get(name, '')} -DFMI3_FUNCTION_PREFIX=".strip()
     tempfile.tempdir = str(Path.cwd())  # the parent process removes this folder even if the compiler was killed
     build_platform_binary(folder)
 

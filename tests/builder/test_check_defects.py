@@ -6,176 +6,39 @@ check_defects_exchange.toml; defects of the archive are in this file.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import re
 import shutil
-import subprocess
 import sys
-import tomllib
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import pytest
 
-from builder.check import CATALOGUE, check
-from eightpost.archive import read_archive, write_archive
-
-XML = "modelDescription.xml"
-RULES = {rule.identifier for rule in CATALOGUE}
-STATIC = ("static",)
-TABLES: dict[str, dict[str, Any]] = {"on_file": {}, "in_code": {}}
-for _name in ("check_defects.toml", "check_defects_exchange.toml"):
-    for _kind, _entries in tomllib.loads(Path(__file__).with_name(_name).read_text(encoding="utf-8")).items():
-        TABLES[_kind] |= _entries
-
-Members = dict[str, bytes]
-Change = Callable[[Members], None]
+from builder.check import check
 
 
-@dataclass(frozen=True)
-class Defect:
-    """A change of an FMU's members, the rule that must find it, and the groups of checks to run."""
-
-    rule: str
-    change: Change
-    groups: tuple[str, ...] = STATIC
-    fmu: str = "lpnl2"
-
-
-def tabled(entry: Mapping[str, Any], change: Callable[[Mapping[str, str]], Change]) -> Defect:
-    """Return the defect for an entry of the table; `change` converts a description of a change to the change."""
-
-    def apply(members: Members) -> None:
-        for one in entry.get("changes", [entry]):
-            change(one)(members)
-
-    return Defect(entry["rule"], apply, tuple(entry.get("groups", STATIC)), entry.get("fmu", "lpnl2"))
+def _beside(name: str) -> ModuleType:
+    """Import a module from the folder of this file."""
+    module_name = f"eightpost_tests_{name}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[module_name]
 
 
-def in_description(entry: Mapping[str, str]) -> Change:
-    """Return a replacement of a regular expression in modelDescription.xml: in the file, a variable, or a section."""
-
-    def change(members: Members) -> None:
-        text = members[XML].decode()
-        begin, end = 0, len(text)
-        if "variable" in entry:
-            begin = text.index(f'<ScalarVariable name="{entry["variable"]}"')
-            end = text.index("</ScalarVariable>", begin)
-        elif "section" in entry:
-            begin, end = text.index(f"<{entry['section']}>"), text.index(f"</{entry['section']}>")
-        inside, changed = re.subn(entry["old"], entry["new"], text[begin:end], count=1, flags=re.DOTALL)
-        assert changed, f"there is no {entry['old']!r} to change"
-        members[XML] = (text[:begin] + inside + text[end:]).encode()
-
-    return change
-
-
-def in_source(entry: Mapping[str, str]) -> Change:
-    """Return a replacement of text everywhere in a C source, or an addition of C after every successful step."""
-    if "after_step" in entry:
-        return after_step(entry["after_step"], entry.get("declare", ""))
-
-    def change(members: Members) -> None:
-        name = f"sources/{entry['file']}"
-        assert entry["old"].encode() in members[name], f"there is no {entry['old']!r} in {name}"
-        members[name] = members[name].replace(entry["old"].encode(), entry["new"].encode())
-
-    return change
-
-
-def in_either(entry: Mapping[str, str]) -> Change:
-    """Return a change of a C source, or of modelDescription.xml if no source is named."""
-    return in_source(entry) if entry.keys() & {"file", "after_step"} else in_description(entry)
-
-
-def after_step(code: str, declare: str) -> Change:
-    """Return an addition of C to the end of every successful step; `declare` goes to the top of the file."""
-    header, stepped = b'#include "instance.h"', b"c->memory.time = time + h;"
-
-    def change(members: Members) -> None:
-        text = members["sources/step.c"]
-        assert header in text and stepped in text
-        text = text.replace(header, header + f"\n#include <stdlib.h>\n{declare}".encode())
-        members["sources/step.c"] = text.replace(stepped, stepped + f" {code}".encode())
-
-    return change
-
-
-def edited(name: str, old: bytes, new: bytes) -> Change:
-    """Return a replacement of bytes in one member."""
-
-    def change(members: Members) -> None:
-        assert old in members[name], f"there is no {old!r} in {name}"
-        members[name] = members[name].replace(old, new)
-
-    return change
-
-
-def without(name: str) -> Change:
-    """Return the removal of members whose names start with `name`."""
-
-    def change(members: Members) -> None:
-        gone = [member for member in members if member.startswith(name)]
-        assert gone
-        for member in gone:
-            del members[member]
-
-    return change
-
-
-def member(name: str, alter: Callable[[bytes], bytes]) -> Change:
-    """Return a change of one member, which is created if it is missing."""
-
-    def change(members: Members) -> None:
-        members[name] = alter(members.get(name, b""))
-
-    return change
-
-
-def moved(old: str, new: str) -> Change:
-    """Return a renaming of one member."""
-
-    def change(members: Members) -> None:
-        members[new] = members.pop(old)
-
-    return change
-
-
-def swapped(first: str, second: str) -> Change:
-    """Return an exchange of two members."""
-
-    def change(members: Members) -> None:
-        members[first], members[second] = members[second], members[first]
-
-    return change
-
-
-def copied(source: str, target: str) -> Change:
-    """Return the replacement of one member with a copy of another."""
-
-    def change(members: Members) -> None:
-        members[target] = members[source]
-
-    return change
-
-
-def both(*changes: Change) -> Change:
-    """Return the combination of several changes."""
-
-    def change(members: Members) -> None:
-        for one in changes:
-            one(members)
-
-    return change
-
-
-def cut(content: bytes) -> bytes:
-    return content[: len(content) * 2 // 3]
-
+defects = _beside("check_defects")
+XML, STATIC, Defect = defects.XML, defects.STATIC, defects.Defect
+both, copied, cut, edited, member, moved, swapped, without, in_description = (
+    defects.both, defects.copied, defects.cut, defects.edited, defects.member, defects.moved, defects.swapped,
+    defects.without, defects.in_description,
+)  # fmt: skip
+defective, found = defects.defective, defects.found
+TABLES = defects.read_tables("check_defects.toml", "check_defects_exchange.toml")
 
 LINUX, WINDOWS, MAC = "binaries/linux64/lpnl2.so", "binaries/win64/lpnl2.dll", "binaries/darwin64/lpnl2.dylib"
 WIN32, ARM, ARM_MAC = (
@@ -196,7 +59,7 @@ def digit_before_the_middle(content: bytes) -> bytes:
     return changed
 
 
-def defects_of_the_archive() -> dict[str, Defect]:
+def defects_of_the_archive():
     return {
         "Linux binary cut off": Defect("binary-format", member(LINUX, cut)),
         "Windows binary cut off": Defect("binary-format", member(WINDOWS, cut)),
@@ -268,26 +131,15 @@ def defects_of_the_archive() -> dict[str, Defect]:
     }
 
 
-ON_FILE = {name: tabled(entry, in_description) for name, entry in TABLES["on_file"].items()} | defects_of_the_archive()
-IN_CODE = {name: tabled(entry, in_either) for name, entry in TABLES["in_code"].items()}
-
-
-def found(path: Path, defect: Defect) -> set[str]:
-    return {finding.rule.identifier for finding in check(path, groups=defect.groups).findings}
-
-
-def defective(fmu: Path, folder: Path, defect: Defect, *more: Change) -> Path:
-    members = read_archive(fmu)
-    for change in (defect.change, *more):
-        change(members)
-    target = folder / fmu.name
-    write_archive(target, members)
-    return target
+ON_FILE = {
+    name: defects.tabled(entry, in_description) for name, entry in TABLES["on_file"].items()
+} | defects_of_the_archive()
+IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
 
 
 def test_the_table_has_enough_defects():
     assert len(ON_FILE) + len(IN_CODE) >= 40
-    assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= RULES
+    assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= defects.RULES
 
 
 @pytest.mark.parametrize("name", ON_FILE)
@@ -297,36 +149,9 @@ def test_a_defect_in_the_files_is_found_by_its_rule(name, fmus, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Change:
-    """Return a change that recompiles an FMU for this machine; equal files with equal headers are compiled once."""
-    command = next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None)
-    spec = importlib.util.find_spec("fmpy")
-    if command is None or spec is None or spec.origin is None or sys.platform != "linux":
-        pytest.skip("it needs a C compiler on Linux")
-    line = [command, "-fPIC", "-O1", "-w", "-ffp-contract=off", f"-I{Path(spec.origin).with_name('c-code')}"]
-    objects = tmp_path_factory.mktemp("objects")
-
-    def run(*arguments: str | Path) -> None:
-        subprocess.run([*line, *map(str, arguments)], check=True, capture_output=True)
-
-    def compile_file(sources: Members, name: str) -> Path:
-        headers = b"".join(sources[other] for other in sorted(sources) if other.endswith(".h"))
-        made = objects / f"{hashlib.sha256(headers + sources[name]).hexdigest()}.o"
-        if not made.exists():
-            folder = tmp_path_factory.mktemp("sources")
-            for other, content in sources.items():
-                (folder / other).write_bytes(content)
-            run("-c", folder / name, "-o", made)
-        return made
-
-    def build(members: Members) -> None:
-        sources = {name.removeprefix("sources/"): members[name] for name in members if name.startswith("sources/")}
-        (binary,) = (name for name in members if name.startswith("binaries/linux64/"))
-        library = tmp_path_factory.mktemp("library") / "x.so"
-        run("-shared", *(compile_file(sources, name) for name in sources if name.endswith(".c")), "-o", library, "-lm")
-        members[binary] = library.read_bytes()
-
-    return build
+def compiled(tmp_path_factory):
+    """Return a change that recompiles an FMU for this machine."""
+    return defects.recompiler(tmp_path_factory)
 
 
 @pytest.mark.parametrize("name", IN_CODE)

@@ -1,18 +1,21 @@
 """All rules of `check`, and the groups in which they are checked.
 
-A rule of level *error* is a rule of the FMI standard, version 2.0.4. A rule of level *drop-in* covers what the standard
-allows but some tools cannot import. A *hint* makes an FMU easier to use.
+A rule of level *error* is a rule of the FMI standard, version 2.0.4 or 3.0. A rule of level *drop-in* covers what the
+standard allows but some tools cannot import. A *hint* makes an FMU easier to use.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from builder.check.catalogue import behaviour, exchange, static
+from builder.check.catalogue import behaviour, exchange, static, version3
 from builder.check.rules import Rule
 
 CATALOGUE: tuple[Rule, ...] = tuple(
-    value for module in (static, behaviour, exchange) for value in vars(module).values() if isinstance(value, Rule)
+    value
+    for module in (static, behaviour, exchange, version3)
+    for value in vars(module).values()
+    if isinstance(value, Rule)
 )
 
 
@@ -58,6 +61,10 @@ GROUPS = {
     "dependencies": Group("dependencies over a tiny step: every input perturbed", "dependencies"),
     "derivatives": Group(
         "directional derivatives compared with central differences; input and output derivatives", "derivatives"
+    ),
+    "version_3": Group(
+        "FMI 3.0: results of steps, intermediate updates, arrays, numbers of states and values, adjoint derivatives",
+        "version3",
     ),
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "simulation"),
     "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),

@@ -89,6 +89,10 @@ STATE = Rule(
     "exchange-state", _E, "An FMU state restores states, derivatives and outputs in model exchange", "FMI 2.1.8",
     "save everything that derivatives and outputs depend on",
 )  # fmt: skip
+ACCURATE = Rule(
+    "exchange-accuracy", _H, "The solver of co-simulation follows model exchange within 2 % at the default step size",
+    _COUPLING, "take smaller steps inside: the difference falls with the step size, so the equations are the same",
+)  # fmt: skip
 AGREES = Rule(
     "exchange-agrees", _D, "Model exchange and co-simulation give the same results", _COUPLING,
     "use the same equations, start values and inputs for both",

@@ -190,7 +190,7 @@ START_FORBIDDEN = Rule(
 )
 START_VALUE = Rule(
     "start-value", _E, "Start values, min, max and nominal are finite values of their type", _VARIABLES,
-    "write a finite value",
+    "write a finite value that the type holds",
 )  # fmt: skip
 NOMINAL = Rule(
     "nominal", _D, "Nominal values are positive", _COUPLING,

@@ -10,14 +10,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from builder.check.description import Description, Variable, read_description
+from builder.check.description import Description, Variable
+from builder.check.description3 import read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
-from builder.check.probes.library import DISCARD, ERROR, Library, binary_path
+from builder.check.probes.library import DISCARD, ERROR, binary_path
+from builder.check.probes.library3 import library_of
 from builder.check.rules import Finding, Rule
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}
 _STEPS, _WHOLE = 300, 1000  # steps of a run, and of the default experiment if the FMU states none
+_MOST, _MOST_INTERNAL = 10_000, 100  # without a stated step: most steps of an experiment, and internal steps in a step
 _TOLERANCE = 1e-9  # largest difference of two equal runs by rounding, relative to the outputs' size
 _CYCLES = 2.7  # not a multiple of 0.5, so that the middle of a run differs from its end
 
@@ -75,12 +78,13 @@ class Bench:
     def __init__(self, folder: Path, progress: Path, reach: int | None = None) -> None:
         self.folder = folder
         self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
-        binary = binary_path(folder, self.description.identifier)
+        binary = binary_path(folder, self.description.identifier, self.description.fmi)
         if binary is None:
             raise OSError(f"there is no binary {self.description.identifier!r} for this platform")
-        self.library = Library(binary, progress)
+        self.library = library_of(self.description, binary, progress)
         self.inputs = self.description.of("input")
         self.outputs = self.description.of("output")
+        self._sines = [_sine_of(variable) for variable in self.inputs]
         timing = _timing(self.description)
         self.timing = timing if reach is None else replace(timing, count=max(1, min(timing.count, reach)))
         self._used = False
@@ -136,7 +140,7 @@ class Bench:
     def excitation(self, time: float, scale: float = 1.0) -> Values:
         """Return the inputs at a time [s]: a sine around each start value, between min and max."""
         phase = 2 * math.pi * _CYCLES * (time - self.timing.start) / (self.timing.step * self.timing.count)
-        return [_sine(v, math.sin(phase + 0.7 * k) * scale) for k, v in enumerate(self.inputs)]
+        return [sine.at(math.sin(phase + 0.7 * k) * scale) for k, sine in enumerate(self._sines)]
 
     def held(self, _time: float) -> Values:
         """Return the inputs at their start values."""
@@ -216,8 +220,23 @@ def change_of(variable: Variable) -> float:
     return 1e-3 * (amplitude(variable) if variable.causality == "input" else start or 0.1)
 
 
-def _sine(variable: Variable, sine: float) -> float:
-    return inside(variable, (variable.number("start") or 0.0) + amplitude(variable) * sine)
+@dataclass(frozen=True)
+class _Sine:
+    """A sine around the start value of an input, between its min and max; computed once, because every step uses it."""
+
+    start: float
+    size: float
+    low: float
+    high: float
+
+    def at(self, sine: float) -> float:
+        return min(max(self.start + self.size * sine, self.low), self.high)
+
+
+def _sine_of(variable: Variable) -> _Sine:
+    low, high = variable.number("min"), variable.number("max")
+    limits = (-math.inf if low is None else low, math.inf if high is None else high)
+    return _Sine(variable.number("start") or 0.0, amplitude(variable), *limits)
 
 
 def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
@@ -241,6 +260,16 @@ def compare(pair: tuple[Rule, Rule], what: str, first: Sequence[Values], again: 
         yield rounds.finding(f"{what} by {worst:.1e}")
 
 
+def _own_step(duration: float, description: Description) -> float:
+    """Return a step for an FMU that states none: a thousandth of its experiment, or some of its internal steps."""
+    size = duration / 1000 if duration > 0 else 1e-3
+    try:
+        internal = float((description.co_simulation or {}).get("fixedInternalStepSize", ""))
+    except ValueError:
+        return size
+    return max(1, min(round(size / internal), _MOST_INTERNAL)) * internal if internal > 0.0 else size
+
+
 def _timing(description: Description) -> _Timing:
     given = {}
     for name, text in (description.experiment or {}).items():
@@ -250,6 +279,8 @@ def _timing(description: Description) -> _Timing:
             continue
     start = given.get("startTime", 0.0)
     duration = given.get("stopTime", start) - start
-    size = given.get("stepSize") or (duration / 1000 if duration > 0 else 1e-3)
+    size = given.get("stepSize") or _own_step(duration, description)
     whole = int(min(duration / size * (1 + 1e-9), 1e9)) if duration >= size > 0 else _WHOLE
+    if "stepSize" not in given:
+        whole = min(whole, _MOST)
     return _Timing(start, size, min(_STEPS, whole), whole)

@@ -26,7 +26,7 @@ def probe_derivatives(bench: Bench) -> Results:
         yield from _over_steps(bench)
     else:
         yield Skip("providesDirectionalDerivative is not true", "directional derivatives")
-    if bench.description.can("canInterpolateInputs") and bench.inputs:
+    if bench.description.interpolated_inputs:
         yield from _input_derivatives(bench)
     else:
         yield Skip("canInterpolateInputs is not true", "input derivatives")
@@ -145,7 +145,7 @@ def _findings(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
 
 def _input_derivatives(bench: Bench) -> Iterator[Finding]:
     h, t = bench.timing.step, bench.timing.start
-    moving = [v for v in bench.inputs if v.variability == "continuous"]
+    moving = bench.description.interpolated_inputs
     ends = []
     for size in (0.0, 1.0):
         with bench.running() as instance:
@@ -158,7 +158,7 @@ def _input_derivatives(bench: Bench) -> Iterator[Finding]:
                 return
             step(instance, t, h)
             ends.append(instance.reals(bench.outputs))
-    if bench.outputs and moving and ends[0] == ends[1]:
+    if bench.outputs and ends[0] == ends[1]:
         yield rules.INTERPOLATES.finding(
             "a step with derivatives of all inputs gives the same outputs as a step without"
         )

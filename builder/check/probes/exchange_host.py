@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
 
+from builder.check.description import Variable, whole_number
 from builder.check.probes.bench import Bench, Values, amplitude
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo
@@ -21,12 +22,14 @@ class Host:
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
-        pairs = [p for p in bench.description.state_pairs() if all(v.type == "Real" and v.is_callable for v in p)]
-        self.derivatives = [derivative for derivative, _ in pairs]
-        self.states = [state for _, state in pairs]
-        self.count = len(pairs)
-        indicators = bench.description.attributes.get("numberOfEventIndicators", "0")
-        self.indicators = int(indicators) if indicators.strip().isdigit() else 0
+        pairs = [p for p in bench.description.state_pairs() if all(map(_is_state, p))]
+        lengths = bench.description.lengths
+        #: One variable for each element of the arrays of states and derivatives.
+        self.derivatives = [derivative for derivative, _ in pairs for _ in range(lengths.get(derivative.name, 1))]
+        self.states = [state for derivative, state in pairs for _ in range(lengths.get(derivative.name, 1))]
+        self.count = len(self.states)
+        self.has_all_sizes = all(lengths.get(derivative.name, 1) for derivative, _ in pairs)
+        self.indicators = whole_number(bench.description.attributes.get("numberOfEventIndicators", "0").strip()) or 0
         self.inputs = [v for v in bench.inputs if v.variability == "continuous"]
 
     def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:
@@ -80,6 +83,10 @@ class Host:
             raise CallError(f"fmi2SetReal of inputs is rejected in continuous-time mode{instance.last_message()}")
         self.set_states(instance, states)
         return [*self.vector(instance, "GetDerivatives"), *instance.reals(self.bench.outputs)]
+
+
+def _is_state(variable: Variable) -> bool:
+    return variable.type == "Real" and (variable.is_callable or variable.is_array)
 
 
 def iterate_events(instance: Instance) -> bool:

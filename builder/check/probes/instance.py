@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_uint64, c_void_p
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,6 +57,13 @@ def base_type(variable: Variable) -> str:
     return "Integer" if variable.type == "Enumeration" else variable.type
 
 
+def _c_type(variable: Variable) -> Any:
+    """Return the type of C that holds any value of a variable; FMI 3.0 has integers of 64 bits."""
+    if base_type(variable) != "Integer" or not variable.native:
+        return C_TYPES[base_type(variable)]
+    return c_uint64 if variable.native.startswith("U") else c_int64
+
+
 def refused(status: int) -> bool:
     """Return whether a status rejects a call: fmi2Discard, fmi2Error, fmi2Fatal."""
     return status >= DISCARD
@@ -70,7 +77,7 @@ class Instance:
         self.messages: list[Message] = []
         self._logger = Logger(self._log)
         self._callbacks = Callbacks(self._logger, *memory_functions(), None, None)
-        function = library._function("Instantiate")
+        function = library.function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
             b"probe", birth.kind, birth.guid.encode(), birth.resources.encode(),
@@ -104,20 +111,20 @@ class Instance:
         """Free the instance."""
         if self.address is not None:
             self.library.begin("fmi2FreeInstance")
-            self.library._function("FreeInstance")(self.address)
+            self.library.function("FreeInstance")(self.address)
             self.address = None
 
     def set(self, variable: Variable, value: Value) -> int:
         """Set one variable."""
         kind = base_type(variable)
         content = value.encode() if isinstance(value, str) else value
-        buffer = (C_TYPES[kind] * 1)(content)
+        buffer = (_c_type(variable) * 1)(content)
         return self.call(f"Set{kind}", _references([variable]), 1, buffer, note=f" of {variable.name} to {value}")
 
     def get(self, variable: Variable) -> tuple[int, Value]:
         """Get one variable."""
         kind = base_type(variable)
-        buffer = (C_TYPES[kind] * 1)()
+        buffer = (_c_type(variable) * 1)()
         status = self.call(f"Get{kind}", _references([variable]), 1, buffer, note=f" of {variable.name}")
         value = buffer[0]
         return status, (value or b"").decode("utf-8", "replace") if kind == "String" else value

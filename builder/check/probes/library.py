@@ -126,10 +126,13 @@ class Library:
     def again(self) -> Library:
         """Load a copy of the binary with separate static memory."""
         folder = tempfile.mkdtemp(prefix="eightpost_binary_", dir=self.path.parent)
-        copy = Library(Path(shutil.copy2(self.path, folder)), self.progress)
+        copy = self._copied(Path(shutil.copy2(self.path, folder)))
         copy.path, copy.categories = self.path, self.categories
         shutil.rmtree(folder, ignore_errors=True)  # on systems that can remove a loaded file, at most one copy remains
         return copy
+
+    def _copied(self, path: Path) -> Library:
+        return Library(path, self.progress)
 
     def begin(self, call: str) -> None:
         """Record the name of a call before it is made."""
@@ -142,20 +145,33 @@ class Library:
         Raises:
             MissingFunctionError: The function is not exported.
         """
-        function = self._function(name)
+        function = self.function(name)
         self.begin(f"fmi2{name}{note}")
         return int(function(*arguments) or 0)
 
-    def _function(self, name: str) -> Any:
+    def function(self, name: str) -> Any:
+        """Return fmi2<name>.
+
+        Raises:
+            MissingFunctionError: The function is not exported.
+        """
         if name not in self._functions:
-            try:
-                function = getattr(self._library, f"fmi2{name}")
-            except AttributeError:
-                raise MissingFunctionError(f"fmi2{name} is not exported") from None
-            function.argtypes = _SIGNATURES[name]
-            function.restype = {"Instantiate": c_void_p, "FreeInstance": None}.get(name, c_int)
-            self._functions[name] = function
+            result = {"Instantiate": c_void_p, "FreeInstance": None}.get(name, c_int)
+            self._functions[name] = self.exported(f"fmi2{name}", _SIGNATURES[name], result)
         return self._functions[name]
+
+    def exported(self, name: str, arguments: tuple[Any, ...], result: Any) -> Any:
+        """Return an exported function with the types of its arguments and of its result.
+
+        Raises:
+            MissingFunctionError: The function is not exported.
+        """
+        try:
+            function = getattr(self._library, name)
+        except AttributeError:
+            raise MissingFunctionError(f"{name} is not exported") from None
+        function.argtypes, function.restype = arguments, result
+        return function
 
 
 def memory_functions() -> tuple[int | None, int | None]:
@@ -165,23 +181,23 @@ def memory_functions() -> tuple[int | None, int | None]:
     return calloc, free
 
 
-def binary_path(folder: Path, identifier: str) -> Path | None:
-    """Return the binary for this platform in an unpacked FMU, or None."""
-    paths = (folder / name for name in binary_members(identifier))
+def binary_path(folder: Path, identifier: str, fmi: int) -> Path | None:
+    """Return the binary for this platform in an unpacked FMU of an FMI version, 2 or 3, or None."""
+    paths = (folder / name for name in binary_members(identifier, fmi))
     return next((path for path in paths if path.is_file()), None)
 
 
-def binary_members(identifier: str) -> tuple[str, ...]:
-    """Return the possible names of a binary for this platform in an archive."""
+def binary_members(identifier: str, fmi: int) -> tuple[str, ...]:
+    """Return the possible names of a binary for this platform in an archive of an FMI version, 2 or 3."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    return tuple(f"binaries/{name}/{identifier}{suffix}" for name in platform_folders())
+    return tuple(f"binaries/{name}/{identifier}{suffix}" for name in platform_folders(fmi))
 
 
-def platform_folders() -> tuple[str, ...]:
-    """Return the folders of binaries/ for this platform; the name of FMI 2.0 comes first."""
+def platform_folders(fmi: int) -> tuple[str, ...]:
+    """Return the folders of binaries/ for this platform: in FMI 2.0 its own name, then that of FMI 3.0."""
     system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
     machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else "x86_64"
     bits = "64" if sys.maxsize > 2**32 else "32"
     tuple_name = f"{machine}-{ {'win': 'windows'}.get(system, system) }"
     own = (f"{system}{bits}",) if machine == "x86_64" or system == "darwin" else ()
-    return (*own, tuple_name)
+    return (tuple_name,) if fmi == 3 else (*own, tuple_name)

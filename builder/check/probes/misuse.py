@@ -250,7 +250,7 @@ def _continues(bench: Bench, instance: Instance) -> bool:
 def probe_null(bench: Bench) -> Results:
     """Call fmi2FreeInstance(NULL), which the standard allows; then pass NULL for each array in turn."""
     bench.library.begin(FREEING_NOTHING)
-    bench.library._function("FreeInstance")(None)
+    bench.library.function("FreeInstance")(None)
     accepted = []
     for name, arguments in _calls(bench):
         with bench.running() as instance:

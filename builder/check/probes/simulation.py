@@ -20,6 +20,8 @@ from builder.check.rules import Finding, listed
 
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
+_WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+_MOST_LATE = 1000  # communication steps within one internal step of an FMU
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 
@@ -75,11 +77,13 @@ def _time_variable(bench: Bench, instance: Instance) -> Iterator[Finding]:
     if not times:
         return
     point = bench.timing.count
-    while (late := _lateness(bench, instance, times[0], point)) and point < bench.timing.whole:
+    last = min(bench.timing.whole, point + _MOST_LATE)
+    while (late := _lateness(bench, instance, times[0], point)) and point < last:
         bench.run(instance, bench.held, range(point, point + 1))  # the FMU may have longer internal steps
         point += 1
     if late:
-        yield rules.TIME.finding(f"{times[0].name} is {late!r} s behind at {bench.timing.at(point)!r} s")
+        side = "behind" if late > 0.0 else "ahead"
+        yield rules.TIME.finding(f"{times[0].name} is {abs(late)!r} s {side} at {bench.timing.at(point)!r} s")
 
 
 def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> float:
@@ -116,7 +120,10 @@ def _agrees(variable: Variable, value: Value) -> bool:
     if variable.type == "Boolean":
         return bool(value) == (start.strip() in ("true", "1"))
     stated = variable.number("start")
-    return stated is None or math.isclose(float(value), stated, rel_tol=1e-12)
+    if variable.type in ("Integer", "Enumeration") and _WHOLE.fullmatch(start.strip()):
+        return value == int(start)  # as a float, a number of 64 bits loses its last digits
+    rounding = 1e-6 if variable.native == "Float32" else 1e-12
+    return stated is None or math.isclose(float(value), stated, rel_tol=rounding)
 
 
 def _finite(bench: Bench, rows: list[Values]) -> Iterator[Finding]:

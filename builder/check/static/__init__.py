@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from builder.check.rules import Finding
+from builder.check.static import version3
 from builder.check.static.archive import CONTENT_RULES, ENTRY_RULES, TERMINAL_RULES
 from builder.check.static.binaries import RULES as BINARY_RULES
 from builder.check.static.description import CAPABILITY_RULES, IDENTITY_RULES, STRUCTURE_RULES
@@ -25,3 +26,8 @@ def static_findings(subject: Subject) -> Iterator[Finding]:
         yield from rule(subject.description)
     for subject_rule in (*BINARY_RULES, *CONTENT_RULES, *TERMINAL_RULES, *EXCHANGE_ARCHIVE_RULES):
         yield from subject_rule(subject)
+    if subject.description.fmi == 3:
+        for rule in version3.RULES:
+            yield from rule(subject.description)
+        for subject_rule in version3.ARCHIVE_RULES:
+            yield from subject_rule(subject)

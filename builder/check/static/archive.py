@@ -66,7 +66,7 @@ def _dates(subject: Subject) -> Iterator[Finding]:
 
 def _stray(subject: Subject) -> Iterator[Finding]:
     """Check that there are no unknown files at the top of the archive."""
-    foreign = sorted({PurePosixPath(name).parts[0] for name in subject.members if name} - _TOP - {"/"})
+    foreign = sorted({part for name in subject.members for part in PurePosixPath(name).parts[:1]} - _TOP - {"/"})
     if XML in subject.members and foreign:
         yield rules.STRAY.finding(f"unknown: {listed(foreign)}")
 
@@ -118,8 +118,9 @@ def _documents(subject: Subject) -> Iterator[Finding]:
 
 
 def _icon(subject: Subject) -> Iterator[Finding]:
-    """Check that model.png exists and can be decoded."""
-    content = subject.members.get("model.png")
+    """Check that the icon exists and can be decoded."""
+    version_3 = subject.description is not None and subject.description.fmi == 3
+    content = subject.members.get("terminalsAndIcons/icon.png" if version_3 else "model.png")
     if content is None:
         yield rules.ICON.finding("it is missing")
     elif not content.startswith(_PNG):

@@ -8,6 +8,7 @@ from pathlib import PurePosixPath
 from builder.check.catalogue import static as rules
 from builder.check.description import Description
 from builder.check.rules import Finding, Rule, listed
+from builder.check.static import functions3
 from builder.check.subject import Binary, Subject
 
 # ---- Functions of FMI 2.0 that a co-simulation FMU exports, and those that its flags require ------------------------
@@ -32,8 +33,20 @@ CO_SIMULATION = _full_names(f"{_COMMON} {_OPTIONAL}")
 EXPORTABLE = CO_SIMULATION | _full_names(_MODEL_EXCHANGE)
 
 
+def exportable(description: Description) -> frozenset[str]:
+    """Return all functions that a binary of the FMI version may export."""
+    return functions3.EXPORTABLE if description.fmi == 3 else EXPORTABLE
+
+
+def of_co_simulation(description: Description) -> frozenset[str]:
+    """Return all functions of co-simulation of the FMI version."""
+    return functions3.CO_SIMULATION if description.fmi == 3 else CO_SIMULATION
+
+
 def required(description: Description) -> frozenset[str]:
     """Return the functions that the binary must export: those of every FMU, and those that the flags require."""
+    if description.fmi == 3:
+        return functions3.required(description)
     promised = {
         "canGetAndSetFMUstate": _STATE,
         "canSerializeFMUstate": _SERIAL,
@@ -47,8 +60,10 @@ def required(description: Description) -> frozenset[str]:
     return _full_names(" ".join([_COMMON, *words]))
 
 
-def required_by_model_exchange() -> frozenset[str]:
+def required_by_model_exchange(description: Description) -> frozenset[str]:
     """Return the functions that the binary of an FMU with ModelExchange must export."""
+    if description.fmi == 3:
+        return functions3.MODEL_EXCHANGE
     return _full_names(f"{_COMMON} {_MODEL_EXCHANGE}") - {"fmi2DoStep"}
 
 
@@ -63,7 +78,12 @@ _PLATFORMS = {
     "x86_64-windows": ("PE", {"x86_64"}), "x86-windows": ("PE", {"x86"}), "aarch64-windows": ("PE", {"aarch64"}),
     "x86_64-darwin": ("Mach-O", {"x86_64"}), "darwin32": ("Mach-O", {"x86"}),
 }  # fmt: skip
-_COMMON_PLATFORMS = ("linux64", "win64", "win32", "aarch64-linux", "darwin64", "aarch64-darwin")
+#: Names of FMI 2.0 that FMI 3.0 replaces.
+_OLD_PLATFORMS = ("win32", "win64", "linux32", "linux64", "darwin32", "darwin64")
+_COMMON_PLATFORMS = {
+    2: ("linux64", "win64", "win32", "aarch64-linux", "darwin64", "aarch64-darwin"),
+    3: ("x86_64-linux", "x86_64-windows", "x86-windows", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"),
+}
 _GLIBC = (2, 17)
 _SYSTEM_ELF = ("libc.so", "libm.so", "ld-linux")
 _SYSTEM_DLL = ("api-ms-win-", "kernel32", "user32", "advapi32", "ntdll", "ucrtbase", "ws2_32", "shell32", "ole32")
@@ -87,11 +107,12 @@ def _present(subject: Subject) -> Iterator[Finding]:
 
 def _readable(subject: Subject) -> Iterator[Finding]:
     """Check that binaries are complete and have the right format and processor."""
+    version_3 = subject.description is not None and subject.description.fmi == 3
     for binary in subject.own_binaries:
         wanted, machines = _PLATFORMS.get(binary.platform, ("", set()))
         if binary.fault:
             yield rules.BINARY_FORMAT.finding(f"{binary.name}: {binary.fault}")
-        elif not wanted:
+        elif not wanted or (version_3 and binary.platform in _OLD_PLATFORMS):
             yield rules.PLATFORM_NAME.finding(f"binaries/{binary.platform} is not a standard platform name")
         elif binary.format != wanted:
             yield rules.BINARY_FORMAT.finding(f"{binary.name} is {binary.format}, not {wanted}")
@@ -102,7 +123,8 @@ def _readable(subject: Subject) -> Iterator[Finding]:
 def _platforms(subject: Subject) -> Iterator[Finding]:
     """Check that there are binaries for all common platforms."""
     available = {binary.platform for binary in subject.own_binaries}
-    missing = [platform for platform in _COMMON_PLATFORMS if platform not in available]
+    fmi = subject.description.fmi if subject.description else 2
+    missing = [platform for platform in _COMMON_PLATFORMS[fmi] if platform not in available]
     if missing and subject.description and subject.description.co_simulation is not None:
         yield rules.PLATFORMS.finding(f"missing: {listed(missing)}")
     for binary in _sound(subject):
@@ -119,9 +141,9 @@ def _exports(subject: Subject) -> Iterator[Finding]:
         promised = required(description)
         if missing := sorted(promised - found):
             yield rules.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
-        if missing := sorted(CO_SIMULATION - promised - found):
+        if missing := sorted(of_co_simulation(description) - promised - found):
             yield rules.ALL_EXPORTS.finding(f"{binary.name} lacks {listed(missing)}")
-        if other := sorted(found - EXPORTABLE - _LINKER):
+        if other := sorted(found - exportable(description) - _LINKER):
             yield rules.OTHER_EXPORTS.finding(f"{binary.name} exports {len(other)} more: {listed(other, most=4)}")
 
 
@@ -135,7 +157,7 @@ def _model_exchange_exports(subject: Subject) -> Iterator[Finding]:
         if binary.fault or PurePosixPath(binary.name).stem != identifier:
             continue
         found = frozenset(name.removeprefix(f"{identifier}_") for name in binary.exports)
-        if missing := sorted(required_by_model_exchange() - found):
+        if missing := sorted(required_by_model_exchange(description) - found):
             yield rules.EXPORTS.finding(f"{binary.name} lacks {listed(missing)}, which ModelExchange needs")
 
 

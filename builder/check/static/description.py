@@ -14,6 +14,7 @@ from builder.check.rules import Finding, Rule, listed
 
 # ---- Identity -------------------------------------------------------------------------------------------------------
 
+_VERSION_3 = re.compile(r"3\.0(\.\d+)?(-.+)?")
 _C_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _PLAIN = re.compile(r"[A-Za-z0-9{}_-]+")
 _DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
@@ -21,9 +22,9 @@ _ABOUT = ("description", "author", "version", "license", "generationTool")
 
 
 def _version(description: Description) -> Iterator[Finding]:
-    """Check that fmiVersion is 2.0."""
+    """Check that fmiVersion is 2.0, or one of FMI 3.0."""
     stated = description.attributes.get("fmiVersion")
-    if stated != "2.0":
+    if stated != "2.0" and not (description.fmi == 3 and _VERSION_3.fullmatch(stated or "")):
         yield rules.VERSION.finding(f"it is {stated!r}")
 
 
@@ -113,11 +114,9 @@ def _indices(description: Description) -> Iterator[Finding]:
     """Check that indices refer to variables."""
     for unknown in description.unknowns:
         wrong = [i for i in (unknown.index, *(unknown.dependencies or ())) if description.variable(i) is None]
+        valid = f"between 1 and {len(description.variables)}" if description.fmi == 2 else "the reference of a variable"
         if wrong:
-            yield rules.INDEX.finding(
-                f"{unknown.section}, unknown {unknown.index!r}: {listed(wrong)} is not between 1 and "
-                f"{len(description.variables)}"
-            )
+            yield rules.INDEX.finding(f"{unknown.section}, unknown {unknown.index!r}: {listed(wrong)} is not {valid}")
 
 
 def _outputs(description: Description) -> Iterator[Finding]:
@@ -134,6 +133,8 @@ def _initial_unknowns(description: Description) -> Iterator[Finding]:
 
 
 def _is_initial_unknown(variable: Variable) -> bool:
+    if variable.type == "Clock" or "clocks" in variable.attributes:  # of FMI 3.0: they have no value at the start
+        return False
     if variable.causality == "output":
         return variable.effective_initial in ("calculated", "approx")
     return variable.causality == "calculatedParameter"
@@ -172,7 +173,9 @@ def _compare(rule: Rule, named: list[Variable], expected: dict[tuple[str, str], 
 
 
 def _order(description: Description) -> Iterator[Finding]:
-    """Check that InitialUnknowns are ordered."""
+    """Check that InitialUnknowns are ordered, which FMI 3.0 does not demand."""
+    if description.fmi == 3:
+        return
     found = [v.index for v in _named(description, "InitialUnknowns")]
     for before, after in itertools.pairwise(found):
         if after < before:
@@ -221,7 +224,7 @@ def _knowns(description: Description) -> Iterator[Finding]:
     states = {v.attributes.get("derivative") for v in description.variables}
     for unknown in description.in_section("Outputs"):
         found = [v for v in (description.variable(i) for i in unknown.dependencies or ()) if v is not None]
-        wrong = [v.name for v in found if v.causality not in ("input", "independent") and str(v.index) not in states]
+        wrong = [v.name for v in found if v.causality not in _KNOWN_CAUSALITIES and str(v.index) not in states]
         if wrong:
             yield rules.KNOWNS.finding(f"{_name(description, unknown)} lists {listed(wrong)}")
 
@@ -230,6 +233,9 @@ def _name(description: Description, unknown: Unknown) -> str:
     variable = description.variable(unknown.index)
     return variable.name if variable else unknown.index
 
+
+#: FMI 3.0 lets outputs also depend on structural parameters and on clocks, which are inputs or local.
+_KNOWN_CAUSALITIES = ("input", "independent", "structuralParameter")
 
 STRUCTURE_RULES = (_indices, _outputs, _initial_unknowns, _order, _kinds, _twice, _derivatives, _declared, _knowns)
 

@@ -103,7 +103,10 @@ def identifier(subject: Subject) -> Iterator[Finding]:
 
 def source_files(subject: Subject) -> Iterator[Finding]:
     """Check that the listed source files of ModelExchange exist."""
-    names = subject.description.exchange_source_files if subject.description else ()
+    description = subject.description
+    names = description.exchange_source_files if description else ()
+    if description and description.fmi == 3 and names == description.source_files:
+        return  # one list for both, which the rule for co-simulation covers
     missing = [name for name in names if f"sources/{name}" not in subject.members]
     if missing:
         yield rules.SOURCE_FILES.finding(f"missing in sources/: {listed(missing)}")

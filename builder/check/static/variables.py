@@ -17,6 +17,7 @@ from eightpost.errors import UnknownUnitError
 _VARIABILITIES = {
     "parameter": ("fixed", "tunable"),
     "calculatedParameter": ("fixed", "tunable"),
+    "structuralParameter": ("fixed", "tunable"),
     "input": ("discrete", "continuous"),
     "output": ("constant", "discrete", "continuous"),
     "local": ("constant", "fixed", "tunable", "discrete", "continuous"),
@@ -28,7 +29,7 @@ _BOOLEANS = ("true", "false", "0", "1")
 
 def _initials(variable: Variable) -> tuple[str, ...]:
     """Return the allowed values of `initial`."""
-    if variable.causality == "parameter" or variable.variability == "constant":
+    if variable.causality in ("parameter", "structuralParameter") or variable.variability == "constant":
         return ("exact",)
     if variable.causality == "calculatedParameter" or variable.variability in ("fixed", "tunable"):
         return _CALCULATED
@@ -36,14 +37,20 @@ def _initials(variable: Variable) -> tuple[str, ...]:
 
 
 def _names(description: Description) -> Iterator[Finding]:
-    """Check that names are unique."""
-    doubled = [name for name, count in Counter(v.name for v in description.variables).items() if count > 1]
+    """Check that names are unique, those of aliases included."""
+    names = [v.name for v in description.variables] + [name for own in description.aliases.values() for name in own]
+    doubled = [name for name, count in Counter(names).items() if count > 1]
     if doubled:
         yield rules.NAMES.finding(f"several variables are named {listed(doubled)}")
 
 
 def _aliases(description: Description) -> Iterator[Finding]:
-    """Check that variables with the same value reference are consistent."""
+    """Check that variables with the same value reference are consistent; FMI 3.0 allows only one."""
+    if description.fmi == 3:
+        counts = Counter(v.reference for v in description.variables)
+        if doubled := [v.name for v in description.variables if counts[v.reference] > 1]:
+            yield rules.ALIASES.finding(f"{listed(doubled)}: each variable needs its own; use elements Alias")
+        return
     sets: dict[tuple[str, str], list[Variable]] = defaultdict(list)
     for variable in description.variables:
         kind = "Integer" if variable.type == "Enumeration" else variable.type
@@ -72,8 +79,9 @@ def _combinations(description: Description) -> Iterator[Finding]:
 
 
 def _initial_on_inputs(description: Description) -> Iterator[Finding]:
-    """Check that inputs and time have no `initial`."""
-    wrong = [v.name for v in description.variables if v.causality in ("input", "independent") and v.initial]
+    """Check that inputs and time have no `initial`; FMI 3.0 allows it for inputs."""
+    causalities = ("input", "independent") if description.fmi == 2 else ("independent",)
+    wrong = [v.name for v in description.variables if v.causality in causalities and v.initial]
     if wrong:
         yield rules.INITIAL_INPUT.finding(f"present on {listed(wrong)}")
 
@@ -89,6 +97,8 @@ def _start_presence(description: Description) -> Iterator[Finding]:
     """Check that start values are present exactly if they are required or allowed."""
     missing, surplus = [], []
     for v in description.variables:
+        if v.type in ("Clock", "Binary"):  # clocks have no start value, that of a binary is optional
+            continue
         if v.causality == "independent" or v.effective_initial == "calculated":
             surplus += [v.name] if v.start is not None else []
         elif v.start is None and (v.causality == "input" or v.effective_initial in ("exact", "approx")):
@@ -108,16 +118,31 @@ def _values(description: Description) -> Iterator[Finding]:
 
 
 def _is_value(variable: Variable, text: str) -> bool:
+    if variable.is_array:
+        return all(_is_scalar(variable, part) for part in text.split())
+    return _is_scalar(variable, text)
+
+
+def _is_scalar(variable: Variable, text: str) -> bool:
     if variable.type == "Boolean":
         return text.strip() in _BOOLEANS
     try:
         if variable.type == "Real":
             return math.isfinite(float(text))
         if variable.type in ("Integer", "Enumeration"):
-            return -(2**31) <= int(text) < 2**31
+            low, high = _integers(variable.native)
+            return low <= int(text) < high
     except ValueError:
         return False
     return True
+
+
+def _integers(native: str) -> tuple[int, int]:
+    """Return the range of an integer type: the first value, and the first one beyond its end."""
+    if native == "Enumeration":
+        return -(2**63), 2**63
+    bits = int(native.partition("Int")[2] or 32)
+    return (0, 2**bits) if native.startswith("U") else (-(2 ** (bits - 1)), 2 ** (bits - 1))
 
 
 def _nominals(description: Description) -> Iterator[Finding]:
@@ -146,15 +171,19 @@ def _declared_types(description: Description) -> Iterator[Finding]:
         kind = description.types.get(declared)
         if kind is None:
             yield rules.DECLARED_TYPE.finding(f"{v.name} is of type {declared!r}, which is not declared")
-        elif kind[0] != v.type:
-            yield rules.DECLARED_TYPE.finding(f"{v.name} is {v.type}, but its declared type {declared!r} is {kind[0]}")
+        elif kind[0] != (v.native or v.type):
+            yield rules.DECLARED_TYPE.finding(
+                f"{v.name} is {v.native or v.type}, but its declared type {declared!r} is {kind[0]}"
+            )
 
 
 def _independent(description: Description) -> Iterator[Finding]:
-    """Check that at most one variable is independent."""
+    """Check that at most one variable is independent; in FMI 3.0, exactly one."""
     times = [v.name for v in description.variables if v.causality == "independent"]
     if len(times) > 1:
         yield rules.INDEPENDENT.finding(f"independent variables: {listed(times)}")
+    elif not times and description.fmi == 3:
+        yield rules.INDEPENDENT.finding("the time variable is missing, which FMI 3.0 needs")
 
 
 def _descriptions(description: Description) -> Iterator[Finding]:
@@ -212,8 +241,9 @@ def _unique(description: Description) -> Iterator[Finding]:
 
 
 def _given(description: Description) -> Iterator[Finding]:
-    """Check that every Real has a unit."""
-    bare = [v.name for v in description.variables if v.type == "Real" and not v.unit]
+    """Check that every Real has a unit, except the time that FMI 3.0 demands: nothing is connected to it."""
+    reals = [v for v in description.variables if v.type == "Real"]
+    bare = [v.name for v in reals if not v.unit and (description.fmi == 2 or v.causality != "independent")]
     if bare:
         yield rules.UNIT_MISSING.finding(f"without a unit: {listed(bare)}")
 

@@ -1,0 +1,153 @@
+"""Seeded defects of FMI 3.0: `check` must find each with the right rule, and name things as FMI 3.0 does.
+
+Defects of XML files and of the C code are in check_defects_version3.toml; defects of the archive are in this file.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from builder.check import check
+from builder.check.catalogue import version3
+
+
+def _beside(name: str) -> ModuleType:
+    """Import a module from the folder of this file."""
+    module_name = f"eightpost_tests_{name}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[module_name]
+
+
+defects = _beside("check_defects")
+Defect, both, edited, member, moved, without = (
+    defects.Defect, defects.both, defects.edited, defects.member, defects.moved, defects.without,
+)  # fmt: skip
+TABLES = defects.read_tables("check_defects_version3.toml")
+
+BINARY, BUILD = "binaries/x86_64-linux/lpnl2.so", "sources/buildDescription.xml"
+ICON, TERMINALS = "terminalsAndIcons/icon.png", "terminalsAndIcons/terminalsAndIcons.xml"
+
+IN_ARCHIVE = {
+    "no build description": Defect("build-description", without(BUILD), message="missing"),
+    "a platform of FMI 2.0": Defect("platform-name", moved(BINARY, "binaries/linux64/lpnl2.so")),
+    "only a platform of FMI 2.0": Defect(
+        "platforms", moved(BINARY, "binaries/linux64/lpnl2.so"), message="x86_64-linux"
+    ),
+    "a platform of another processor": Defect("binary-machine", moved(BINARY, "binaries/aarch64-linux/lpnl2.so")),
+    "values that cannot be set": Defect(
+        "exports", edited(BINARY, b"fmi3SetFloat64", b"fmi3PutFloat64"), message="lacks fmi3SetFloat64"
+    ),
+    "an adjoint derivative that is not exported": Defect(
+        "exports", edited(BINARY, b"fmi3GetAdjointDerivative", b"fmi3GetAdjointDifference"), message="Adjoint"
+    ),
+    "states that cannot be counted": Defect(
+        "exports", edited(BINARY, b"fmi3GetNumberOfContinuousStates", b"fmi3PutNumberOfContinuousStates")
+    ),
+    "clocks that cannot be read": Defect(
+        "exports-all", edited(BINARY, b"fmi3GetClock", b"fmi3PutClock"), message="lacks fmi3GetClock"
+    ),
+    "an export of no standard": Defect("exports-only", edited(BINARY, b"fmi3GetClock", b"fmi3PutClock")),
+    "a source not in the archive": Defect("source-files", without("sources/shock.c"), message="shock.c"),
+    "no list of sources": Defect("sources", without("sources/"), message="no sources"),
+    "no icon": Defect("icon", without(ICON)),
+    "an icon at the place of FMI 2.0": Defect("icon", moved(ICON, "model.png")),
+    "an icon cut off": Defect("icon-format", member(ICON, defects.cut)),
+    "a terminal of no variable": Defect("terminals-valid", edited(TERMINALS, b'"force"', b'"Force"')),
+    "a force into the shock": Defect("terminals-consistent", edited(TERMINALS, b'"outflow"', b'"inflow"')),
+    "no documentation": Defect("documentation", without("documentation/index.html")),
+    "a library that cannot be loaded": Defect("loads", member(BINARY, lambda _: b"text"), ("simulation",)),
+}
+ON_FILE = {
+    name: defects.tabled(entry, defects.in_description) for name, entry in TABLES["on_file"].items()
+} | IN_ARCHIVE
+IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
+
+#: Defects of code by the FMU that has them.
+BUNDLES: dict[str, list[str]] = {}
+for _name, _defect in IN_CODE.items():
+    BUNDLES.setdefault(_defect.bundle or _name, []).append(_name)
+
+#: Faults that are compiled into the foreign FMU by a definition.
+BY_DEFINITION = {
+    "-DANOTHER_GAIN": ("array-start", "gains"),
+    "-DSTATES=2": ("number-of-states", "returns 2, the description lists 4"),
+    "-DANOTHER_VERSION": ("version-string", "'3.1'"),
+}
+
+#: Names of FMI 2.0 that a finding about FMI 3.0 must not contain.
+OLD_NAMES = re.compile(r"fmi2|GUID|guid|FMUstate|ScalarVariable|\bReals?\b|NewDiscrete|model\.png|\bFMI 2")
+
+
+@pytest.fixture(scope="module")
+def bases(fmus3, tmp_path_factory):
+    """FMUs without defects, by name."""
+    return fmus3 | {"filter_bank": defects.foreign_fmu("filter_bank", tmp_path_factory.mktemp("foreign"))}
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """Return a change that recompiles an FMU for this machine."""
+    return defects.recompiler(tmp_path_factory)
+
+
+def findings_of(path, groups):
+    """Check an FMU; names of FMI 2.0 in the findings are a failure."""
+    found = check(path, groups=groups).findings
+    texts = [f"{f.rule.title}: {f.message} -> {f.rule.advice} ({f.rule.source})" for f in found]
+    assert [text for text in texts if OLD_NAMES.search(text)] == []
+    return found
+
+
+def assert_found(findings, defect):
+    own = [finding.message for finding in findings if finding.rule.identifier == defect.rule]
+    assert own, f"found {sorted({finding.rule.identifier for finding in findings})}"
+    assert any(re.search(defect.message, message) for message in own), own
+
+
+def test_every_rule_of_fmi_3_has_a_seeded_defect():
+    seeded = {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} | {r for r, _ in BY_DEFINITION.values()}
+    own = {rule.identifier for rule in vars(version3).values() if isinstance(rule, version3.Rule)}
+    assert own <= seeded <= defects.RULES
+    assert len(seeded - own) >= 25
+
+
+@pytest.mark.parametrize("name", ON_FILE)
+def test_a_defect_in_the_files_is_found_by_its_rule(name, bases, tmp_path):
+    defect = ON_FILE[name]
+    assert_found(findings_of(defects.defective(bases[defect.fmu], tmp_path, defect), defect.groups), defect)
+
+
+@pytest.mark.parametrize(
+    "bundle",
+    [pytest.param(b, marks=pytest.mark.nightly if IN_CODE[n[0]].is_nightly else ()) for b, n in BUNDLES.items()],
+)
+def test_defects_in_the_code_are_found_by_their_rules(bundle, bases, tmp_path, compiled):
+    first, *others = (IN_CODE[name] for name in BUNDLES[bundle])
+    path = defects.defective(bases[first.fmu], tmp_path, first, *(other.change for other in others), compiled)
+    found = findings_of(path, tuple({group for defect in (first, *others) for group in defect.groups}))
+    for defect in (first, *others):
+        assert_found(found, defect)
+
+
+@pytest.mark.parametrize("definition", BY_DEFINITION)
+def test_a_defect_of_arrays_and_versions_of_a_foreign_fmu_is_found(definition, tmp_path):
+    rule, message = BY_DEFINITION[definition]
+    found = findings_of(defects.foreign_fmu("filter_bank", tmp_path, definition), ("version_3",))
+    assert [finding.rule.identifier for finding in found] == [rule]
+    assert message in found[0].message
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "quarter_car", "filter_bank"])
+def test_an_fmu_without_a_defect_breaks_no_static_rule_of_the_standard(name, bases):
+    found = findings_of(bases[name], ("static", "tools"))
+    assert [f.message for f in found if f.rule.level.value == "error"] == []
