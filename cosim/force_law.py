@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+from cosim.components.fmu_component import FmuComponent
 from cosim.engine import force_law as engine
-from cosim.force_ports import Corners, Parameters, PortName
+from cosim.force_loop import ForceLoop
 from eightpost.errors import FmuError
 
 
-class ForceLaw:
+class ForceLaw(ForceLoop):
     """Shock FMUs whose forces an integrator asks for at its own trial points: loop C of docs/hosts.md.
 
     The force at a trial point (t, velocity, displacement) is that at the end of one step of the FMU from the last
@@ -41,7 +39,7 @@ class ForceLaw:
     are then of second order in the size of the step; with input derivatives they are as exact as the FMU.
 
     Args:
-        fmu: FMU file of a shock (FMI 2.0 co-simulation, with canGetAndSetFMUstate), or one for each corner.
+        fmu: FMU file of a shock (FMI 2.0 or 3.0 co-simulation, with canGetAndSetFMUstate), or one for each corner.
         corners: Names of the corners. With None and one file, values are floats; otherwise they are arrays (N,).
         ports: Names of the FMU's variables for `velocity`, `displacement` and `force`, where they differ; units are
             converted from the FMU's definitions. (name, -1.0) is a variable with the opposite sign, and
@@ -56,62 +54,22 @@ class ForceLaw:
         InputError: An argument cannot be used.
     """
 
-    def __init__(
-        self,
-        fmu: str | Path | Sequence[str | Path],
-        *,
-        corners: Sequence[str] | None = None,
-        ports: Mapping[str, PortName] | None = None,
-        parameters: Parameters | None = None,
-        engine: str = "auto",
-        difference: float = 1e-6,
-    ) -> None:
-        self._scalar = corners is None and isinstance(fmu, (str, Path))
-        self._corners = Corners(
-            fmu, corners=corners, ports=ports or {}, parameters=parameters or {}, engine=engine, difference=difference
-        )
-        for component in self._corners.components:
-            if not component.capabilities.state:
-                raise FmuError(_no_state(component.source))
-            if not component.capabilities.variable_step:
-                raise FmuError(_fixed_step(component.source))
-        motion = self._corners.motion
-        self._clock, self._force, self._jacobian = motion.clock, motion.force, motion.jacobian
-        self._velocity, self._displacement = motion.trial[:, 0], motion.trial[:, 1]
-
-    @property
-    def corners(self) -> tuple[str, ...]:
-        """Names of the corners, in the order of all arrays."""
-        return tuple(self._corners.names)
-
-    @property
-    def time(self) -> float:
-        """Last accepted time [s]."""
-        return float(self._clock[0])
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Warnings of all FMUs since the start, each once, with the name of the corner."""
-        return tuple(f"{c._name}: {text}" for c in self._corners.components for text in c.messages)
+    def _check(self, component: FmuComponent) -> None:
+        if not component.capabilities.state:
+            raise FmuError(_no_state(component.source))
+        if not component.capabilities.variable_step:
+            raise FmuError(_fixed_step(component.source))
 
     def start(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Start in equilibrium: the shock has moved at this velocity for a long time. A second call starts again.
-
-        Args:
-            time: Start time [s].
-            velocity: Shock velocity [m/s], positive in compression, float or (N,).
-            displacement: Shock displacement [m], float or (N,).
-
-        Returns:
-            Shock force [N], float or (N,).
+        """Start in equilibrium and return the force there [N]; see `ForceLoop.start`.
 
         Raises:
             StepError: An FMU cannot be loaded, or refuses a value or the start.
             InputError: An input is not finite.
         """
-        self._corners.start(time, velocity, displacement)
+        first = super().start(time, velocity, displacement)
         self._corners.save()
-        return self._forces()
+        return first
 
     def force(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
         """Return the force at a trial point; the accepted point remains.
@@ -158,32 +116,10 @@ class ForceLaw:
             StepError: The law has not started, or an FMU refuses the step.
         """
         self._operate(engine.DIFFERENTIATE, time, velocity, displacement)
+        jacobian = self._corners.motion.jacobian
         if self._scalar:
-            return float(self._jacobian[0, 0]), float(self._jacobian[0, 1])
-        return self._jacobian[:, 0].copy(), self._jacobian[:, 1].copy()
-
-    def close(self) -> None:
-        """End the run and unload the FMUs."""
-        self._corners.close()
-
-    def __enter__(self) -> ForceLaw:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _operate(self, operation: int, time: float, velocity: Any, displacement: Any) -> None:
-        self._clock[1] = time
-        self._velocity[:] = velocity
-        self._displacement[:] = displacement
-        reason = self._corners.operate(operation)
-        if reason:
-            raise self._corners.error(reason)
-
-    def _forces(self) -> Any:
-        return self._force.item(0) if self._scalar else self._force.copy()
+            return float(jacobian[0, 0]), float(jacobian[0, 1])
+        return jacobian[:, 0].copy(), jacobian[:, 1].copy()
 
 
 def _no_state(source: str) -> str:

@@ -40,8 +40,8 @@ def open_component(
         compile_missing: Whether to compile its sources if it has no binary for this platform.
 
     Raises:
-        FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
-            this platform.
+        FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has no
+            binary for this platform.
     """
     kind = IsolatedComponent if isolate else FmuComponent
     return kind(path, name, compile_missing=compile_missing)

@@ -35,7 +35,7 @@ class Variable:
         name: Name of the variable.
         causality: input, output, parameter, local ...
         variability: continuous, tunable, fixed ...
-        type: Real, Integer, Boolean, Enumeration or String.
+        type: Real, Integer, Boolean, Enumeration or String; Binary, which nothing sets or reads.
         unit: Unit; None if the component states none.
         start: Default value.
         minimum: Declared minimum value.

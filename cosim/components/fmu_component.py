@@ -1,4 +1,4 @@
-"""An FMI 2.0 co-simulation FMU as a component, through fmpy."""
+"""An FMU of FMI 2.0 or 3.0 for co-simulation as a component, through fmpy."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 
 from fmpy import fmi1, fmi2
 
+from cosim.components.fmi3_library import Fmi3Library
 from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
 from cosim.components.fmu_instance import FmuInstance, State
 from cosim.components.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, returned
@@ -22,6 +23,8 @@ from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
+#: Functions that FMI 3.0 has for each type.
+_BY_TYPE = ("fmi2SetInteger", "fmi2GetInteger", "fmi2SetBoolean", "fmi2GetBoolean", "fmi2SetString", "fmi2GetString")
 
 
 class FmuComponent(OpenedFmu):
@@ -39,8 +42,8 @@ class FmuComponent(OpenedFmu):
             components of this FMU.
 
     Raises:
-        FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary for
-            this platform.
+        FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has no
+            binary for this platform.
     """
 
     def __init__(
@@ -145,7 +148,10 @@ class FmuComponent(OpenedFmu):
         slave = self._running()
         self._inputs.update(zip(names, values, strict=True))
         for part in self._instance.buffers(names):
-            part.buffer[:] = [part.number(values[place]) for place in part.places]
+            try:
+                part.buffer[:] = [part.number(values[place]) for place in part.places]
+            except OverflowError as error:
+                raise self._failure("failed to set inputs", f"{error}.") from error
             setter = getattr(slave, f"fmi2Set{part.kind}")
             self._call("set inputs", setter, slave.component, part.references, len(part.buffer), part.buffer)
 
@@ -313,7 +319,7 @@ class FmuComponent(OpenedFmu):
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
-        why, to_do, terminated = returned(status, function), advice(status), False
+        why, to_do, terminated = returned(status, self._name_in_c(function), self._fmu.version), advice(status), False
         if status == DISCARD:
             to_do = "its inputs may be out of its range"
             if what.startswith("step"):
@@ -331,6 +337,12 @@ class FmuComponent(OpenedFmu):
         self._instance.failed = status >= ERROR or status < 0
         return failure
 
+    def _name_in_c(self, function: str) -> str:
+        """Return the name of the function of the FMU that a call of FMI 2.0 stands for."""
+        if function in _BY_TYPE and isinstance(self._slave.dll, Fmi3Library):
+            return self._slave.dll.called
+        return self._fmu.function_name(function)
+
     def _discarded(self) -> tuple[str, str, bool]:
         """Return how far a step came, what to do, and whether the FMU ended the simulation."""
         reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
@@ -342,5 +354,6 @@ class FmuComponent(OpenedFmu):
         until = f" It reached {reached.value:g} s." if reached.value == reached.value else ""
         if ended.value:
             to_do = "end the run before that time, or find out why it ends"
-            return f"{until} It ended the simulation (fmi2Terminated).", to_do, True
+            how = "fmi2Terminated" if self._fmu.version == 2 else "terminateSimulation"
+            return f"{until} It ended the simulation ({how}).", to_do, True
         return until, "use a smaller coupling step", False

@@ -16,7 +16,10 @@ from typing import Any
 
 import fmpy
 
-from cosim.components.component import Capabilities, UnitDefinition, Variable
+from cosim.components.component import Capabilities, Variable
+from cosim.components.fmi3_functions import fmi3_name
+from cosim.components.fmi3_variables import Fmi3Table
+from cosim.components.fmu_description import read_description, table_of, variables_of, variables_of_table
 from cosim.components.fmu_log import Messages, Place, failure_text
 from cosim.components.rebuild import compile_sources
 from eightpost.archive import extract_archive
@@ -25,14 +28,13 @@ from eightpost.validity import MEMBER, Validity
 
 # ---- FMU file unpacked into a folder, and the contents of its modelDescription.xml ----------------------------------
 
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 #: Letter for each type in "#r12#", with which a log message may name a variable (FMI 2.0.4, 2.1.5).
 _LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "String": "s"}
 
 
 @dataclass(frozen=True)
 class FmuFile:
-    """An FMI 2.0 co-simulation FMU in a folder.
+    """An FMU of FMI 2.0 or 3.0 for co-simulation in a folder.
 
     Attributes:
         path: FMU file (.fmu).
@@ -54,20 +56,49 @@ class FmuFile:
             compile_missing: Whether to compile its sources if it has no binary for this platform.
 
         Raises:
-            FmuError: The file is missing, damaged or unsafe, is not an FMI 2.0 co-simulation FMU, or has no binary
-                for this platform.
+            FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has
+                no binary for this platform.
         """
         extract_archive(path, folder)
-        fmu = cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+        fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)))
         if compile_missing and not fmu.has_binary:
-            compile_sources(fmu.path, fmu.folder, fmu.identifier, fmu.sources)
+            compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
         fmu._check_platform()
         return fmu
 
     @classmethod
     def unpacked(cls, path: str | Path, folder: str | Path) -> FmuFile:
         """Read an FMU that `unpack` left in a folder."""
-        return cls(Path(path), Path(folder), _read_description(Path(path), Path(folder)))
+        return cls(Path(path), Path(folder), read_description(Path(path), Path(folder)))
+
+    @property
+    def version(self) -> int:
+        """Major version of FMI: 2 or 3."""
+        return 3 if str(self.description.fmiVersion).startswith("3.") else 2
+
+    @property
+    def library(self) -> Path:
+        """Its library for this platform."""
+        name = f"{self.identifier}{fmpy.sharedLibraryExtension}"
+        return (self.folder / "binaries" / self._platform / name).absolute()
+
+    @cached_property
+    def table(self) -> Fmi3Table | None:
+        """Variables of an FMI 3.0 FMU with their elements; None for FMI 2.0.
+
+        Raises:
+            FmuError: The description is not correct.
+        """
+        return table_of(self.path, self.folder) if self.version == 3 else None
+
+    @property
+    def internal_step(self) -> float:
+        """Internal step that an FMI 3.0 FMU declares [s]; 0 if it declares none."""
+        return float(self.description.coSimulation.fixedInternalStepSize or 0.0)
+
+    def function_name(self, name: str) -> str:
+        """Return the FMU's name of a function: fmi3DoStep for fmi2DoStep if it is of FMI 3.0."""
+        return fmi3_name(name) if self.version == 3 else name
 
     @property
     def identifier(self) -> str:
@@ -77,11 +108,23 @@ class FmuFile:
     @property
     def sources(self) -> tuple[str, ...]:
         """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
-        builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
-        if listed := tuple(name for build in builds for files in build.sourceFileSets for name in files.sourceFiles):
+        if listed := tuple(name for files in self._source_sets for name in files.sourceFiles):
             return listed
         found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
         return ("all.c",) if "all.c" in found else found
+
+    @property
+    def build_options(self) -> tuple[str, ...]:
+        """Options for the compiler: definitions and folders of headers in its build description (FMI 3.0)."""
+        definitions = [d for files in self._source_sets for d in files.preprocessorDefinitions if not d.optional]
+        folders = [name for files in self._source_sets for name in files.includeDirectories]
+        given = [f"-D{d.name}" if d.value is None else f"-D{d.name}={d.value}" for d in definitions]
+        return (*given, *(f"-I{name}" for name in folders))
+
+    @property
+    def _source_sets(self) -> list[Any]:
+        builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
+        return [files for build in builds for files in build.sourceFileSets]
 
     @property
     def is_ours(self) -> bool:
@@ -114,12 +157,16 @@ class FmuFile:
 
     @cached_property
     def references(self) -> Mapping[str, int]:
-        """Value references by variable name."""
+        """Value references by variable name; those of FMI 3.0 are numbers of elements (`Fmi3Table`)."""
+        if self.table is not None:
+            return self.table.references
         return {v.name: v.valueReference for v in self.description.modelVariables}
 
     @cached_property
     def names_in_log(self) -> Mapping[str, str]:
-        """Variable names by the form used in log messages: "r12"; the first of several aliases."""
+        """Variable names by the form used in log messages: "r12", "12" in FMI 3.0; the first of several aliases."""
+        if self.table is not None:
+            return {str(v.reference): v.names[0] for v in self.table.variables}
         variables = reversed(self.description.modelVariables)
         return {f"{_LETTERS.get(v.type, 'r')}{v.valueReference}": v.name for v in variables}
 
@@ -127,7 +174,9 @@ class FmuFile:
     def variables(self) -> Mapping[str, Variable]:
         """All variables by name."""
         try:
-            return _variables(self.description)
+            if self.table is not None:
+                return variables_of_table(self.table, self.description)
+            return variables_of(self.description)
         except ValueError as error:
             raise FmuError(f"{self.path}: its modelDescription.xml: {error}") from error
 
@@ -135,8 +184,11 @@ class FmuFile:
     def capabilities(self) -> Capabilities:
         """Declared abilities."""
         flags = self.description.coSimulation
+        ramps = bool(flags.canInterpolateInputs)
+        if self.table is not None:
+            ramps = bool(flags.providesIntermediateUpdate) and self.table.ramps_all
         return Capabilities(
-            interpolates_inputs=bool(flags.canInterpolateInputs),
+            interpolates_inputs=ramps,
             variable_step=bool(flags.canHandleVariableCommunicationStepSize),
             state=bool(flags.canGetAndSetFMUstate),
         )
@@ -152,7 +204,12 @@ class FmuFile:
     @property
     def has_binary(self) -> bool:
         """Whether it has a folder of binaries for this platform."""
-        return fmpy.platform in self._platforms()
+        return self._platform in self._platforms()
+
+    @property
+    def _platform(self) -> str:
+        """Name of this platform's folder in binaries/."""
+        return str(fmpy.platform_tuple if self.version == 3 else fmpy.platform)
 
     def _platforms(self) -> list[str]:
         binaries = self.folder / "binaries"
@@ -167,7 +224,7 @@ class FmuFile:
             else "use an FMU with a binary for this platform, or one with sources"
         )
         has = ", ".join(self._platforms()) or "none"
-        raise FmuError(f"{self.path}: has no binary for this platform ({fmpy.platform}), only for: {has}; {advice}")
+        raise FmuError(f"{self.path}: has no binary for this platform ({self._platform}), only for: {has}; {advice}")
 
 
 class SharedFmu:
@@ -229,73 +286,6 @@ def _remove_own(folder: Path, owner: int) -> None:
     """Remove the folder, except in a process that was forked off the owner, which still needs it."""
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _read_description(path: Path, folder: Path) -> Any:
-    if not (folder / "modelDescription.xml").is_file():
-        raise FmuError(f"{path}: is not an FMU: there is no modelDescription.xml at its top")
-    try:
-        description = fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # fmpy passes on all exceptions of its XML reader
-        raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
-    if not str(description.fmiVersion).startswith("2."):
-        raise FmuError(f"{path}: is an FMI {description.fmiVersion} FMU; export it as FMI 2.0 for co-simulation")
-    if description.coSimulation is None:
-        raise FmuError(
-            f"{path}: is for model exchange only and contains no solver; export it again as FMI 2.0 for co-simulation "
-            "(tools call it CS, or co-simulation with a solver)"
-        )
-    return description
-
-
-def _variables(description: Any) -> dict[str, Variable]:
-    units = {unit.name: _unit(unit) for unit in description.unitDefinitions}
-    direct = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
-    inputs = frozenset(v.name for v in description.modelVariables if v.causality == "input")
-    return {v.name: _variable(v, units, direct, inputs) for v in description.modelVariables}
-
-
-def _variable(
-    v: Any, units: Mapping[str, UnitDefinition], direct: Mapping[str, Any], inputs: frozenset[str]
-) -> Variable:
-    declared = v.unit or (v.declaredType.unit if v.declaredType is not None else None)
-    depends = direct.get(v.name)
-    # If a model states no dependencies, FMI assumes that an output depends on everything.
-    known = inputs if depends is None else frozenset(other.name for other in depends)
-    return Variable(
-        name=v.name,
-        causality=v.causality or "local",
-        variability=v.variability or "continuous",
-        type=v.type,
-        unit=units.get(declared, UnitDefinition(declared, {"?": 1})) if declared else None,
-        start=v.start,
-        minimum=_limit(v, "min"),
-        maximum=_limit(v, "max"),
-        direct=known & inputs if v.causality == "output" else frozenset(),
-    )
-
-
-def _limit(v: Any, name: str) -> float | None:
-    """Return the attribute `min` or `max` of a variable.
-
-    Raises:
-        ValueError: The attribute is not a number.
-    """
-    text = getattr(v, name)
-    if text is None or v.type not in ("Real", "Integer"):
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{v.name}: {name}={text[:40]!r} is not a number; export the FMU again") from None
-
-
-def _unit(unit: Any) -> UnitDefinition:
-    base = unit.baseUnit
-    if base is None:
-        return UnitDefinition(unit.name, {"?": 1})
-    exponents = {name: getattr(base, name) for name in _EXPONENTS if getattr(base, name)}
-    return UnitDefinition(unit.name, exponents, base.factor, base.offset)
 
 
 # ---- Common part of components that are FMUs, in this process or another --------------------------------------------

@@ -13,6 +13,8 @@ from typing import Any
 
 from fmpy import fmi2
 
+from cosim.components.fmi2_library import Fmi2Library, MissingFunction
+from cosim.components.fmi3_library import Fmi3Library
 from cosim.components.fmu_file import FmuFile, SharedFmu
 from cosim.components.fmu_log import FmuLog
 from cosim.components.functions import FUNCTIONS, FunctionTable, address_of
@@ -28,6 +30,10 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
     "Enumeration": ("Integer", ctypes.c_int),
     "Boolean": ("Boolean", ctypes.c_int),
 }
+
+
+#: Number of integers of 32 bits that are not negative.
+_INTEGERS = 1 << 31
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +53,18 @@ class TypedBuffer:
     buffer: Any
 
     def number(self, value: float) -> float | int:
-        """Return a value converted to the type of the buffer."""
+        """Return a value converted to the type of the buffer.
+
+        Raises:
+            OverflowError: An integer does not fit into 32 bits.
+        """
         if self.kind == "Real":
             return value
-        return int(value != 0.0) if self.kind == "Boolean" else round(value)
+        if self.kind == "Boolean":
+            return int(value != 0.0)
+        if not -_INTEGERS <= round(value) < _INTEGERS:
+            raise OverflowError(f"the integer {value:.0f} does not fit into 32 bits")
+        return round(value)
 
 
 # ---- Instance of an FMU in this process -----------------------------------------------------------------------------
@@ -63,7 +77,6 @@ _NEEDED = (
     "Instantiate", "FreeInstance", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode", "DoStep",
     "GetReal", "SetReal", "Terminate",
 )  # fmt: skip
-_FMI_ERROR = 3
 
 
 @dataclass(eq=False)
@@ -110,9 +123,9 @@ class FmuInstance:
         """
         if self.dead:
             raise StepError(
-                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi2Fatal): none of its "
-                "functions may be called any more in this process; load it again, or run it in its own process: "
-                "--isolate, IsolatedComponent"
+                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi{self.fmu.version}Fatal): "
+                "none of its functions may be called any more in this process; load it again, or run it in its own "
+                "process: --isolate, IsolatedComponent"
             )
         return self._reset() or self._new()
 
@@ -235,12 +248,7 @@ class FmuInstance:
         self._check_not_held()
         place = Path.cwd()
         try:
-            self.slave = slave = FMU2Lenient(
-                guid=self.fmu.description.guid,
-                unzipDirectory=str(self.fmu.folder),
-                modelIdentifier=self.fmu.identifier,
-                instanceName=self.name,
-            )
+            self.slave = slave = FMU2Lenient(self.fmu, self.name)
             self._check_functions(slave)
             slave.instantiate(callbacks=self.log.callbacks, loggingOn=True)
         except BaseException:
@@ -254,8 +262,7 @@ class FmuInstance:
         can = self.fmu.capabilities
         needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
         needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
-        functions = [f"fmi2{name}" for name in needed]
-        if missing := [name for name in functions if isinstance(getattr(slave.dll, name), _Missing)]:
+        if missing := slave.dll.missing(needed):
             raise LookupError(f"its library has no {', '.join(missing)}")
 
     def _check_not_held(self) -> None:
@@ -268,36 +275,33 @@ class FmuInstance:
 
 
 class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
-    """Slave of fmpy for libraries that lack functions: many lack the functions that they do not support."""
+    """Slave of fmpy for libraries that lack functions, as many do, and for those of FMI 3.0.
 
-    def _loadFunctions(self) -> None:  # noqa: N802
-        self.dll: Any = _Library(self.dll, self.modelIdentifier)
-        super()._loadFunctions()
-
-
-class _Library:
-    """Library in which a missing function returns fmi2Error.
-
-    Sources for static linking prefix each name with the model's identifier (FMI 2.0.4, 2.1.1).
+    Args:
+        fmu: Unpacked FMU.
+        name: Name of the instance.
     """
 
-    def __init__(self, dll: Any, identifier: str) -> None:
-        self._dll, self._identifier = dll, identifier
+    def __init__(self, fmu: FmuFile, name: str) -> None:
+        self._fmu = fmu
+        super().__init__(
+            guid=fmu.description.guid,
+            unzipDirectory=str(fmu.folder),
+            modelIdentifier=fmu.identifier,
+            instanceName=name,
+            libraryPath=str(fmu.library),
+        )
 
-    def __getattr__(self, name: str) -> Any:
-        if not name.startswith("fmi2"):
-            return getattr(self._dll, name)
-        plain = getattr(self._dll, name, None)
-        return plain or getattr(self._dll, f"{self._identifier}_{name}", None) or _Missing()
-
-
-class _Missing:
-    """Stand-in for a function that the library lacks."""
-
-    def __call__(self, *_arguments: Any) -> int:
-        return _FMI_ERROR
+    def _loadFunctions(self) -> None:  # noqa: N802
+        fmu = self._fmu
+        self.dll: Fmi2Library | Fmi3Library = (
+            Fmi2Library(self.dll, fmu.identifier)
+            if fmu.table is None
+            else Fmi3Library(self.dll, fmu.identifier, fmu.table, slack=fmu.internal_step)
+        )
+        super()._loadFunctions()
 
 
 def _address(slave: Any, name: str) -> int:
     function = getattr(slave.dll, f"fmi2{name}")
-    return 0 if isinstance(function, _Missing) else address_of(function)
+    return 0 if isinstance(function, MissingFunction) else address_of(function)

@@ -27,7 +27,8 @@ DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
 
 #: By FMI status: OK, warning, discard, error, fatal, pending.
 LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)
-_VARIABLE = re.compile(r"#(?:#|([ribs]\d+)#)")
+#: "#r12#" in FMI 2.0, "#12#" in FMI 3.0.
+_VARIABLE = re.compile(r"#(?:#|([ribs]?\d+)#)")
 
 
 class Messages:
@@ -149,7 +150,7 @@ def _load_formatter(folder: Path) -> Any:
 
 # ---- Texts for failed FMI calls -------------------------------------------------------------------------------------
 
-_NAMES = {DISCARD: "fmi2Discard", ERROR: "fmi2Error", FATAL: "fmi2Fatal", PENDING: "fmi2Pending"}
+_NAMES = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal", PENDING: "Pending"}
 _ADVICE = {
     ERROR: "its inputs may be out of its range or the coupling step too large for it; it can be started again",
     FATAL: "it is not called again in this process; load it again for another run, and report the fault to its maker",
@@ -178,9 +179,11 @@ class Place:
     inputs: Mapping[str, float] = field(default_factory=dict)
 
 
-def returned(status: int, function: str = "it") -> str:
-    """Return a sentence that describes a status."""
-    return f"{function} returned {_NAMES.get(status, f'{status}, which is no status of FMI')}."
+def returned(status: int, function: str = "it", version: int = 2) -> str:
+    """Return a sentence that describes a status of this version of FMI."""
+    known = status in _NAMES and (version == 2 or status != PENDING)
+    what = f"fmi{version}{_NAMES[status]}" if known else f"{status}, which is no status of FMI"
+    return f"{function} returned {what}."
 
 
 def advice(status: int) -> str:

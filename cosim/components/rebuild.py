@@ -19,15 +19,16 @@ from eightpost.errors import FmuError
 from eightpost.files import sha256_of, writing
 
 #: Strict double arithmetic without fused operations; warnings of foreign sources are suppressed.
-#: The definition keeps the functions' plain names (FMI 2.0.2 and later).
-_FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared", "-DFMI2_OVERRIDE_FUNCTION_PREFIX")
+_FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared")
 _TIMEOUT = 600.0  # s
 #: Cache folder of the libraries.
 _KEPT_IN = "rebuilt"
 _CPP = {".cc", ".cpp", ".cxx"}
 
 
-def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[str]) -> None:
+def compile_sources(
+    path: Path, target: Path, files: Sequence[str], options: Sequence[str] = (), *, version: int = 2
+) -> None:
     """Compile an FMU's sources into the library for this platform, or read the library from the cache.
 
     The cache is the folder `rebuilt` in EIGHTPOST_CACHE, or in the user's cache folder; its key is the digest of the
@@ -35,23 +36,24 @@ def compile_sources(path: Path, folder: Path, identifier: str, files: Sequence[s
 
     Args:
         path: FMU file (.fmu).
-        folder: Folder in which it is unpacked; the library is written to its binaries/.
-        identifier: Name of the library.
+        target: Library to write, in its folder of binaries for this platform.
         files: Source files, relative to sources/.
+        options: Options that its build description demands.
+        version: Major version of FMI.
 
     Raises:
         FmuError: A listed source is missing, there is no compiler, or the compilation fails.
     """
-    if missing := [name for name in files if not (folder / "sources" / name).is_file()]:
+    sources = target.parents[2] / "sources"
+    if missing := [name for name in files if not (sources / name).is_file()]:
         raise FmuError(f"{path}: lists the source {missing[0]!r}, which is not in its sources/; use a complete FMU")
     if not files:
         return  # the caller reports that there is neither a binary nor a source
-    command = [*find_compiler(), *_options(files)]
+    command = [*find_compiler(), *_options(files, version), *options]
     key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
     if (library := recall(_KEPT_IN, key)) is None:
-        library = _compile(path, folder / "sources", [*command, *files])
+        library = _compile(path, sources, [*command, *files])
         keep(_KEPT_IN, key, library)
-    target = folder / "binaries" / fmpy.platform / f"{identifier}{fmpy.sharedLibraryExtension}"
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(library)
@@ -71,11 +73,13 @@ def find_compiler() -> list[str]:
     raise FmuError("no C compiler was found to compile the FMU's sources; install one: pip install 'eightpost[build]'")
 
 
-def _options(files: Sequence[str]) -> list[str]:
+def _options(files: Sequence[str], version: int) -> list[str]:
     headers = Path(fmpy.__file__).with_name("c-code")
     position = [] if os.name == "nt" else ["-fPIC"]
     # The FMU's own headers come first, because it may contain modified ones.
-    return [*_FLAGS, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
+    # The definition keeps the functions' plain names (FMI 2.0.2 and later).
+    plain = f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX"
+    return [*_FLAGS, plain, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
 
 
 def _has_cpp(files: Sequence[str]) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Integers = NDArray[np.int64]
 
 _POINTER, _SIZE, _REAL, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
+_BOOL = ctypes.c_bool
 
 #: fmi2SetReal, fmi2GetReal; fmi2SetRealInputDerivatives; fmi2DoStep; fmi2GetFMUstate; fmi2SetFMUstate.
 EXCHANGE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER)
@@ -21,6 +22,10 @@ SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
 SAVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 RESTORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
+#: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3IntermediateUpdateCallback.
+EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
+TAKE_STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _BOOL, *[_POINTER] * 4)
+UPDATE = ctypes.CFUNCTYPE(None, _POINTER, _REAL, *[_BOOL] * 4, _POINTER, _POINTER)
 
 
 @lru_cache(maxsize=4096)
@@ -58,7 +63,55 @@ def restore_state(address: int, instance: int, states: Integers, index: int) -> 
     return status
 
 
+def exchange_sized(address: int, instance: int, references: int, count: int, values: int, size: int) -> int:
+    """Set or get `count` variables of FMI 3.0 with `size` values in total; references and values are addresses."""
+    function = _function(EXCHANGE_SIZED, int(address))
+    status: int = function(int(instance), int(references), int(count), int(values), int(size))
+    return status
+
+
+def take_step(address: int, instance: int, time: float, step: float, final: int, flags: int, reached: int) -> int:
+    """Step an instance of FMI 3.0; `flags` and `reached` are addresses of three bytes and of the time reached."""
+    f, function = int(flags), _function(TAKE_STEP, int(address))
+    status: int = function(int(instance), time, step, bool(final), f, f + 1, f + 2, int(reached))
+    return status
+
+
+def call_state(address: int, instance: int, pointer: int) -> int:
+    """Call a function for states with a pointer."""
+    status: int = _function(RESTORE, int(address))(int(instance), int(pointer))
+    return status
+
+
+def reference_at(address: int, index: int) -> int:
+    """Return the value reference of this index in the array at the address."""
+    return ctypes.c_uint32.from_address(address + 4 * index).value
+
+
+def order_at(address: int, index: int) -> int:
+    """Return the order of a derivative of this index in the array at the address."""
+    return ctypes.c_int32.from_address(address + 4 * index).value
+
+
+def real_at(address: int, index: int) -> float:
+    """Return the real number of this index in the array at the address."""
+    return ctypes.c_double.from_address(address + 8 * index).value
+
+
+def put_real(address: int, index: int, value: float) -> None:
+    """Write a real number to this index in the array at the address."""
+    ctypes.c_double.from_address(int(address + 8 * index)).value = value
+
+
+def put_byte(address: int, value: int) -> None:
+    """Write a byte to the address."""
+    ctypes.c_uint8.from_address(address).value = value
+
+
 # ---- Blocks ---------------------------------------------------------------------------------------------------------
+
+#: Numbers of integers and of real numbers that C functions of a block pass on, and the status of a failed call.
+INTEGERS, REALS, FAILED = 6, 2, 3
 
 #: Number of words in the table for each field: an address or a number, and the shape of an array.
 WORDS = 3

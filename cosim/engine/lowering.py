@@ -25,7 +25,7 @@ from numba.np import arrayobj
 from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
-from cosim.engine.blocks import WORDS, Kind, described
+from cosim.engine.blocks import FAILED, INTEGERS, REALS, WORDS, Kind, described
 from cosim.engine.compiled import SHARED
 from cosim.engine.machine_code import Request, optimised
 
@@ -103,7 +103,7 @@ def _array(context: Any, builder: Any, kind: Any, load: Any) -> Any:
 # ---- Calls of FMI functions -----------------------------------------------------------------------------------------
 
 _WORD, _POINTER, _REAL, _INT = ir.IntType(64), ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
-_LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT}
+_LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT, "byte": ir.IntType(8)}
 
 
 def _call(kinds: tuple[str, ...]) -> Any:
@@ -129,6 +129,8 @@ def _signature(kinds: tuple[str, ...]) -> Any:
 
 _EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer", "size", "pointer", "pointer")
 _STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
+_EXCHANGE_SIZED = ("pointer", "pointer", "size", "pointer", "size")
+_TAKE_STEP = ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer")
 
 
 @intrinsic
@@ -191,22 +193,183 @@ def _restore_state(address, instance, states, index):  # type: ignore[no-untyped
     return implementation
 
 
+@intrinsic
+def _call_exchange_sized(_context, address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
+    return _signature(_EXCHANGE_SIZED), _call(_EXCHANGE_SIZED)
+
+
+@intrinsic
+def _call_take_step(_context, address, instance, time, step, final, event, end, early, reached):  # type: ignore[no-untyped-def]
+    return _signature(_TAKE_STEP), _call(_TAKE_STEP)
+
+
+@overload(blocks.exchange_sized)
+def _exchange_sized(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
+        return _call_exchange_sized(address, instance, references, count, values, size)
+
+    return implementation
+
+
+@overload(blocks.take_step)
+def _take_step(address, instance, time, step, final, flags, reached):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, time, step, final, flags, reached):  # type: ignore[no-untyped-def]
+        return _call_take_step(address, instance, time, step, final, flags, flags + 1, flags + 2, reached)
+
+    return implementation
+
+
+@overload(blocks.call_state)
+def _call_any_state(address, instance, pointer):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, pointer):  # type: ignore[no-untyped-def]
+        return _call_state(address, instance, pointer)
+
+    return implementation
+
+
+# ---- Numbers at addresses -------------------------------------------------------------------------------------------
+
+
+def _load(kind: Any) -> Any:
+    """Return a code generator that reads a number of this type from an array at an address."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = builder.inttoptr(arguments[0], context.get_data_type(kind).as_pointer())
+        value = builder.load(builder.gep(array, [arguments[1]]))
+        return context.cast(builder, value, kind, signature.return_type)
+
+    return codegen
+
+
+def _store(kind: Any) -> Any:
+    """Return a code generator that writes a number of this type to an array at an address."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = builder.inttoptr(arguments[0], context.get_data_type(kind).as_pointer())
+        value = context.cast(builder, arguments[2], signature.args[2], kind)
+        builder.store(value, builder.gep(array, [arguments[1]]))
+        return context.get_dummy_value()
+
+    return codegen
+
+
+@intrinsic
+def _load_reference(_context, address, index):  # type: ignore[no-untyped-def]
+    return types.int64(types.int64, types.int64), _load(types.uint32)
+
+
+@intrinsic
+def _load_order(_context, address, index):  # type: ignore[no-untyped-def]
+    return types.int64(types.int64, types.int64), _load(types.int32)
+
+
+@intrinsic
+def _load_real(_context, address, index):  # type: ignore[no-untyped-def]
+    return types.float64(types.int64, types.int64), _load(types.float64)
+
+
+@intrinsic
+def _store_real(_context, address, index, value):  # type: ignore[no-untyped-def]
+    return types.none(types.int64, types.int64, types.float64), _store(types.float64)
+
+
+@intrinsic
+def _store_byte(_context, address, index, value):  # type: ignore[no-untyped-def]
+    return types.none(types.int64, types.int64, types.int64), _store(types.uint8)
+
+
+@overload(blocks.reference_at)
+def _reference_at(address, index):  # type: ignore[no-untyped-def]
+    def implementation(address, index):  # type: ignore[no-untyped-def]
+        return _load_reference(address, index)
+
+    return implementation
+
+
+@overload(blocks.order_at)
+def _order_at(address, index):  # type: ignore[no-untyped-def]
+    def implementation(address, index):  # type: ignore[no-untyped-def]
+        return _load_order(address, index)
+
+    return implementation
+
+
+@overload(blocks.real_at)
+def _real_at(address, index):  # type: ignore[no-untyped-def]
+    def implementation(address, index):  # type: ignore[no-untyped-def]
+        return _load_real(address, index)
+
+    return implementation
+
+
+@overload(blocks.put_real)
+def _put_real(address, index, value):  # type: ignore[no-untyped-def]
+    def implementation(address, index, value):  # type: ignore[no-untyped-def]
+        return _store_real(address, index, value)
+
+    return implementation
+
+
+@overload(blocks.put_byte)
+def _put_byte(address, value):  # type: ignore[no-untyped-def]
+    def implementation(address, value):  # type: ignore[no-untyped-def]
+        return _store_byte(address, 0, value)
+
+    return implementation
+
+
 # ---- The program ----------------------------------------------------------------------------------------------------
 
 
 def main() -> None:
     """Process one request."""
     request: Request = pickle.load(sys.stdin.buffer)
-    sys.stdout.buffer.write(optimised(*_lowered(request)))
+    code, name = _lowered(request)
+    entries = enumerate((request.entries or {}).items())
+    sys.stdout.buffer.write(
+        optimised(code, name, {entry: _entry(k, entry, kinds, name) for k, (entry, kinds) in entries})
+    )
 
 
 def _lowered(request: Request) -> tuple[str, str]:
     """Return the intermediate code of a function with all functions that it calls, and its name in the code."""
     _register(SHARED, request.instead)
-    signature = (*map(_block_type, request.kinds), *[numba.int64] * request.numbers)
+    signature = (*map(_block_type, request.kinds), *[numba.int64] * request.numbers, *[numba.float64] * request.reals)
     machine: Any = numba.njit(nogil=True, _nrt=False)(request.function)
     machine.compile(signature)
     return machine.inspect_llvm(signature), machine.overloads[signature].fndesc.llvm_func_name
+
+
+def _entry(number: int, name: str, kinds: Sequence[str], function: str) -> str:
+    """Return the code of a C function that passes its number and its arguments to a function of a block.
+
+    The first argument is the address of the block. Integers and real numbers are passed in two groups, each filled up
+    with zeros to `INTEGERS` and `REALS`. The result of numba's functions is at their first argument.
+    """
+    module = ir.Module()
+    pointer = _WORD.as_pointer()
+    inner = ir.FunctionType(_INT, [pointer, pointer, *[_WORD] * (2 + INTEGERS), *[_REAL] * REALS])
+    called = ir.Function(module, inner, function)
+    entry = ir.Function(module, ir.FunctionType(_INT, [_LLVM[kind] for kind in kinds]), name)
+    builder = ir.IRBuilder(entry.append_basic_block())
+    block, *rest = entry.args
+    integers = [_as_word(builder, kind, a) for kind, a in zip(kinds[1:], rest, strict=True) if kind != "real"]
+    reals = [a for kind, a in zip(kinds[1:], rest, strict=True) if kind == "real"]
+    integers += [_WORD(0)] * (INTEGERS - len(integers))
+    reals += [_REAL(0.0)] * (REALS - len(reals))
+    result, fault = builder.alloca(_WORD), builder.alloca(_WORD)
+    failed = builder.call(called, [result, fault, builder.ptrtoint(block, _WORD), _WORD(number), *integers, *reals])
+    status = builder.trunc(builder.load(result), _INT)
+    builder.ret(builder.select(builder.icmp_unsigned("==", failed, _INT(0)), status, _INT(FAILED)))
+    return str(module)
+
+
+def _as_word(builder: Any, kind: str, value: Any) -> Any:
+    if kind == "pointer":
+        return builder.ptrtoint(value, _WORD)
+    if kind == "size":
+        return value
+    return builder.sext(value, _WORD) if kind == "int" else builder.zext(value, _WORD)
 
 
 def _register(functions: Sequence[Callable[..., Any]], instead: dict[str, Callable[..., int]]) -> None:

@@ -7,7 +7,7 @@ import hashlib
 import os
 import pickle
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
-from cosim.engine.blocks import Kind, described
+from cosim.engine.blocks import INTEGERS, REALS, Kind, described
 from eightpost.cache import keep, recall
 from eightpost.workers.process import python_command, run
 
@@ -28,17 +28,20 @@ _ENTRY = "cosim_engine_entry"
 _LOADED: list[Any] = []
 
 
-def optimised(code: str, name: str) -> bytes:
+def optimised(code: str, name: str, entries: Mapping[str, str] | None = None) -> bytes:
     """Optimise intermediate code as a whole, and return an object file.
 
     Args:
         code: LLVM's intermediate code.
         name: Name of the entry function in the code.
+        entries: Code of C functions that call the entry function, by name; None adds no functions.
     """
     module, machine = llvm.parse_assembly(code), _machine()
     for function in module.functions:
         if function.name != name and not function.is_declaration:
             function.linkage = "internal"
+    for added in (entries or {}).values():
+        module.link_in(llvm.parse_assembly(added))
     module.get_function(name).name = _ENTRY
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization = options.slp_vectorization = True
@@ -50,12 +53,16 @@ def optimised(code: str, name: str) -> bytes:
 
 def loaded(content: bytes) -> int:
     """Load an object file of `optimised`; return the function's address."""
+    return loaded_entries(content, (_ENTRY,))[0]
+
+
+def loaded_entries(content: bytes, names: Sequence[str]) -> list[int]:
+    """Load an object file of `optimised`; return the addresses of the functions of these names."""
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
     _LOADED.append(engine)
-    address: int = engine.get_function_address(_ENTRY)
-    return address
+    return [engine.get_function_address(name) for name in names]
 
 
 @cache
@@ -90,12 +97,17 @@ class Request(NamedTuple):
         kinds: Kinds of its first arguments, which are blocks.
         numbers: Number of integer arguments that follow.
         instead: Replacements of called functions, by name.
+        reals: Number of real arguments after these.
+        entries: Kinds of the arguments of C functions that call the function with their number, by name; None adds
+            no functions.
     """
 
     function: Callable[..., int]
     kinds: tuple[Kind, ...]
     numbers: int
     instead: dict[str, Callable[..., int]]
+    reals: int = 0
+    entries: Mapping[str, tuple[str, ...]] | None = None
 
 
 def object_file(request: Request) -> bytes:
@@ -123,6 +135,7 @@ def object_file(request: Request) -> bytes:
 _FOLDER, _KEPT = "loop", 40
 
 _FUNCTIONS: dict[str, Callable[..., int]] = {}
+_ADDRESSES: dict[str, dict[str, int]] = {}
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -149,6 +162,29 @@ def machine_code(
                 keep(_FOLDER, key, content, most=_KEPT)
             _FUNCTIONS[key] = _callable(loaded(content), count)
     return _FUNCTIONS[key]
+
+
+def c_functions(function: Callable[..., int], kind: Kind, entries: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
+    """Return the addresses of C functions that call a function of a block, by name.
+
+    Args:
+        function: Function of a block, the number of the C function, `INTEGERS` integers and `REALS` real numbers.
+        kind: Kind of the block.
+        entries: Kinds of the arguments of each C function, by name: "pointer", "size", "int", "byte", "real". The first
+            one is the address of the block.
+
+    Raises:
+        RuntimeError: The functions could not be compiled.
+    """
+    key = _key(function.__name__, described(kind), str(entries))
+    with _ONE_AT_A_TIME:
+        if key not in _ADDRESSES:
+            content = recall(_FOLDER, key)
+            if content is None:
+                content = object_file(Request(function, (kind,), 1 + INTEGERS, {}, REALS, entries))
+                keep(_FOLDER, key, content, most=_KEPT)
+            _ADDRESSES[key] = dict(zip(entries, loaded_entries(content, tuple(entries)), strict=True))
+    return _ADDRESSES[key]
 
 
 def _callable(address: int, count: int) -> Callable[..., int]:

@@ -323,8 +323,8 @@ class Outcome:
         if name := ending.ended_by:
             source, stop = self.setup.system.components[name].source, self.setup.scenario.stop
             yield (
-                f"component {name!r} ({source}) ended the simulation at {ending.time:g} s of {stop:g} s "
-                "(fmi2Terminated): the result ends there"
+                f"component {name!r} ({source}) ended the simulation at {ending.time:g} s of {stop:g} s: "
+                "the result ends there"
             )
         if ending.why == STOPPED:
             yield "the run was interrupted: the result contains what was computed until then"

@@ -28,7 +28,7 @@ _NAMESPACES = {
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
 }
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-#: Types of SSP 2.0 that FMI 2.0 has under other names.
+#: Types of SSP 2.0 and FMI 3.0 that components have under other names.
 _TYPES = {"Float64": "Real", "Float32": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
@@ -136,7 +136,7 @@ def local_name(element: ET.Element) -> str:
 
 
 def type_of(element: ET.Element) -> str:
-    """Return the type of an element by its name in FMI 2.0."""
+    """Return the type of an element by its name for components."""
     return _TYPES.get(local_name(element), local_name(element))
 
 

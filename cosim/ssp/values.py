@@ -153,10 +153,11 @@ def _item(name: str, network: Network, target: Port, assignment: Assignment) -> 
 def _items(element: FmuElement, target: Port) -> dict[str, int]:
     """Return the items of an FMU's enumeration, from its model description."""
     root = ET.fromstring(read_inside(element.path, "modelDescription.xml", element.where))
-    types = {t.get("name"): t for t in root.iter("SimpleType")}
-    for variable in root.iter("ScalarVariable"):
-        kind = variable.find("Enumeration")
-        if variable.get("name") == target.name and kind is not None:
+    types = {t.get("name"): t for t in (*root.iter("SimpleType"), *root.iter("EnumerationType"))}
+    name = target.name.partition("[")[0]  # of an array in FMI 3.0
+    for variable in root.iterfind("ModelVariables/*"):
+        kind = variable if variable.tag == "Enumeration" else variable.find("Enumeration")
+        if variable.get("name") in (target.name, name) and kind is not None:
             declared = types.get(kind.get("declaredType"))
             found = () if declared is None else declared.iter("Item")
             return {item.get("name", ""): int(item.get("value", "0")) for item in found}

@@ -331,7 +331,7 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
 def can_be_set(variable: Variable) -> bool:
     """Return whether a variable can be set before a run and keeps its value: a parameter, or an initial value.
 
-    In FMI 2.0 exactly the variables that can be set before initialization have a start value (2.2.7, `initial`).
+    In FMI exactly the variables that can be set before initialization have a start value (FMI 2.0.4, 2.2.7, `initial`).
     Real inputs are excluded here, because they are connected, driven or constant.
     """
     if variable.causality == "input":
@@ -345,6 +345,7 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
     "Boolean": (bool,),
     "String": (str,),
     "Enumeration": (int,),
+    "Binary": (),
 }
 
 

@@ -17,6 +17,8 @@ from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.signals import Drivefile
 
+from . import lag_fmus
+
 SOURCE = Path(__file__).with_name("foreign_fmu.c")
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
@@ -100,6 +102,26 @@ def foreign_library(tmp_path_factory):
 def sparse_library(tmp_path_factory):
     """Return the library compiled without the optional functions."""
     return compiled(tmp_path_factory.mktemp("sparse") / "sparse.so", "-DSPARSE")
+
+
+@pytest.fixture(scope="session")
+def build(foreign_compiler, tmp_path_factory):
+    """Return a function that compiles the C file with definitions, each set of them once."""
+    libraries = {}
+
+    def library(*definitions):
+        if definitions not in libraries:
+            target = tmp_path_factory.mktemp("lag") / "lag.so"
+            libraries[definitions] = foreign_compiler(target, *definitions, source=lag_fmus.SOURCE)
+        return libraries[definitions]
+
+    return library
+
+
+@pytest.fixture(scope="session")
+def three(build, tmp_path_factory):
+    """Return the FMI 3.0 FMU."""
+    return lag_fmus.write_three(tmp_path_factory.mktemp("three") / "lag3.fmu", build())
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def test_an_fmu_that_ends_the_simulation_ends_the_run_as_the_stop_time_would(odd
     assert (result.ended_by, result.ended_at, result.partial) == ("odd", pytest.approx(0.5), False)
     assert result.acceptable and result.series.time[-1] == pytest.approx(0.5)
     assert result.notes[0] == (
-        "component 'odd' (foreign.fmu) ended the simulation at 0.5 s of 1 s (fmi2Terminated): the result ends there"
+        "component 'odd' (foreign.fmu) ended the simulation at 0.5 s of 1 s: the result ends there"
     )
     whole = run(*pair(odd, "polite", stop=0.5), step=1e-3, engine=engine)
     assert (whole.ended_by, whole.ended_at) == ("", None)

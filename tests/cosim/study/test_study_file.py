@@ -128,7 +128,7 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
         ('lr = ["B"]', "lr = []", "lr has no shock"),
         ('"numbers"', '"nombers"', "line 4: there is no family of measures 'nombers'"),
         ('"share"', '"sharp"', "line 31: .*no statistic 'sharp'"),
-        ('"-2 in/s"', '"-2 inch per s"', "unknown unit"),
+        ('"-2 in/s"', '"-2 blorps"', "unknown unit"),
         (
             'measure = "grip number"',
             'measure = "grip numbr"',
