@@ -25,12 +25,35 @@ _SPELLINGS = {
     "g": "g_0", "g's": "g_0", "gs": "g_0", "c": "degC", "degc": "degC", "°c": "degC", "f": "degF", "degf": "degF",
     "°f": "degF", "°": "deg", "-": "1", "": "1", "newton": "N", "newtons": "N",
     "click": "1", "clicks": "1",
+    "deg c": "degC", "deg. c": "degC", "degrees c": "degC", "celsius": "degC", "ºc": "degC", "℃": "degC",
+    "deg f": "degF", "deg. f": "degF", "degrees f": "degF", "fahrenheit": "degF", "ºf": "degF", "℉": "degF",
+    "kelvin": "K", "kgs": "kgf", "kp": "kgf", "hh:mm:ss": "s", "mm:ss": "s", "min:sec": "s",
 }  # fmt: skip
+
+#: Words of units in lower case; `MM/SEC` and `Inches per second` are read word by word.
+_WORDS = {
+    "inches": "in", "inch": "in", "ins": "in", "feet": "ft", "foot": "ft", "millimeter": "mm", "millimeters": "mm",
+    "millimetre": "mm", "millimetres": "mm", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "mm": "mm",
+    "centimeter": "cm", "centimeters": "cm", "cm": "cm", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
+    "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms", "newton": "N", "newtons": "N", "kn": "kN",
+    "kilonewton": "kN", "kilonewtons": "kN", "lbf": "lbf", "lbsf": "lbf", "pound": "lbf", "pounds": "lbf",
+    "kgf": "kgf", "kilogramforce": "kgf", "ips": "in/s", "in": "in", "psi": "psi", "bar": "bar", "degc": "degC",
+    "degf": "degF", "volt": "V", "volts": "V", "hertz": "Hz", "ft": "ft", "mps": "m/s",
+}  # fmt: skip
+
+
+def _spelled(text: str) -> str:
+    """Return a unit in usual spelling: `Inches/Sec` -> `in/s`; other units unchanged."""
+    words = re.sub(r"\s+per\s+", "/", text, flags=re.IGNORECASE)
+    words = re.sub(r"(?<=[A-Z]/)S$", "s", words)  # MM/S: no quantity of this project is per siemens
+    return re.sub(r"[A-Za-z]+", lambda found: _WORDS.get(found[0].lower(), found[0]), words)
 
 
 def _expression(unit: str) -> str:
     """Return a unit symbol in pint's notation: `N.m` -> `N*m`, `m/s2` -> `m/s**2`; empty for a dimensionless unit."""
     text = unit.strip()
+    text = _SPELLINGS.get(text.lower(), text) if " " in text else text
+    text = text if text in _SPELLINGS.values() else _spelled(text)
     text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
     # Upper and lower case differ: Nm is a torque, nm a length.
     text = {"C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm"}.get(text, text)

@@ -53,6 +53,7 @@ _TEXT, _BINARY = mutations.TEXT, mutations.BINARY
 _JSON = (*(documents.change_json,) * 16, *_TEXT)
 _TOML = (*(documents.change_toml,) * 16, *_TEXT)
 _FMU = _in_archive("modelDescription.xml")
+_FMU_3 = _in_archive("modelDescription.xml", "buildDescription.xml", "terminalsAndIcons.xml")
 
 
 # The readers import their modules when they are called, so that a campaign over one reader does not load the others.
@@ -295,6 +296,7 @@ def _fmus() -> Iterator[Reader]:
     yield Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0)
     yield Reader("FMU, bomb", "plain.fmu", _fmu, (archives.bomb,), 0.02)
     yield Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU)
+    yield Reader("FMU of FMI 3.0, checked", "arrays.fmu", _check, _FMU_3)
     yield Reader("FMU, checked, bomb", "plain.fmu", _check, (archives.bomb,), 0.02)
     yield Reader("FMU, binary checked", "fmus/shock.fmu", _check, (_binaries,), 0.5)
     yield Reader("FMU, assembled", "fmus/shock.fmu", _parts, _FMU, 0.5)

@@ -148,7 +148,45 @@ def _fmus(folder: Path) -> None:
         "modelDescription.xml": description, "binaries/linux64/shock.so": b"\x7fELF" + bytes(200),
         "extra/org.example/a.txt": b"a",
     }))  # fmt: skip
+    (folder / "arrays.fmu").write_bytes(archives.packed({
+        "modelDescription.xml": _ARRAYS.encode(), "binaries/x86_64-linux/arrays.so": b"\x7fELF" + bytes(200),
+        "sources/buildDescription.xml": _BUILD.encode(), "sources/arrays.c": b"",
+        "terminalsAndIcons/terminalsAndIcons.xml": _TERMINALS.encode(),
+    }))  # fmt: skip
 
+
+#: An FMU of FMI 3.0 with arrays, clocks and states.
+_ARRAYS = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Arrays" instantiationToken="{0}">
+<ModelExchange modelIdentifier="arrays" canGetAndSetFMUState="true"/>
+<CoSimulation modelIdentifier="arrays" hasEventMode="true" providesIntermediateUpdate="true"/>
+<UnitDefinitions><Unit name="m"><BaseUnit m="1"/><DisplayUnit name="mm" factor="1000"/></Unit></UnitDefinitions>
+<TypeDefinitions><EnumerationType name="Mode"><Item name="on" value="1"/></EnumerationType></TypeDefinitions>
+<DefaultExperiment startTime="0" stopTime="1" stepSize="0.01"/>
+<ModelVariables>
+<Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+<UInt64 name="n" valueReference="1" causality="structuralParameter" variability="fixed" start="2"/>
+<Float64 name="k" valueReference="2" causality="parameter" variability="tunable" start="1 2">
+<Dimension valueReference="1"/></Float64>
+<Enumeration name="mode" valueReference="3" causality="parameter" variability="fixed" declaredType="Mode" start="1"/>
+<Float64 name="u" valueReference="4" causality="input" unit="m" start="0" intermediateUpdate="true">
+<Alias name="w" displayUnit="mm"/></Float64>
+<Clock name="c" valueReference="5" causality="input" intervalVariability="constant" intervalDecimal="0.1"/>
+<Int32 name="i" valueReference="6" causality="output" clocks="5" previous="7"/>
+<Int32 name="j" valueReference="7" causality="local" clocks="5"/>
+<String name="s" valueReference="8" causality="parameter" variability="fixed"><Start value="a"/></String>
+<Float64 name="x" valueReference="9" causality="output" initial="exact" start="0 0"><Dimension start="2"/></Float64>
+<Float64 name="v" valueReference="10" derivative="9"><Dimension start="2"/></Float64>
+</ModelVariables>
+<ModelStructure><Output valueReference="6"/><Output valueReference="9" dependencies="9" dependenciesKind="constant"/>
+<ContinuousStateDerivative valueReference="10" dependencies="4"/><ClockedState valueReference="6"/>
+<InitialUnknown valueReference="10"/></ModelStructure></fmiModelDescription>"""
+_BUILD = """<?xml version="1.0" encoding="UTF-8"?><fmiBuildDescription fmiVersion="3.0">
+<BuildConfiguration modelIdentifier="arrays"><SourceFileSet language="C99"><SourceFile name="arrays.c"/></SourceFileSet>
+</BuildConfiguration></fmiBuildDescription>"""
+_TERMINALS = """<?xml version="1.0" encoding="UTF-8"?><fmiTerminalsAndIcons fmiVersion="3.0"><Terminals>
+<Terminal name="port" matchingRule="plug"><TerminalMemberVariable variableName="u" variableKind="signal"/></Terminal>
+</Terminals></fmiTerminalsAndIcons>"""
 
 _NAMESPACES = "".join(
     f' xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'

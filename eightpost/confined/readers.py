@@ -1,8 +1,9 @@
-"""Functions that read MATLAB files (scipy) and MDF files (asammdf) in the child: some damaged files crash both."""
+"""Functions that read files of other programs in the child process: some damaged files crash the libraries."""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,15 +22,20 @@ def load_matlab(path: Path, simplify: bool) -> dict[str, Any]:
         simplify: Whether to convert structs to dicts and to drop dimensions of length one.
 
     Raises:
-        FileFormatError: The file is of version 7.3 (HDF5).
+        FileFormatError: The file is of version 7.3 (HDF5), and h5py is not installed.
     """
     import scipy.io  # noqa: PLC0415 -- not needed for MDF files
 
     try:
         content = scipy.io.loadmat(path, simplify_cells=simplify)
     except NotImplementedError as error:
-        what = "MATLAB 7.3 (HDF5) files are not supported; save it again with `save(..., '-v7')`"
-        raise FileFormatError(what, path=path) from error
+        if importlib.util.find_spec("h5py") is None:
+            what = (
+                "reading MATLAB 7.3 (HDF5) files needs h5py, which is not installed: pip install 'eightpost[mat73]'; "
+                "or save the file again with `save(..., '-v7')`"
+            )
+            raise FileFormatError(what, path=path) from error
+        return _load_hdf5(path)
     return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
@@ -57,3 +63,89 @@ def _numeric(mdf: Any) -> Iterator[Signal]:
         if signal.samples.dtype.kind in "iuf" and signal.samples.ndim == 1:
             samples, times = (np.asarray(values, dtype=np.float64) for values in (signal.samples, signal.timestamps))
             yield Signal(str(signal.name), str(signal.unit).strip(), samples, times)
+
+
+# ---- MATLAB 7.3 -----------------------------------------------------------------------------------------------------
+
+
+def _load_hdf5(path: Path) -> dict[str, Any]:
+    """Return the variables of a MATLAB 7.3 file by name: numbers, texts and structs of them."""
+    h5py = importlib.import_module("h5py")  # an optional dependency
+    with h5py.File(path, "r") as file:
+        return {name: value for name, item in file.items() if name[0] != "#" and (value := _hdf5(item)) is not None}
+
+
+def _hdf5(item: Any) -> Any:
+    """Return an object of an HDF5 file as scipy would; None for other types. MATLAB stores matrices transposed."""
+    if hasattr(item, "items"):
+        return {name: value for name, child in item.items() if (value := _hdf5(child)) is not None}
+    kind = item.attrs.get("MATLAB_class", b"")
+    if item.attrs.get("MATLAB_empty", 0) or item.dtype.kind not in "iufb":
+        return None
+    values = np.asarray(item[()]).T
+    if kind == b"char":
+        return "".join(map(chr, values.ravel().tolist()))
+    squeezed = values.squeeze()
+    return squeezed if squeezed.ndim else squeezed.item()
+
+
+# ---- Spreadsheets and LabVIEW ---------------------------------------------------------------------------------------
+
+
+def load_spreadsheet(path: Path) -> dict[str, list[list[Any]]]:
+    """Return the rows of each sheet by its name."""
+    calamine = importlib.import_module("python_calamine")
+    book = calamine.CalamineWorkbook.from_path(str(path))
+    return {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
+
+
+class Table(NamedTuple):
+    """A group of channels: (name, unit, samples) each, the step [s] and start [s] of the time, lines of facts."""
+
+    columns: list[tuple[str, str, NDArray[np.float64]]]
+    step: float
+    start: float
+    preamble: tuple[str, ...] = ()
+
+
+def load_tdms(path: Path) -> list[Table]:
+    """Return a table for each group of a TDMS file."""
+    tables = []
+    content = importlib.import_module("nptdms").TdmsFile.read(path)
+    facts = tuple(f"{key}: {value}" for key, value in content.properties.items())
+    for group in content.groups():
+        numeric = [channel for channel in group.channels() if channel.dtype.kind in "iufM" and len(channel)]
+        columns = [(c.name, str(c.properties.get("unit_string", "")).strip(), _numbers(c[:])) for c in numeric]
+        steps = [float(channel.properties.get("wf_increment", 0.0)) for channel in numeric]
+        starts = [float(channel.properties.get("wf_start_offset", 0.0)) for channel in numeric]
+        own = tuple(f"{key}: {value}" for key, value in group.properties.items())
+        if columns:
+            tables.append(Table(columns, max(steps), starts[0], (*facts, *own)))
+    return tables
+
+
+def _numbers(values: NDArray[Any]) -> NDArray[np.float64]:
+    if values.dtype.kind == "M":
+        values = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
+    return np.asarray(values, dtype=np.float64)
+
+
+def load_lvm(path: Path) -> list[Table]:
+    """Return a table for each segment of a LabVIEW measurement file."""
+    read = importlib.import_module("lvm_read").read
+    content = read(str(path), read_from_pickle=False, dump_file=False)
+    tables = []
+    for number in range(int(content["Segments"])):
+        segment = content[number]
+        data, names = np.asarray(segment["data"], dtype=np.float64), list(segment["Channel names"])
+        labels = [str(label) for label in segment.get("Y_Unit_Label", [])]
+        step, start = (float(np.ravel(segment.get(key, [0.0]))[0]) for key in ("Delta_X", "X0"))
+        columns = []
+        has_time = str(content.get("X_Columns", "One")) != "No"
+        for i, name in enumerate(names[: data.shape[1]]):
+            title = "time" if has_time and i == 0 else str(name)
+            unit = "s" if title == "time" else labels[i - has_time] if 0 <= i - has_time < len(labels) else ""
+            if title != "Comment":
+                columns.append((title, unit, data[:, i]))
+        tables.append(Table(columns, step, start))
+    return tables

@@ -6,59 +6,18 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
-from scipy.signal import correlate, correlation_lags
 
 from eightpost.array_types import Array
+from eightpost.rig.lag import correlation_at, lag_between
+from eightpost.rig.plausibility import unit_ratio
 from eightpost.rig.temperature import warming_note
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
-
-
-# ---- Time lag between two channels ----------------------------------------------------------------------------------
-
-#: Maximum lag of the search [s].
-LONGEST = 0.25
-
-
-def _lag_between(values: Array, reference: Array, rate: float) -> float:
-    """Return the lag [s] of `values` (N,) behind `reference` (N,); negative if `values` lead.
-
-    The lag is the maximum of the cross-correlation, refined by a parabola through its neighbours. For a steady sine it
-    is determined only up to whole periods, and the smallest lag is returned.
-
-    Args:
-        values: Samples (N,) of the channel.
-        reference: Samples (N,) of the reference channel.
-        rate: Sample rate [Hz].
-    """
-    first, second = (row - row.mean() for row in (values, reference))
-    lags = correlation_lags(first.size, second.size)
-    correlation = correlate(first, second, method="fft") / (first.size - np.abs(lags))
-    near = np.abs(lags) <= min(LONGEST * rate, first.size / 4)
-    lags, correlation = lags[near], correlation[near]
-    peaks = np.flatnonzero(correlation >= correlation.max() * (1.0 - 1e-3))
-    best = int(peaks[np.argmin(np.abs(lags[peaks]))]) if _separate(peaks) else int(np.argmax(correlation))
-    return float(lags[best] + _vertex(correlation, best)) / rate
-
-
-def _separate(peaks: NDArray[np.intp]) -> bool:
-    """Return whether samples near a maximum belong to more than one peak."""
-    return bool((np.diff(peaks) > 1).any())
-
-
-def _vertex(values: Array, peak: int) -> float:
-    """Return the vertex of the parabola through a maximum and its neighbours, in samples from the maximum."""
-    if not 0 < peak < values.size - 1:
-        return 0.0
-    before, here, after = values[peak - 1 : peak + 2]
-    bend = before - 2.0 * here + after
-    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
 
 
 # ---- Notes on suspicious features of a dynamometer record that is still usable --------------------------------------
@@ -89,8 +48,6 @@ APART = 0.2
 WEAK = 0.3
 #: Share of repeated samples that gives a note.
 REPEATED_SHARE = 0.02
-#: Share of the force range; a force at rest below minus this share is significantly negative.
-REST_SHARE = 0.05
 #: Force at rest [N] that few gas springs reach: 2 MPa on a rod of 25 mm.
 STRONG_GAS = 1000.0
 
@@ -267,13 +224,15 @@ def _motion(series: TimeSeries, measured: tuple[str, ...], origin: Origin) -> It
 
 def _slope_note(velocity: Array, slope: Array, rate: float) -> str | None:
     """Return a note if velocity differs from the slope of displacement in time, size or mean."""
-    lag = _lag_between(velocity, slope, rate)
-    if abs(lag) > 1.5 / rate and _correlation(velocity, slope, round(lag * rate)) > CLEAR:
+    lag = lag_between(velocity, slope, rate)
+    if abs(lag) > 1.5 / rate and correlation_at(velocity, slope, round(lag * rate)) > CLEAR:
         return (
             f"velocity: it {_follows(lag)} the slope of displacement by {1e3 * abs(lag):.3g} ms; the channels are not "
             "sampled at the same times: shift one, or derive velocity from displacement"
         )
     factor = float(slope.std() / velocity.std())
+    if unit_ratio(factor):  # `eightpost.rig.plausibility` says which units
+        return None
     if abs(factor - 1.0) > SLOPE_SHARE:
         return f"velocity: the slope of displacement is {factor:.4g} times as large; check both units, and for clipping"
     offset = float((velocity - slope).mean())
@@ -283,13 +242,6 @@ def _slope_note(velocity: Array, slope: Array, rate: float) -> str | None:
             "channel map"
         )
     return None
-
-
-def _correlation(values: Array, reference: Array, lag: int) -> float:
-    """Return the correlation of `values` (N,) with `reference` (N,) delayed by `lag` samples."""
-    first, second = (values, reference) if lag >= 0 else (reference, values)
-    count = values.size - abs(lag)
-    return float(np.corrcoef(first[abs(lag) :], second[:count])[0, 1])
 
 
 def _travel(series: TimeSeries) -> Iterator[str]:
@@ -346,7 +298,7 @@ class _LagNote(NamedTuple):
 def lag_note(series: TimeSeries) -> _LagNote | None:
     """Return a note if the lag between force and velocity is larger than that of a shock."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    delay = _lag_between(even["force"], even["velocity"], even.sample_rate)
+    delay = lag_between(even["force"], even["velocity"], even.sample_rate)
     frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
     lead, allowed = max(LEAD, 1.5 / even.sample_rate), max(LAG, PHASE / frequency)
     if -lead <= delay <= allowed:
@@ -367,11 +319,6 @@ def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
         yield f"velocity: it is never near zero ({limits}); correct this offset in the channel map"
         return
     middle, span = float(np.median(force[rest])), float(np.ptp(force))
-    if middle < -REST_SHARE * span:
-        yield (
-            f"force: {middle:.4g} N at standstill, although the gas force is positive: check the load cell's zero, and "
-            "whether velocity and displacement are the channels with the wrong sign"
-        )
     if middle > max(0.5 * span, STRONG_GAS):
         yield (
             f"force: {middle:.4g} N at standstill, more than half of its range: a large gas force, or an offset of the "

@@ -3,78 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.errors import FileFormatError, MissingChannelError
+from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
+from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
 from eightpost.rig.dyno_notes import notes_of
+from eightpost.rig.other_columns import column_reasons, mixed_units
+from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
+from eightpost.rig.plausibility_rules import PART_RULES
 from eightpost.signals import faults
-from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
-from eightpost.signals.raw_record import letters_of, mapped_series
-from eightpost.units import compatible, is_unit
+from eightpost.signals.raw_record import mapped_series
+from eightpost.verdict import Reason
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
-
-
-# ---- Channel names that shock dynamometers use ----------------------------------------------------------------------
-
-#: SI unit of each channel of a dynamometer test.
-DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
-
-#: Column names by channel, in lower case and reduced to letters. Files use `F` and `T` in upper and lower case.
-_ALIASES = {
-    "time": set(TIME_NAMES),
-    "velocity": {"velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "speed"},
-    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce"},
-    "displacement": {
-        "displacement", "disp", "x", "position", "pos", "travel", "stroke", "shocktravel",
-    },
-    "temperature": {"temperature", "temp", "t", "shocktemperature", "bodytemperature", "tempc", "tempf"},
-}  # fmt: skip
-
-
-def _dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
-    """Return the channel map of a dynamometer record: the given map, completed by columns with usual names.
-
-    A column named `T` is the temperature, unless it is the only column that can be the time.
-
-    Raises:
-        FileFormatError: Two columns have usual names of the same channel.
-    """
-    given = channel_map or ChannelMap()
-    taken = {pick.source for pick in given.channels.values()} | ({given.time.source} if given.time else set())
-    time = given.time or _alias(record, "time", taken)
-    taken |= {time.source} if time else set()
-    found = {name: _alias(record, name, taken) for name in DYNO_UNITS if name not in given.channels}
-    channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
-    return ChannelMap(channels, time, given.path)
-
-
-def _alias(record: RawRecord, channel: str, taken: set[str]) -> MappedChannel | None:
-    """Return the column that has a usual name of `channel`, or None."""
-    matches = [name for name in record.names if name not in taken and letters_of(name) in _ALIASES[channel]]
-    if channel == "time":
-        matches = [name for name in matches if name != "T" or (len(matches) == 1 and not _is_heat(record, name))]
-    if len(matches) > 1:
-        what = f"{' and '.join(map(repr, matches))} could both be this channel; select one with a channel map"
-        raise record.origin.header_fault(FileFormatError, what, channel=channel)
-    return MappedChannel(matches[0]) if matches else None
-
-
-def _is_heat(record: RawRecord, name: str) -> bool:
-    """Return whether a column has a temperature unit."""
-    unit = record.units[record.names.index(name)]
-    return unit is not None and is_unit(unit) and compatible(unit, "K")
 
 
 # ---- Shock dynamometer tests ----------------------------------------------------------------------------------------
@@ -98,6 +51,7 @@ class DynoTest:
         sha256: SHA-256 digest of the file, empty without a file.
         derived: Descriptions of channels that were computed, not measured.
         notes: Notes on suspicious features of the record (`eightpost.rig.dyno_notes`); a fit repeats them.
+        reasons: Findings that make the record implausible (`eightpost.rig.plausibility`), as reasons of a verdict.
     """
 
     series: TimeSeries
@@ -106,12 +60,32 @@ class DynoTest:
     sha256: str = ""
     derived: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("velocity", "force"):
             if name not in self.series:
                 known = ", ".join(self.series.names)
                 raise MissingChannelError(f"a dynamometer test needs this channel; there are: {known}", channel=name)
+
+    @property
+    def label(self) -> str:
+        """Name of the record in messages."""
+        return f"record {self.source.name}" if self.source else "a record in memory"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Notes, then the reasons as sentences."""
+        return (*self.notes, *(f"{reason.statement}: {reason.figure}; {reason.remedy}" for reason in self.reasons))
+
+    def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
+        """Return the test with the reasons about a change of the shock or of the motion that this series has.
+
+        Args:
+            until: End of the fitted seconds, from the start of the series [s].
+        """
+        kept = tuple(reason for reason in self.reasons if reason.rule not in PART_RULES)
+        return replace(self, reasons=(*kept, *part_reasons(self.series, origin=self.label, until=until)))
 
     @property
     def stroke(self) -> float | None:
@@ -136,7 +110,7 @@ def read_dyno_test(
     are described in the test's notes.
 
     Args:
-        path: Path of a .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file.
+        path: Path of a file in one of the formats of docs/dyno_files.md.
         channel_map: Columns by channel, for columns with unusual names.
         units: Units by channel name, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.
@@ -196,7 +170,7 @@ class _Reading:
 
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
-        mapping = _dyno_map(record, self.channel_map).flipped(self.flip)
+        mapping = dyno_map(record, self.channel_map).flipped(self.flip)
         _check_channels(record, mapping)
         series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
         _check_record(series, record.origin)
@@ -210,7 +184,14 @@ class _Reading:
         _check_force(series, origin, derived)
         stated, notes = conditions_from(record.preamble)
         notes += notes_of(series, measured=measured, origin=origin)
-        return DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
+        test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
+        units = mixed_units(record, mapping, self.units)
+        reasons = (
+            *record_reasons(series, measured=measured, origin=test.label, units=units),
+            *column_reasons(record, mapping, series, test.label),
+            *choice_reasons(record, mapping, self.channel_map, test.label),
+        )
+        return replace(test, reasons=reasons).judged()
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
@@ -239,6 +220,8 @@ def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...]) -
     """Check the force for clipping, and its sign by its correlation with the velocity."""
     velocity, force = series["velocity"], series["force"]
     faults.check_not_clipped(force, channel="force", origin=origin, against=velocity)
+    if rectified_force(series):  # a reason of the verdict; the correlation with velocity says nothing
+        return
     against = "the velocity derived from displacement" if derived else "velocity"
     faults.check_sign(force, velocity, channel="force", against=against, origin=origin)
 

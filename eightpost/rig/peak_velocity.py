@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.errors import (
     DataError,
-    FileFormatError,
     MissingChannelError,
     TooShortError,
     UnknownUnitError,
     WrongSignError,
 )
 from eightpost.files import sha256_of
+from eightpost.rig.continuous_velocity import MOST_PEAKS, is_loop, loop_means
+from eightpost.rig.dyno_conditions import conditions_from
 from eightpost.signals.faults import check_finite
-from eightpost.signals.formats import read_record
+from eightpost.signals.formats import read_records
 from eightpost.signals.raw_record import is_number, letters_of
 from eightpost.units import compatible, convert
 
@@ -47,6 +48,8 @@ class PeakVelocityTable:
         clicks: Adjuster settings and how they are counted, in the team's words.
         source: Path of the file, None for a table created in memory.
         sha256: SHA-256 digest of the file, empty without a file.
+        gas_force: Gas force in the table [N]; `compression` and `rebound` are without it.
+        gas_source: Description of how the gas force was found; empty without a gas force.
 
     Raises:
         TooShortError: There are fewer than two speeds.
@@ -59,6 +62,8 @@ class PeakVelocityTable:
     clicks: str | None = None
     source: Path | None = None
     sha256: str = ""
+    gas_force: float = 0.0
+    gas_source: str = ""
 
     def __post_init__(self) -> None:
         for name in ("speed", "compression", "rebound"):
@@ -90,8 +95,8 @@ _FORCE = {"force", "f", "load", "peakforce"}
 _STROKE = {"side", "stroke", "direction", "phase"}
 _SETTING = {"setting", "settings", "clicks", "click", "adjuster"}
 _WORDS = {
-    "compression": ("compression", "comp", "bump", "jounce", "c"),
-    "rebound": ("rebound", "reb", "extension", "r"),
+    "compression": ("compression", "comp", "bump", "jounce", "push", "c"),
+    "rebound": ("rebound", "reb", "extension", "droop", "ext", "pull", "r"),
 }
 #: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
 _COLUMN = {
@@ -101,8 +106,6 @@ _COLUMN = {
     for stroke, words in _WORDS.items()
 }
 _FORCE_WORD = re.compile(r"^(?:peak\s*)?(?:force|load|f)(?![a-z])[\s_:,-]*", re.IGNORECASE)
-#: Maximum number of lines of a table with a signed speed and without stroke names; time records have more.
-_MOST_LINES = 200
 #: Maximum difference of two forces at the same speed, as a share of the largest force.
 SAME_SPEED = 0.05
 
@@ -126,14 +129,16 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
     - `side, setting, speed, force`, one line per point, where side is compression or rebound (comp, bump, reb, ...);
     - a signed `speed` (compression positive) and one column of force per setting.
 
-    The signs are changed so that compression is positive and rebound negative. The sum of the forces of each stroke in
-    the whole file shows whether the file contains magnitudes, these signs or the opposite signs. Points at zero speed
-    are left out, because they are friction and gas force. If the strokes have different speeds, both curves are
-    interpolated linearly at all speeds in their common range. Two forces at the same speed are averaged if they agree
-    within 5 % of the largest force.
+    Several blocks are several settings. A long table of velocity and force without time is a continuous-velocity loop,
+    and the means of its branches are its points. The signs are changed so that compression is positive and rebound
+    negative. The sum of the forces of each stroke in the whole file shows whether the file contains magnitudes, these
+    signs or the opposite signs. Points at zero speed are friction and gas force; the gas force is found from them or
+    from the lowest speeds, and subtracted. If the strokes have different speeds, both curves are interpolated linearly
+    at all speeds in their common range. Two forces at the same speed are averaged if they agree within 5 % of the
+    largest force.
 
     Args:
-        path: Path of a .csv, .txt or .tsv file; a spreadsheet must first be saved in one of these formats.
+        path: Path of a text file or a spreadsheet; several blocks, one below the other, are several settings.
         units: Units by column name, or for `speed` and `force`, for columns without a unit in the file.
 
     Raises:
@@ -146,23 +151,40 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
         WrongSignError: Both strokes have negative forces.
     """
     path = Path(path)
-    if path.suffix.lower() in (".xlsx", ".xls", ".ods"):
-        raise FileFormatError("spreadsheet files cannot be read; save it as .csv", path=path)
-    record = read_record(path)
-    columns = _Columns(record, dict(units or {}))
-    points = _with_signs(list(columns.points()), path)
+    points = _with_signs(list(_points_of(read_records(path), dict(units or {}))), path)
     settings = list(dict.fromkeys(point.setting for point in points))
     return tuple(_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+
+
+def _points_of(records: Sequence[RawRecord], units: Mapping[str, str]) -> Iterator[_Point]:
+    """Yield the points of all blocks of a file; the lines above a block may name its setting and its stroke."""
+    setting = ""
+    for number, record in enumerate(records, 1):
+        clicks = conditions_from(record.preamble)[0].clicks
+        stroke = _stroke_above(record)
+        named = clicks or (setting if stroke else f"block {number}" if len(records) > 1 else "")
+        setting = named
+        for point in _Columns(record, units, stroke).points():
+            yield point._replace(setting=" ".join(filter(None, (named if len(records) > 1 else "", point.setting))))
+
+
+def _stroke_above(record: RawRecord) -> str | None:
+    """Return the stroke that the lines above a table name: a line `Rebound` on its own."""
+    for cells in reversed(record.preamble):
+        text = " ".join(cells).strip().lower().rstrip(":")
+        for stroke, words in _WORDS.items():
+            if text in words or text.removesuffix(" stroke") in words:
+                return stroke
+    return None
 
 
 def is_peak_velocity(record: RawRecord) -> bool:
     """Return whether a record is a peak-velocity table: it has a speed and strokes, but no time."""
     plain = [letters_of(name) for name in record.names]
-    if {"t", "time", "timestamp", "times"} & set(plain) or not _SPEED & set(plain):
+    if {"t", "time", "timestamp", "times", "elapsedtime"} & set(plain) or not _SPEED & set(plain):
         return False
     strokes = {stroke for name in record.names for stroke in _WORDS if _COLUMN[stroke].match(name)}
-    short = record.columns[0].size < _MOST_LINES and not {"displacement", "position", "x"} & set(plain)
-    return strokes == set(_WORDS) or bool(_STROKE & set(plain)) or short
+    return strokes == set(_WORDS) or bool((_STROKE | _FORCE) & set(plain)) or record.columns[0].size < MOST_PEAKS
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +193,7 @@ class _Columns:
 
     record: RawRecord
     units: Mapping[str, str]
+    stroke: str | None = None
 
     def points(self) -> Iterator[_Point]:
         """Yield the points of the table in any of the layouts."""
@@ -181,6 +204,10 @@ class _Columns:
             yield from self._by_side(speed, self.record.columns[sides])
         elif strokes:
             yield from self._by_stroke(speed, strokes)
+        elif self.stroke is not None:
+            force = self._values(self._need(_FORCE, "force"), "force", "N")
+            for setting, v, f in zip(self._settings(), np.abs(speed), force, strict=True):
+                yield _Point(setting, self.stroke, float(v), float(f))
         else:
             yield from self._by_sign(speed)
 
@@ -211,7 +238,8 @@ class _Columns:
         for i in columns:
             force = self._values(i, self.record.names[i], "N")
             name = _FORCE_WORD.sub("", self.record.names[i]) if len(columns) > 1 else ""
-            for row, (v, f) in enumerate(zip(speed, force, strict=True)):
+            points = loop_means(speed, force) if is_loop(speed) else (speed, force)
+            for row, (v, f) in enumerate(zip(*points, strict=True)):
                 stroke = "compression" if v > 0.0 else "rebound"
                 yield _Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
 
@@ -282,7 +310,7 @@ class _Columns:
 
 
 def _with_signs(points: list[_Point], path: Path) -> list[_Point]:
-    """Return the points at nonzero speed, with positive forces in compression and negative forces in rebound."""
+    """Return the points, with positive forces in compression and negative forces in rebound."""
     moving = [point for point in points if point.speed > 0.0]
     sums = {stroke: sum(point.force for point in moving if point.stroke == stroke) for stroke in _WORDS}
     if sums["compression"] < 0.0 and sums["rebound"] < 0.0:
@@ -292,17 +320,54 @@ def _with_signs(points: list[_Point], path: Path) -> list[_Point]:
         )
         raise WrongSignError(what, path=path, channel="force")
     signs = {"compression": np.sign(sums["compression"]) or 1.0, "rebound": -np.sign(sums["rebound"]) or 1.0}
-    return [point._replace(force=float(signs[point.stroke]) * point.force) for point in moving]
+    return [point._replace(force=float(signs[point.stroke]) * point.force) for point in points]
 
 
 def _table(setting: str, points: list[_Point], path: Path) -> PeakVelocityTable:
     """Return the table of one setting at the speeds of both strokes in their common range."""
-    curves = {stroke: _curve(setting, stroke, points, path) for stroke in _WORDS}
+    moving = [point for point in points if point.speed > 0.0]
+    curves = {stroke: _curve(setting, stroke, moving, path) for stroke in _WORDS}
     (low, _), (high, _) = curves.values()
     speeds = np.union1d(low, high)
     speeds = speeds[(speeds >= max(low[0], high[0])) & (speeds <= min(low[-1], high[-1]))]
     compression, rebound = (np.interp(speeds, *curve) for curve in curves.values())
-    return PeakVelocityTable(speeds, compression, rebound, clicks=setting or None, source=path, sha256=sha256_of(path))
+    gas, source = _gas(curves["compression"], curves["rebound"], [p.force for p in points if p.speed == 0.0])
+    return PeakVelocityTable(
+        speeds, compression - gas, rebound - gas, clicks=setting or None, source=path, sha256=sha256_of(path),
+        gas_force=gas, gas_source=source,
+    )  # fmt: skip
+
+
+#: Gas force that is reported, as a share of the largest force.
+GAS_SHARE = 0.03
+#: The lowest speed of a table must be below this share of the highest speed for an extrapolation to zero.
+_LOW_SPEED = 0.15
+
+
+def _gas(compression: tuple[Array, Array], rebound: tuple[Array, Array], at_rest: Sequence[float]) -> tuple[float, str]:
+    """Return the gas force [N] of a table and how it was found; 0 and an empty text without gas.
+
+    Gas adds the same force to both strokes, so that the means of both strokes at zero speed, in which friction cancels,
+    are not zero. Gas pushes: a negative force is attributed to the valves, not to gas.
+    """
+    largest = max(float(np.abs(forces).max()) for _, forces in (compression, rebound))
+    if len(at_rest) >= 2:
+        gas, source = float(np.mean(at_rest)), "the points at zero speed"
+    elif max(compression[0][0], rebound[0][0]) <= _LOW_SPEED * min(compression[0][-1], rebound[0][-1]):
+        gas = 0.5 * (_at_zero(*compression, 2) + _at_zero(*rebound, 2))
+        other = 0.5 * (_at_zero(*compression, 3) + _at_zero(*rebound, 3))
+        source = f"the lowest speeds of both strokes; between {min(gas, other):.4g} and {max(gas, other):.4g} N"
+        if other < 0.5 * gas:
+            return 0.0, ""
+    else:
+        return 0.0, ""
+    return (gas, source) if gas > GAS_SHARE * largest else (0.0, "")
+
+
+def _at_zero(speed: Array, force: Array, count: int) -> float:
+    """Return the force at zero speed of the polynomial through the lowest `count` points."""
+    speed, force = speed[:count], force[:count]
+    return float(np.polyval(np.polyfit(speed, force, speed.size - 1), 0.0))
 
 
 def _curve(setting: str, stroke: str, points: list[_Point], path: Path) -> tuple[Array, Array]:

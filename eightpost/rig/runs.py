@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
+from eightpost.rig.cycles import turning_points
 from eightpost.rig.dyno_notes import notes_of
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, DynoTest
 from eightpost.signals.filters import lowpass
@@ -106,7 +107,7 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
     still = moved < REST_SHARE * float(np.ptp(path))
     # If a window is at rest, all of its samples belong to the pause, not only the middle one.
     resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
-    turns = np.array(_turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
+    turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
     for start, stop in _intervals(resting):
         if stop - start < PAUSE_SHARE * _half_cycle_beside(turns, start, stop):
             resting[start:stop] = False
@@ -144,25 +145,11 @@ def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[in
 
 def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
     """Return the half cycles between turning points at least 2 % of the section's stroke apart."""
-    turns = _turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
     return [
         _Half(a + offset, b + offset, float(abs(path[b] - path[a])), float(time[b] - time[a]))
         for a, b in pairwise(turns)
     ]
-
-
-def _turning_points(path: Array, *, threshold: float) -> list[int]:
-    """Return the samples of alternating maxima and minima that are more than `threshold` apart."""
-    extrema = np.flatnonzero(np.diff(np.sign(np.diff(path))) != 0.0) + 1
-    turns: list[int] = []
-    for i in map(int, extrema):
-        if not turns:
-            turns.append(i)
-        elif len(turns) > 1 and (path[i] - path[turns[-1]]) * (path[turns[-1]] - path[turns[-2]]) >= 0.0:
-            turns[-1] = i
-        elif abs(path[i] - path[turns[-1]]) > threshold:
-            turns.append(i)
-    return turns
 
 
 def _long_enough(test: DynoTest, start: int, stop: int) -> bool:
@@ -175,7 +162,8 @@ def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
     series = test.series.window(test.series.time[start], test.series.time[stop - 1])
     section = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
     measured = None if not _derives_velocity(test) else tuple(n for n in series.names if n != "velocity")
-    return replace(test, series=series, derived=(*test.derived, section), notes=notes_of(series, measured=measured))
+    run = replace(test, series=series, derived=(*test.derived, section), notes=notes_of(series, measured=measured))
+    return run.judged()
 
 
 def _derives_velocity(test: DynoTest) -> bool:

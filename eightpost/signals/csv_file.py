@@ -21,6 +21,7 @@ from eightpost.files import atomic_path, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.parquet_file import to_arrow, to_numpy
 from eightpost.signals.raw_record import RawRecord, is_number, split_header, units_row
+from eightpost.signals.text_cleaning import decimal_mark, decoded, numbers_with_groups, with_tabs, without_footer
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -106,9 +107,7 @@ def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) 
     if not 1 < len(cells) <= width:
         what = f"the header has {len(cells)} columns, but the lines of numbers have {width}"
         raise FileFormatError(what, path=path, line=line)
-    if not all(cells):
-        raise FileFormatError(f"column {cells.index('') + 1} has no name", path=path, line=line)
-    return cells
+    return [cell or f"column {number}" for number, cell in enumerate(cells, 1)]
 
 
 def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
@@ -238,6 +237,8 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 # ---- Delimited text files with preamble, header with units, and decimal comma ---------------------------------------
 
+#: A format that no cell has, so that times of day and dates stay texts.
+_NO_TIMES = "%%never%%"
 #: Maximum number of characters in a line, enough for about ten thousand channels.
 _LONGEST_LINE = 2**18
 
@@ -268,8 +269,9 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     path = Path(path)
     with reading(path):
         content = path.read_bytes()
-    lines = _text(content).replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    if b"\0" in content:
+    text = decoded(content)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if "\0" in text:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
         what = "it has a zero byte: it is not a text file, or was not copied completely"
         raise FileFormatError(what, path=path, line=number)
@@ -277,6 +279,15 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     if longest > _LONGEST_LINE:
         what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: this is not a table of channels"
         raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
+    return text_records(with_tabs(lines), path)
+
+
+def text_records(lines: list[str], path: Path) -> tuple[RawRecord, ...]:
+    """Return the tables in the lines of a text file, or in the rows of a spreadsheet as such lines.
+
+    Raises:
+        FileFormatError: A table cannot be read; see read_csv.
+    """
     return tuple(_record(lines, block, path) for block in _find_blocks(lines))
 
 
@@ -284,23 +295,21 @@ def _record(lines: list[str], block: _Block, path: Path) -> RawRecord:
     """Parse one block of the file's lines."""
     layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
-    numbers = np.array([i for i, line in enumerate(lines[first - 1 : block.stop], first) if line.strip()])
+    stop = (
+        first
+        - 1
+        + without_footer(lines[first - 1 : block.stop], lambda line: _split_cells(line, layout.delimiter) or [""])
+    )
+    numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     columns = _columns("\n".join(lines[i - 1] for i in numbers), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
     return RawRecord(origin, layout.names, layout.units, columns, block.preamble)
 
 
-def _text(content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
-
-
 def _columns(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
     """Return one vector (N,) for each named column of the table; of type object if a cell is not a number."""
     width = len(layout.names) + layout.padding
-    decimal = "," if layout.delimiter != "," and "," in body else "."
+    decimal = decimal_mark(body, layout.delimiter)
     content = body.encode()
     try:
         table = pa.csv.read_csv(
@@ -309,7 +318,7 @@ def _columns(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path)
                 column_names=[str(i) for i in range(width)], use_threads=False, block_size=len(content) + 2
             ),
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter),
-            convert_options=pa.csv.ConvertOptions(decimal_point=decimal),
+            convert_options=pa.csv.ConvertOptions(decimal_point=decimal, timestamp_parsers=[_NO_TIMES]),
         )
     except pa.ArrowException as error:
         raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
@@ -317,16 +326,18 @@ def _columns(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path)
     if any(column.null_count < len(column) for column in table.columns[named:]):
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
-    return tuple(_vector(column) for column in table.columns[:named])
+    return tuple(_vector(column, decimal) for column in table.columns[:named])
 
 
-def _vector(column: Any) -> NDArray[Any]:
+def _vector(column: Any, decimal: str) -> NDArray[Any]:
     """Return a column as numbers with NaN for empty cells, or as objects if it is not numeric."""
     if pa.types.is_null(column.type):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return to_numpy(column)
-    return np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
+    texts = np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
+    grouped = numbers_with_groups(texts, decimal)
+    return texts if grouped is None else grouped
 
 
 def _ragged(body: str, layout: _Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:

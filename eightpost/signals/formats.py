@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
 from eightpost.signals.csv_file import read_csv, read_csv_blocks, write_csv
+from eightpost.signals.labview_file import read_lvm, read_tdms
 from eightpost.signals.mat_file import read_mat, write_mat
 from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet, write_parquet
-from eightpost.signals.raw_record import find_time, identity_map, mapped_series
+from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
+from eightpost.signals.spreadsheet_file import read_spreadsheet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from eightpost.signals.channel_map import ChannelMap
-    from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
 # ---- Reading --------------------------------------------------------------------------------------------------------
@@ -26,7 +28,14 @@ _READERS = {
     ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat, ".mf4": read_mdf,
     ".mdf": read_mdf,
 }  # fmt: skip
-_TEXT = (".csv", ".txt", ".tsv")
+#: Readers of formats that may contain several tables.
+_TABLE_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
+    ".csv": read_csv_blocks, ".txt": read_csv_blocks, ".tsv": read_csv_blocks, ".dat": read_csv_blocks,
+    ".xlsx": read_spreadsheet, ".xlsm": read_spreadsheet, ".xls": read_spreadsheet, ".ods": read_spreadsheet,
+    ".tdms": read_tdms, ".lvm": read_lvm,
+}  # fmt: skip
+#: Suffixes of files that can be read.
+SUFFIXES = tuple(dict.fromkeys((*_READERS, *_TABLE_READERS)))
 
 
 def read_record(path: str | Path) -> RawRecord:
@@ -36,25 +45,32 @@ def read_record(path: str | Path) -> RawRecord:
         FileFormatError: The file is missing or its format is unknown.
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        what = f"files with the suffix {path.suffix!r} cannot be read; supported: {', '.join(_READERS)}"
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        what = f"files with the suffix {path.suffix!r} cannot be read; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
     with reading(path):
         path.stat()
     if not path.is_file():
         raise FileFormatError("is a folder, not a file", path=path)
-    return reader(path)
+    return _READERS[suffix](path) if suffix in _READERS else _only_table(_TABLE_READERS[suffix](path), path)
+
+
+def _only_table(records: tuple[RawRecord, ...], path: Path) -> RawRecord:
+    if len(records) > 1:
+        raise FileFormatError(f"the file has {len(records)} tables; keep one, or read all of them", path=path)
+    return records[0]
 
 
 def read_records(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read all tables of a text file without conversion; files in other formats have one table.
+    """Read all tables of a text file, spreadsheet or LabVIEW file without conversion; other formats have one table.
 
     Raises:
         FileFormatError: The file is missing or its format is unknown.
     """
     path = Path(path)
-    return read_csv_blocks(path) if path.suffix.lower() in _TEXT and path.is_file() else (read_record(path),)
+    reader = _TABLE_READERS.get(path.suffix.lower())
+    return reader(path) if reader and path.is_file() else (read_record(path),)
 
 
 def read_series(

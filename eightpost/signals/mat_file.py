@@ -1,4 +1,4 @@
-"""MATLAB files (version 5 to 7.2) with one vector per channel."""
+"""MATLAB files with one vector per channel, or with matrices."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ def read_mat(path: str | Path) -> RawRecord:
     """Read the vectors of a .mat file, at the top level or in its only struct.
 
     Units are taken from a struct `units` with one field per variable, otherwise from the names (`x_mm`), otherwise from
-    the caller. Scalars and texts are ignored; vectors must be as long as the time vector.
+    the caller. Scalars, texts and vectors that are not as long as the time vector are ignored. Columns of a matrix are
+    named as in MATLAB, `data(:,2)`, for a channel map.
 
     Raises:
-        FileFormatError: scipy cannot read the file (version 7.3 is HDF5), or the vectors have different lengths.
+        FileFormatError: The file cannot be read (version 7.3 needs h5py), or contains no numeric vector.
     """
     path = Path(path)
     content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
@@ -41,8 +42,7 @@ def read_mat(path: str | Path) -> RawRecord:
     if len(content) == 1 and isinstance(next(iter(content.values())), dict):
         content = next(iter(content.values()))
         units = units or content.pop("units", {})
-    vectors = {name: column for name, value in content.items() if (column := _vector(value)) is not None}
-    _check_lengths(vectors, path)
+    vectors = _same_length(_vectors(content), path)
     units = header.get("units") or _texts(units, "units", path)
     split = [_named(titles.get(name, name), units) for name in vectors]
     names, stated = tuple(name for name, _ in split), tuple(unit for _, unit in split)
@@ -72,25 +72,30 @@ def _description(value: object) -> str:
     return repr(value) if isinstance(value, (int, float)) else f"a {type(value).__name__}"
 
 
-def _vector(value: object) -> NDArray[np.float64] | None:
-    """Return a numeric vector (N,), or None for any other value."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.ndim != 1:
-        return None
-    return value.astype(np.float64)
+def _vectors(content: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """Return all numeric vectors by name: fields of structs as `run.force`, columns of a matrix as `data(:,2)`."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for name, value in content.items():
+        if isinstance(value, dict):
+            found |= {f"{name}.{field}": vector for field, vector in _vectors(value).items()}
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 1:
+            found[name] = value.astype(np.float64)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 2:
+            across = value.shape[1] > value.shape[0]
+            rows = value if across else value.T
+            for number, row in enumerate(rows, 1):
+                found[f"{name}({number},:)" if across else f"{name}(:,{number})"] = row.astype(np.float64)
+    return found
 
 
-def _check_lengths(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> None:
+def _same_length(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return the vectors that are as long as the time vector; without one, as long as most vectors."""
     if not vectors:
         raise FileFormatError("it contains no numeric vector", path=path)
-    times = [name for name in vectors if name.lower() in TIME_NAMES] or list(vectors)
-    length = vectors[times[0]].size
-    for name, vector in vectors.items():
-        if vector.size != length:
-            raise FileFormatError(
-                f"it has {vector.size} samples, but {times[0]!r} has {length}; save vectors of equal length",
-                path=path,
-                channel=name,
-            )
+    times = [name for name in vectors if re.split(r"\.", name)[-1].lower() in TIME_NAMES]
+    sizes = [vector.size for vector in vectors.values() if vector.size > 1] or [1]
+    length = vectors[times[0]].size if times else max(sizes, key=sizes.count)
+    return {name: vector for name, vector in vectors.items() if vector.size == length}
 
 
 def _named(name: str, units: Mapping[str, str]) -> tuple[str, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from eightpost.errors import (
 )
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.faults import check_finite, check_time
+from eightpost.signals.text_cleaning import numbers_with_groups, seconds_of, times_of
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import SI_UNITS, compatible, convert, is_unit, si_unit
 
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 # ---- Column headers -------------------------------------------------------------------------------------------------
 
 _BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
+#: A column of a matrix in MATLAB's notation, `data(:,2)`, which is a name.
+_MATRIX_COLUMN = re.compile(r":,\d+|\d+,:")
 _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 
 #: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
@@ -62,7 +66,7 @@ def split_header(text: str) -> tuple[str, str | None]:
     """
     text = text.strip()
     match = _BRACKETED.match(text)
-    if match:
+    if match and not _MATRIX_COLUMN.fullmatch(match["unit"]):
         return match["name"], match["unit"].strip()
     for cut in [i for i, letter in enumerate(text) if letter == "_" and i > 0]:
         unit = _suffix_unit(text[:cut], text[cut + 1 :])
@@ -90,8 +94,10 @@ def units_row(cells: list[str]) -> list[str] | None:
 
 
 def is_number(cell: str) -> bool:
-    """Return whether a cell is a number, with a decimal point or comma."""
+    """Return whether a cell is a number, with a decimal point or comma and thousands separators, or a time of day."""
     try:
+        if numbers_with_groups(np.array([cell], dtype=object), ".") is not None or seconds_of(cell) is not None:
+            return True
         float(cell.strip().replace(",", "."))
     except ValueError:
         return False
@@ -129,10 +135,27 @@ class RawRecord:
     preamble: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        repeated = sorted({name for name in self.names if self.names.count(name) > 1})
-        if repeated:
-            what = f"the column name {repeated[0]!r} is not unique; rename one of the columns"
-            raise self.origin.header_fault(FileFormatError, what)
+        """Number repeated names and convert columns of times of day to seconds."""
+        times = {i: found for i, column in enumerate(self.columns)
+                 if column.dtype == object and (found := times_of(column)) is not None}  # fmt: skip
+        object.__setattr__(self, "columns", tuple(times.get(i, column) for i, column in enumerate(self.columns)))
+        object.__setattr__(self, "units", tuple("s" if i in times else unit for i, unit in enumerate(self.units)))
+        counts: Counter[str] = Counter()
+        names = []
+        for name in self.names:
+            counts[name] += 1
+            names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+        object.__setattr__(self, "names", tuple(names))
+
+    def twins(self, source: str) -> tuple[str, ...]:
+        """Return the names of further columns that had the same name in the file."""
+        return tuple(name for name in self.names if re.fullmatch(rf"{re.escape(source)} \(\d+\)", name))
+
+    def check_unique(self, source: str, *, channel: str | None = None) -> None:
+        """Raise a FileFormatError if several columns of the file have the name `source`."""
+        if self.twins(source):
+            what = f"the column name {source!r} is not unique; rename one of the columns"
+            raise self.origin.header_fault(FileFormatError, what, channel=channel)
 
     def index(self, source: str, *, channel: str) -> int:
         """Return the index of the column `source`; otherwise raise a MissingChannelError that lists the columns."""
@@ -290,5 +313,11 @@ def find_time(record: RawRecord) -> MappedChannel:
 
 
 def identity_map(record: RawRecord, time: MappedChannel) -> ChannelMap:
-    """Return a map in which every column except time is a channel of the same name."""
+    """Return a map in which every column except time is a channel of the same name.
+
+    Raises:
+        FileFormatError: Two columns have the same name.
+    """
+    for name in record.names:
+        record.check_unique(name)
     return ChannelMap({name: MappedChannel(name) for name in record.names if name != time.source}, time)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eightpost import errors
+from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig import read_peak_velocity
 from eightpost.rig.peak_velocity import is_peak_velocity
 from eightpost.signals import read_record
@@ -89,6 +90,48 @@ def test_a_broken_table_is_refused_with_its_place(tmp_path, case):
         read_peak_velocity(written(tmp_path, content))
 
 
-def test_spreadsheets_are_refused(tmp_path):
-    with pytest.raises(errors.FileFormatError, match=r"save it as \.csv"):
-        read_peak_velocity(written(tmp_path, "", "table.xlsx"))
+def test_stacked_blocks_are_settings_and_a_line_above_them_may_name_the_stroke(tmp_path):
+    block = "Clicks: {}\nspeed [m/s],compression [N],rebound [N]\n.05,{},-200\n.1,180,-330\n.25,300,-500\n"
+    tables = read_peak_velocity(written(tmp_path, block.format(3, 100) + "\n" + block.format(6, 90)))
+    assert [table.clicks for table in tables] == ["Clicks 3", "Clicks 6"]
+    assert [table.compression[0] for table in tables] == [100.0, 90.0]
+    one = "{}\nspeed [m/s],force [N]\n.05,{}\n.1,{}\n.25,{}\n"
+    (table,) = read_peak_velocity(
+        written(tmp_path, one.format("Bump", 100, 180, 300) + "\n" + one.format("Droop", 200, 330, 500))
+    )
+    np.testing.assert_allclose(table.rebound, REBOUND)
+    np.testing.assert_allclose(table.compression, COMPRESSION)
+
+
+def test_bump_and_droop_are_the_strokes(tmp_path):
+    (table,) = read_peak_velocity(
+        written(tmp_path, "Speed [Inches/Sec],Bump [Lbf],Droop [Lbf]\n2,20,40\n4,40,70\n8,60,110\n")
+    )
+    np.testing.assert_allclose(table.speed, np.array([2.0, 4.0, 8.0]) * 0.0254)
+    np.testing.assert_allclose(table.rebound, -np.array([40.0, 70.0, 110.0]) * 4.4482216152605)
+
+
+@pytest.mark.parametrize("rest", ["", "0,150,150\n"], ids=["extrapolated", "at rest"])
+def test_the_gas_force_in_a_table_is_identified_and_subtracted(tmp_path, rest):
+    speed = np.array([0.01, 0.02, 0.04, 0.08, 0.15, 0.25])
+    lines = "".join(f"{v},{2000 * v + 150:g},{-3000 * v + 150:g}\n" for v in speed)
+    (table,) = read_peak_velocity(written(tmp_path, f"speed [m/s],compression [N],rebound [N]\n{rest}{lines}"))
+    assert table.gas_force == pytest.approx(150.0)
+    assert table.gas_source.startswith("the points at zero speed" if rest else "the lowest speeds")
+    np.testing.assert_allclose(table.compression, 2000.0 * speed, rtol=1e-9)
+    np.testing.assert_allclose(table.rebound, -3000.0 * speed, rtol=1e-9)
+    shock = fit_peak_velocity(table)
+    assert shock.law.port.gas_preload == pytest.approx(150.0)
+    assert any("gas force of 150 N" in reason.figure for reason in shock.validity.verdict.reasons)
+
+
+def test_a_loop_without_time_is_read_as_the_mean_of_its_branches(tmp_path):
+    phase = np.linspace(0.0, 2.0 * np.pi, 2001)[:-1]
+    v = 0.25 * np.sin(phase)
+    force = 2000.0 * v + 30.0 * np.cos(phase)
+    lines = "".join(f"{a:.9g},{b:.9g}\n" for a, b in zip(v, force, strict=True))
+    path = written(tmp_path, "Velocity [m/s],Force [N]\n" + lines)
+    assert is_peak_velocity(read_record(path))
+    (table,) = read_peak_velocity(path)
+    np.testing.assert_allclose(table.compression, 2000.0 * table.speed, rtol=0.02)
+    np.testing.assert_allclose(table.rebound, -2000.0 * table.speed, rtol=0.02)

@@ -82,10 +82,11 @@ def test_a_channel_map_takes_precedence_over_the_usual_names(tmp_path):
     np.testing.assert_allclose(test.series["force"], F, rtol=1e-7)
 
 
-def test_two_columns_for_one_channel_are_refused(tmp_path):
-    path = dyno_file(tmp_path, "t [s],v [m/s],Force [N],Load [N]", TIME, V, F, F)
-    with pytest.raises(errors.FileFormatError, match=r"'force': 'Force' and 'Load' could both be this channel"):
-        read_dyno_test(path)
+def test_of_two_columns_for_one_channel_the_first_is_read_and_named(tmp_path):
+    path = dyno_file(tmp_path, "t [s],v [m/s],Force [N],Load [N]", TIME, V, F, 2.0 * F)
+    test = read_dyno_test(path)
+    np.testing.assert_allclose(test.series["force"], F, rtol=1e-7)
+    assert any("'Force' was read, and not 'Load'" in warning for warning in test.warnings)
 
 
 def test_a_channel_with_the_wrong_sign_is_refused_and_accepted_if_flipped(tmp_path):

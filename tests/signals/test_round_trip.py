@@ -119,10 +119,10 @@ def test_mat_of_another_tool_is_read_from_vectors_or_a_struct(tmp_path):
         np.testing.assert_array_equal(series["F"], [1000.0, 2000.0])
 
 
-def test_mat_vectors_must_have_the_same_length(tmp_path):
-    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0]})
-    with pytest.raises(FileFormatError, match=r"a\.mat, channel 'F': it has 2 samples, but 't' has 3"):
-        read_series(tmp_path / "a.mat")
+def test_mat_vectors_of_another_length_than_the_time_are_not_read(tmp_path):
+    content = {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0], "v": [1.0, 2.0, 3.0], "units": {"t": "s", "v": "m/s"}}
+    savemat(tmp_path / "a.mat", content)
+    assert read_series(tmp_path / "a.mat").names == ("v",)
 
 
 def test_a_mat_file_keeps_the_original_channel_names(tmp_path):
@@ -131,10 +131,10 @@ def test_a_mat_file_keeps_the_original_channel_names(tmp_path):
     assert read_series(tmp_path / "a.mat").names == ("lf.road", "lf_road")
 
 
-def test_mat_7_3_and_files_of_another_format_are_refused(tmp_path):
+def test_damaged_mat_7_3_and_files_of_another_format_are_refused(tmp_path):
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400)
     (tmp_path / "a.mat").write_bytes(header)
-    with pytest.raises(FileFormatError, match=r"a\.mat: MATLAB 7\.3 .*-v7"):
+    with pytest.raises(FileFormatError, match=r"a\.mat: not a MATLAB file"):
         read_series(tmp_path / "a.mat")
     for name in ("b.mat", "b.parquet"):
         (tmp_path / name).write_bytes(b"hello world " * 50)

@@ -185,6 +185,8 @@ def read_rig_test(
     path = Path(path)
     record = read_record(path)
     mapping = rig_map(record, channel_map).flipped(flip)
+    for name, pick in mapping.channels.items():
+        record.check_unique(pick.source, channel=name)
     series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
     corners = _corners_of(series)
     _check_channels(series, corners, path)

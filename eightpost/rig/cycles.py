@@ -1,0 +1,63 @@
+"""Half cycles of a shock's motion: turning points, and where a steady sine ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array
+
+#: Half cycles are alike if stroke and duration are within this share of their medians.
+ALIKE = 0.1
+#: Minimum share of half cycles that are alike in a steady sine.
+STEADY = 0.6
+#: Minimum number of half cycles of a steady sine.
+FEWEST = 6
+#: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
+SMALLEST = 0.02
+#: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
+SLOWED = 0.7
+
+
+def turning_points(path: Array, *, threshold: float) -> list[int]:
+    """Return the samples of alternating maxima and minima of a path (N,) that are more than `threshold` apart."""
+    extrema = np.flatnonzero(np.diff(np.sign(np.diff(path))) != 0.0) + 1
+    turns: list[int] = []
+    for i in map(int, extrema):
+        if not turns:
+            turns.append(i)
+        elif len(turns) > 1 and (path[i] - path[turns[-1]]) * (path[turns[-1]] - path[turns[-2]]) >= 0.0:
+            turns[-1] = i
+        elif abs(path[i] - path[turns[-1]]) > threshold:
+            turns.append(i)
+    return turns
+
+
+def run_down(time: Array, path: Array, velocity: Array) -> float | None:
+    """Return the time [s] from which a steady sine runs down until the end of a record; None if it does not.
+
+    Args:
+        time: Times (N,) [s].
+        path: Displacement (N,) [m], without noise that has a stroke of 2 %.
+        velocity: Velocity (N,) [m/s].
+    """
+    turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))), dtype=np.intp)
+    if turns.size < FEWEST + 1:
+        return None
+    stroke, duration = np.abs(np.diff(path[turns])), np.diff(time[turns])
+    alike = (np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE) & (
+        np.abs(duration / np.median(duration) - 1.0) <= ALIKE
+    )
+    if np.count_nonzero(alike) < max(FEWEST, STEADY * alike.size):
+        return None
+    end = int(turns[int(np.flatnonzero(alike)[-1]) + 1])
+    rest = velocity[end:]
+    if time[-1] - time[end] < 0.9 * float(np.median(duration)):
+        return None
+    slowed = float(np.sqrt(np.mean(rest**2))) < SLOWED * float(np.sqrt(np.mean(velocity[:end] ** 2)))
+    return float(time[end]) if slowed else None
+
+
+def _is_usual(values: Array) -> NDArray[np.bool_]:
+    """Return whether each value (K,) is within a share of the median."""
+    return np.asarray(np.abs(values / np.median(values) - 1.0) <= ALIKE)

@@ -1,0 +1,130 @@
+"""Columns of dynamometer files: recognition of channels by usual names, and the choice among several columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from eightpost.rig.plausibility_rules import CHOSEN_COLUMN
+from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.raw_record import letters_of
+from eightpost.units import compatible, is_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from eightpost.signals.raw_record import RawRecord
+    from eightpost.verdict import Reason
+
+#: SI unit of each channel of a dynamometer test.
+DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
+
+#: Column names by channel, in lower case and reduced to letters. Files use `F` and `T` in upper and lower case.
+_ALIASES = {
+    "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec"},
+    "velocity": {
+        "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
+        "shaftspeed", "geschwindigkeit",
+    },
+    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft"},
+    "displacement": {
+        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "shocktravel", "dampertravel",
+        "shockposition", "damperposition", "pot", "lvdt", "weg",
+    },
+    "temperature": {
+        "temperature", "temp", "t", "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
+    },
+}  # fmt: skip
+
+#: Words that qualify a column, and how much less than one without such a word it is preferred.
+_QUALIFIERS = {
+    "measured": 0, "meas": 0, "actual": 0, "act": 0, "shock": 0, "damper": 0, "raw": 1, "filtered": 2, "filt": 2,
+    "fil": 2, "smoothed": 2, "smooth": 2, "avg": 2, "calc": 3, "calculated": 3, "derived": 3, "command": 9, "cmd": 9,
+    "setpoint": 9, "target": 9, "demand": 9, "desired": 9, "reference": 9, "ref": 9, "ch": 0, "channel": 0, "ai": 0,
+    "volts": 8, "voltage": 8, "v": 8,
+}  # fmt: skip
+
+
+def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
+    """Return the channel map of a dynamometer record: the given map, completed by columns with usual names.
+
+    If several columns could be a channel, one without a qualifying word is preferred to a raw, a filtered and a
+    commanded one, and the first of equals is used. A column in volts is used only if there is no other. A column named
+    `T` is the temperature, unless it is the only column that can be the time.
+    """
+    given = channel_map or ChannelMap()
+    for name, pick in given.channels.items():
+        record.check_unique(pick.source, channel=name)
+    taken = {pick.source for pick in given.channels.values()} | ({given.time.source} if given.time else set())
+    time = given.time or _first(_candidates(record, "time", taken))
+    taken |= {time.source} if time else set()
+    found = {name: _first(_candidates(record, name, taken)) for name in DYNO_UNITS if name not in given.channels}
+    channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
+    return ChannelMap(channels, time, given.path)
+
+
+def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) -> ChannelMap | None:
+    """Return a channel map in which some channels are read from given columns, by channel name."""
+    if not columns:
+        return channel_map
+    given = channel_map or ChannelMap()
+    picks = {name: MappedChannel(source) for name, source in columns.items()}
+    time = picks.pop("time", given.time)
+    return ChannelMap({**given.channels, **picks}, time, given.path)
+
+
+def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None, origin: str) -> Iterator[Reason]:
+    """Yield a reason for each channel that was read from one of several columns without being told which."""
+    for name in ("displacement", "velocity", "force"):
+        if name not in mapping.channels or (given is not None and name in given.channels):
+            continue
+        used = mapping.channels[name].source
+        taken = {pick.source for other, pick in mapping.channels.items() if other != name}
+        others = [column for column in _candidates(record, name, taken) if column != used]
+        if others:
+            figure = f"{used!r} was read, and not {', '.join(map(repr, others))}"
+            remedy = f"read another column with --channel {name}='{others[0]}', or confirm with '{used}'"
+            yield CHOSEN_COLUMN.reason(f"several columns could be the {name}", figure=figure, origin=origin,
+                                       remedy=remedy)  # fmt: skip
+
+
+def _first(names: list[str]) -> MappedChannel | None:
+    return MappedChannel(names[0]) if names else None
+
+
+def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
+    """Return the columns that can be a channel, best first."""
+    si = DYNO_UNITS.get(channel, "s")
+    ranked = []
+    for i, (name, unit) in enumerate(zip(record.names, record.units, strict=True)):
+        rank = _rank(name, channel)
+        if name in taken or rank is None:
+            continue
+        known = unit is not None and is_unit(unit)
+        if known and not compatible(unit or "", si):
+            rank += 100  # for a message about its unit if there is no other column
+        ranked.append((rank, i, name))
+    ranked.sort()
+    if channel == "time":
+        ranked = [entry for entry in ranked if entry[2] != "T" or (len(ranked) == 1 and not _is_heat(record, "T"))]
+    usable = [entry for entry in ranked if entry[0] < 100] or ranked[:1]
+    return [name for _, _, name in usable]
+
+
+def _rank(name: str, channel: str) -> int | None:
+    """Return how far a column's name is from a usual name of a channel; None if it is not a name of it."""
+    aliases = _ALIASES[channel]
+    if letters_of(name) in aliases:
+        return 0
+    words = re.findall(r"[a-z]+", name.lower())
+    plain = [word for word in words if word not in _QUALIFIERS]
+    if plain and len(plain) < len(words) and "".join(plain) in aliases:
+        return 1 + max(_QUALIFIERS[word] for word in words if word in _QUALIFIERS)
+    return None
+
+
+def _is_heat(record: RawRecord, name: str) -> bool:
+    """Return whether a column has a temperature unit."""
+    unit = record.units[record.names.index(name)]
+    return unit is not None and is_unit(unit) and compatible(unit, "K")

@@ -1,0 +1,185 @@
+"""Text tables in unusual notations: encodings, columns of spaces, thousands separators, times of day, footers."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# ---- Encoding -------------------------------------------------------------------------------------------------------
+
+
+def decoded(content: bytes) -> str:
+    """Return the text of a file in UTF-8, UTF-16 (with or without byte order mark) or Latin-1."""
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return content.decode("utf-16", errors="replace")
+    head = content[:2000]
+    for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+        if len(head) > 20 and zeros.count(0) > 0.9 * len(zeros):
+            return content.decode(encoding, errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+# ---- Columns separated by spaces ------------------------------------------------------------------------------------
+
+_PLAIN = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
+_NAME_WITH_UNIT = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?")
+
+
+def with_tabs(lines: list[str]) -> list[str]:
+    """Return the lines of a table whose columns are separated by spaces with tabs instead; other lines unchanged."""
+    counts = Counter(len(cells) for line in lines[:200] if (cells := _spaced_numbers(line)))
+    if not counts:
+        return lines
+    width, often = counts.most_common(1)[0]
+    if width < 2 or often < 0.5 * sum(bool(line.strip()) for line in lines[:200]) - 30:
+        return lines
+    return [_with_tabs(line, width) for line in lines]
+
+
+def _spaced_numbers(line: str) -> list[str]:
+    """Return the numbers of a line that has nothing else; empty for other lines."""
+    if "\t" in line or ";" in line:
+        return []
+    cells = line.split()
+    return cells if len(cells) > 1 and all(_PLAIN.fullmatch(c) and c[-1] != "," for c in cells) else []
+
+
+def _with_tabs(line: str, width: int) -> str:
+    for cells in (re.split(r"\s{2,}", line.strip()), line.split(), _NAME_WITH_UNIT.findall(line)):
+        if len(cells) == width:
+            return "\t".join(cells)
+    return line
+
+
+# ---- Footers --------------------------------------------------------------------------------------------------------
+
+
+_STATISTICS = re.compile(r"(?:max|min|mean|average|avg|total|sum|end|std|rms|peak)\b.*", re.IGNORECASE)
+
+
+def without_footer(lines: Sequence[str], split: Callable[[str], list[str]]) -> int:
+    """Return the number of lines up to the last row of a table: lines of words below it are a footer.
+
+    A line with a word in place of its first number and numbers in all other cells is a damaged row, not a footer,
+    unless the word names a statistic (`Max`, `Average`).
+
+    Args:
+        lines: Lines of the table, from its first row of numbers.
+        split: Function that returns the cells of a line.
+    """
+    rows = [split(line) for line in lines]
+    kinds = Counter(_kind(cells[0]) for cells in rows if any(cells))
+    if not kinds or kinds.most_common(1)[0][0] == "word":
+        return len(lines)
+    last = len(lines)
+    while last > 0 and (not any(rows[last - 1]) or _is_footer(rows[last - 1])):
+        last -= 1
+    return last
+
+
+def _is_footer(cells: list[str]) -> bool:
+    if _kind(cells[0]) != "word":
+        return False
+    return (
+        bool(_STATISTICS.fullmatch(cells[0]))
+        or not all(cell and _kind(cell) != "word" for cell in cells[1:])
+        or (len(cells) == 1)
+    )
+
+
+_NUMBER_LIKE = re.compile(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE)
+
+
+def _kind(cell: str) -> str:
+    if seconds_of(cell) is not None:
+        return "time"
+    return (
+        "number"
+        if not cell or re.fullmatch(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", cell, re.I)
+        else "word"
+    )
+
+
+# ---- Thousands ------------------------------------------------------------------------------------------------------
+
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:[,.'’\s]\d{3})+(?:[.,]\d+)?")
+_DECIMAL_POINT = re.compile(
+    r"(?:^|[;\t\"])\s*[+-]?(?:0\.\d*|\d*\.(?:\d{1,2}|\d{4,}))(?:[eE][+-]?\d+)?\s*(?=$|[;\t\"])", re.M
+)
+
+
+def decimal_mark(body: str, delimiter: str) -> str:
+    """Return the decimal mark of a table: a comma, unless commas delimit or group and points are decimals."""
+    if delimiter == "," or "," not in body:
+        return "."
+    return "." if _DECIMAL_POINT.search(body) else ","
+
+
+def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64] | None:
+    """Return a column of texts (N,) as numbers if some of them have thousands separators; None otherwise.
+
+    If a cell has a comma and a point, the last of them is the decimal mark of the column.
+    """
+    texts = [str(cell).strip() for cell in cells]
+    if not any(_GROUPED.fullmatch(text) for text in texts):
+        return None
+    both = next((text for text in texts if "," in text and "." in text), None)
+    if both is not None:
+        decimal = max(",.", key=both.rfind)
+    group = r"[,'’\s]" if decimal == "." else r"[.'’\s]"
+    grouped = re.compile(rf"[+-]?\d{{1,3}}(?:{group}\d{{3}})+(?:\{decimal}\d*)?")
+    plain = [re.sub(group, "", text) if grouped.fullmatch(text) else text for text in texts]
+    if any(text and not _PLAIN.fullmatch(text) for text in plain):
+        return None
+    if decimal == "." and any("," in text for text in plain):
+        return None
+    return np.array([float(text.replace(",", ".")) if text else np.nan for text in plain])
+
+
+# ---- Times of day and dates -----------------------------------------------------------------------------------------
+
+_CLOCK = re.compile(r"(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{1,2}:\d{2}")
+_DAY = 86400.0
+
+
+def seconds_of(text: str) -> float | None:
+    """Return the seconds of `hh:mm:ss.s`, `mm:ss.s` or an ISO date and time; None for other texts."""
+    text = text.strip()
+    if match := _CLOCK.fullmatch(text):
+        hours, minutes, seconds, half = match.groups()
+        hour = int(hours or 0) % 12 + 12 * (half.lower() == "pm") if half else int(hours or 0)
+        return 3600.0 * hour + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+    if not _DATE.match(text):
+        return None
+    try:
+        whole, _, fraction = text.replace(",", ".").partition(".")
+        digits = re.match(r"\d*", fraction)[0]  # type: ignore[index]
+        moment = datetime.fromisoformat(whole + fraction[len(digits) :])
+        return (moment.replace(tzinfo=None) - datetime(2000, 1, 1)).total_seconds() + float(f"0.{digits or 0}")
+    except ValueError:
+        return None
+
+
+def times_of(cells: NDArray[Any]) -> NDArray[np.float64] | None:
+    """Return a column of times of day or dates (N,) as seconds from the first; None for other texts.
+
+    A time of day that jumps back by more than half a day has passed midnight.
+    """
+    if cells.size == 0 or seconds_of(str(cells[0])) is None:
+        return None
+    found = [seconds_of(str(cell)) for cell in cells]
+    if any(one is None for one in found):
+        return None
+    seconds = np.array(found, dtype=np.float64)
+    days = np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * _DAY)])
+    return np.asarray(np.round(seconds + _DAY * days - seconds[0], 9))

@@ -1,0 +1,180 @@
+"""One virtual record in the layouts of dynamometer rooms: each writer makes a file from the same samples."""
+
+import datetime
+from pathlib import Path
+
+import h5py
+import numpy as np
+import scipy.io
+import xlsxwriter
+from nptdms import ChannelObject, TdmsWriter
+
+RATE, COUNT = 400.0, 480
+T = np.arange(COUNT) / RATE
+_PHASE = 2.0 * np.pi * 2.5 * T
+X = 0.02 * np.sin(_PHASE)  # [m]
+V = 0.02 * 2.0 * np.pi * 2.5 * np.cos(_PHASE)  # [m/s]
+F = 120.0 + 900.0 * np.tanh(V / 0.08) + 1500.0 * V  # [N]
+HEAT = 300.0 + 0.5 * T  # [K]
+
+FACTORS = {
+    "s": 1.0, "ms": 1e3, "mm": 1e3, "m": 1.0, "in": 1 / 0.0254, "cm": 100.0,
+    "mm/s": 1e3, "m/s": 1.0, "in/s": 1 / 0.0254,
+    "N": 1.0, "kN": 1e-3, "lbf": 1 / 4.4482216152605, "kgf": 1 / 9.80665, "K": 1.0,
+}  # fmt: skip
+
+
+def values(channel, unit):
+    """Return a channel in a unit."""
+    si = {"t": T, "x": X, "v": V, "F": F, "T": HEAT}[channel]
+    if unit == "degC":
+        return si - 273.15
+    if unit == "degF":
+        return (si - 273.15) * 1.8 + 32.0
+    return si * FACTORS[unit]
+
+
+def rows(columns):
+    """Return the cells of the rows; each column is (channel, unit) or a list of cells."""
+    found = [c if isinstance(c, list) else [f"{x:.12g}" for x in values(*c)] for c in columns]
+    return [list(row) for row in zip(*found, strict=True)]
+
+
+SI = [("t", "s"), ("x", "mm"), ("v", "mm/s"), ("F", "N")]
+US = [("t", "s"), ("x", "in"), ("v", "in/s"), ("F", "lbf"), ("T", "degF")]
+
+
+def text(header, columns=SI, *, sep=",", above="", below="", decimal=".", encoding="utf-8", suffix=".csv"):
+    """Return a writer of a text file; `header` is a line or a list of lines."""
+
+    def write(folder: Path) -> Path:
+        path = folder / f"run{suffix}"
+        lines = [sep.join(row) for row in rows(columns)]
+        body = "\n".join(lines)
+        body = body if decimal == "." else body.replace(".", decimal)
+        header_text = "\n".join(header) if isinstance(header, list) else header
+        path.write_bytes(f"{above}{header_text}\n{body}\n{below}".encode(encoding))
+        return path
+
+    return write
+
+
+def clock(start=datetime.datetime(2024, 5, 3, 10, 59, 59, 500000), pattern="%H:%M:%S.%f"):
+    """Return the times as texts."""
+    return [(start + datetime.timedelta(seconds=float(t))).strftime(pattern) for t in T]
+
+
+def column(cell):
+    """Return a column with the same cell in every row."""
+    return [cell] * COUNT
+
+
+def grouped(channel, unit, *, group=",", mark=".", quote='"'):
+    """Return a channel with thousands separators."""
+    cells = [f"{x:,.9f}" for x in values(channel, unit)]
+    swapped = [c.replace(",", "#").replace(".", mark).replace("#", group) for c in cells]
+    return [f"{quote}{c}{quote}" for c in swapped]
+
+
+def excel(header, columns=SI, *, above=(), below=(), before=None):
+    """Return a writer of an .xlsx file."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "run.xlsx"
+        with xlsxwriter.Workbook(path) as book:
+            if before:
+                book.add_worksheet("Info").write_column(0, 0, before)
+            sheet = book.add_worksheet("Data")
+            for i, line in enumerate((*above, *([header] if header else []))):
+                sheet.write_row(i, 0, line)
+            start = len(above) + 1
+            for j, one in enumerate(columns):
+                cells = one if isinstance(one, list) else values(*one).tolist()
+                sheet.write_column(start, j, cells)
+            for i, line in enumerate(below):
+                sheet.write_row(start + COUNT + i, 0, line)
+        return path
+
+    return write
+
+
+def matlab(content):
+    """Return a writer of a .mat file."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "run.mat"
+        scipy.io.savemat(path, content)
+        return path
+
+    return write
+
+
+def matlab73(content):
+    """Return a writer of a MATLAB 7.3 file: HDF5 with the attributes that MATLAB writes, matrices transposed."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "run.mat"
+        with h5py.File(path, "w", userblock_size=512) as file:
+            for name, value in content.items():
+                _hdf5(file, name, value)
+        head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+        with path.open("r+b") as stream:
+            stream.write(head.ljust(512, b"\0"))
+        return path
+
+    return write
+
+
+def _hdf5(group, name, value):
+    if isinstance(value, dict):
+        child = group.create_group(name)
+        child.attrs["MATLAB_class"] = np.bytes_("struct")
+        for key, one in value.items():
+            _hdf5(child, key, one)
+    elif isinstance(value, str):
+        data = group.create_dataset(name, data=np.array([[ord(letter)] for letter in value], dtype=np.uint16))
+        data.attrs["MATLAB_class"] = np.bytes_("char")
+    else:
+        data = group.create_dataset(name, data=np.atleast_2d(value).T if np.ndim(value) == 2 else np.atleast_2d(value))
+        data.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def tdms(channels, *, step=None):
+    """Return a writer of a .tdms file with (name, unit, channel) in one group."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "run.tdms"
+        objects = []
+        for name, unit, cells in channels:
+            properties = {"unit_string": unit} if unit else {}
+            properties |= {"wf_increment": step, "wf_start_offset": 0.0} if step else {}
+            objects.append(ChannelObject("Dyno", name, np.asarray(cells), properties=properties))
+        with TdmsWriter(path) as writer:
+            writer.write_segment(objects)
+        return path
+
+    return write
+
+
+def lvm(names, units, columns):
+    """Return a writer of a .lvm file with one X column."""
+    count = len(names)
+    head = [
+        "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "Decimal_Separator\t.",
+        "Multi_Headings\tYes", "X_Columns\tOne", "Time_Pref\tRelative", "Operator\tlab", "Date\t2024/05/03",
+        "Time\t10:00:00.0", "***End_of_Header***\t", "\t",
+        f"Channels\t{count}", "Samples\t" + "\t".join([str(COUNT)] * count),
+        "Date\t" + "\t".join(["2024/05/03"] * count),
+        "Time\t" + "\t".join(["10:00:00.0"] * count), "Y_Unit_Label\t" + "\t".join(units),
+        "X_Dimension\t" + "\t".join(["Time"] * count), "X0\t" + "\t".join(["0.0E+0"] * count),
+        "Delta_X\t" + "\t".join([str(1.0 / RATE)] * count), "***End_of_Header***\t" + "\t" * count,
+        "X_Value\t" + "\t".join(names) + "\tComment",
+    ]  # fmt: skip
+
+    def write(folder: Path) -> Path:
+        path = folder / "run.lvm"
+        lines = ["\t".join(row) + "\t" for row in rows(columns)]
+        path.write_text("\n".join([*head, *lines]) + "\n", encoding="utf-8")
+        return path
+
+    return write

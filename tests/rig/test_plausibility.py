@@ -1,0 +1,149 @@
+"""A record that is not what its header says is reported with a figure and a remedy; a good record is not."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eightpost.ident import fit_shock
+from eightpost.rig import read_dyno_test
+from eightpost.rig.lag import lag_between
+from eightpost.verdict import Grade
+
+RATE = 500.0
+
+
+def sine(*, seconds=10.0, frequency=2.0, stroke=40.0):
+    """Return time [s], displacement [mm], velocity [mm/s] and force [N] of a digressive shock with gas."""
+    t = np.arange(int(seconds * RATE)) / RATE
+    noise = np.random.default_rng(0).standard_normal((3, t.size))
+    omega = 2.0 * np.pi * frequency
+    x, v = 0.5 * stroke * np.sin(omega * t), 0.5 * stroke * omega * np.cos(omega * t)
+    force = 150.0 + 500.0 * np.tanh(v / 60.0) + 2.0 * v + np.where(v < 0.0, 0.5 * v, 0.0) + 1.5 * x
+    return {"t": t, "x": x + 0.002 * noise[0], "v": v + 0.2 * noise[1], "F": force + 2.0 * noise[2]}
+
+
+UNITS = {"t": "s", "x": "mm", "v": "mm/s", "F": "N"}
+
+
+def rules(folder: Path, columns, *, units=UNITS, **options):
+    """Return the rules of the reasons of a record that is written as text and read."""
+    path = folder / "run.csv"
+    header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="", fmt="%.9g")
+    return [reason.rule for reason in read_dyno_test(path, **options).reasons]
+
+
+def times(name, factor):
+    return lambda columns: columns | {name: factor * columns[name]}
+
+
+def without(*names):
+    return lambda columns: {name: values for name, values in columns.items() if name not in names}
+
+
+def both(*changes):
+    def change(columns):
+        for one in changes:
+            columns = one(columns)
+        return columns
+
+    return change
+
+
+def later(columns, factor, *, only=0.0):
+    """Scale the force after 6 s; in the stroke with the sign `only`, if it is not 0."""
+    chosen = (columns["t"] > 6.0) & (columns["v"] * only >= 0.0)
+    return columns | {"F": np.where(chosen, factor * columns["F"], columns["F"])}
+
+
+def stopping(columns):
+    """Let the machine slow down and stop after 7 s."""
+    t = columns["t"]
+    phase = np.where(t < 7.0, t, 7.0 + 0.5 * (1.0 - np.exp(-(np.maximum(t - 7.0, 0.0)) / 0.5)))
+    speed = np.gradient(phase, t)
+    omega = 4.0 * np.pi
+    v = 20.0 * omega * np.cos(omega * phase) * speed
+    force = 150.0 + 500.0 * np.tanh(v / 60.0) + 2.0 * v
+    noise = np.random.default_rng(1).standard_normal((3, t.size)) * 0.01
+    return {"t": t, "x": 20.0 * np.sin(omega * phase) + noise[0], "v": v + noise[1], "F": force + noise[2]}
+
+
+FAULTS = {
+    "time in ms labelled s": ("contradictory units", times("t", 1e3), "unlikely units"),
+    "time in ms labelled s, velocity derived": ("unlikely units", both(without("v"), times("t", 1e3)), None),
+    "inches labelled mm, velocity measured": ("contradictory units", times("x", 1.0 / 25.4), None),
+    "inches labelled mm, velocity derived": ("unlikely units", both(without("v"), times("x", 1.0 / 25.4)), None),
+    "inches and inches per second labelled mm": ("unlikely units", both(times("x", 1 / 25.4), times("v", 1 / 25.4)),
+                                                 None),
+    "velocity in in/s labelled mm/s": ("contradictory units", times("v", 1 / 25.4), None),
+    "force in lbf labelled N, of a shock below 4400 N.s/m": ("unlikely units", times("F", 0.9 * 0.2248), None),
+    "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
+    "all signs reversed": ("negative force at standstill",
+                           both(times("F", -1.0), times("v", -1.0), times("x", -1.0)), None),
+    "two settings": ("the shock changed", lambda c: later(c, 1.15), None),
+    "two rebound settings": ("the shock changed", lambda c: later(c, 1.2, only=-1.0), None),
+    "a voltage that steps": ("another column changes", lambda c: c | {"volt": np.where(c["t"] > 5.0, 2.0, 1.0)}, None),
+    "clicks that step": ("another column changes", lambda c: c | {"clicks": np.where(c["t"] > 5.0, 6.0, 3.0)}, None),
+    "run-down": ("run-down of the machine", stopping, None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_record_that_is_not_what_its_header_says_is_reported(fault, tmp_path):
+    rule, change, other = FAULTS[fault]
+    assert set(rules(tmp_path, change(sine()))) & {rule, other}
+
+
+def test_a_good_record_has_no_reason(tmp_path):
+    good = sine()
+    assert rules(tmp_path, good) == []
+    extra = {
+        "cell 2": 0.001 * good["F"], "index": np.arange(good["t"].size), "cycle": np.floor(2.0 * good["t"]),
+        "supply": np.full(good["t"].size, 12.0), "noise": np.random.default_rng(2).standard_normal(good["t"].size),
+    }  # fmt: skip
+    assert rules(tmp_path, good | extra) == []
+
+
+def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):
+    soft = sine() | {"F": 0.3 * sine()["F"]}  # 1.5 kN.s/m
+    assert rules(tmp_path, soft) == []
+    inches = soft | {"x": soft["x"] / 25.4, "v": soft["v"] / 25.4}
+    assert rules(tmp_path, inches, units=UNITS | {"x": "in", "v": "in/s"}) == ["unlikely units"]
+
+
+def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_down(tmp_path):
+    rules(tmp_path, stopping(sine()))
+    test = read_dyno_test(tmp_path / "run.csv")
+    assert "run-down of the machine" in [reason.rule for reason in fit_shock(test, "polylinear").verdict.reasons]
+    before = fit_shock(test, "polylinear", segment=(0.5, 6.5)).verdict.reasons
+    assert "run-down of the machine" not in [reason.rule for reason in before]
+    rules(tmp_path, later(sine(), 1.2))
+    changed = fit_shock(read_dyno_test(tmp_path / "run.csv"), "polylinear").verdict
+    assert changed.grade is Grade.NOT_USABLE
+    reason = next(reason for reason in changed.reasons if reason.rule == "the shock changed")
+    assert reason.figure.startswith("compression force +") and "--segment" in reason.remedy
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    frequency=st.floats(0.5, 12.0), cycles=st.floats(3.0, 40.0), share=st.floats(-0.2, 0.2), phase=st.floats(0.0, 6.3)
+)
+def test_the_lag_between_steady_sines_is_right_to_a_sample(frequency, cycles, share, phase):
+    rate = max(300.0, 40.0 * frequency)
+    t = np.arange(max(200, int(cycles * rate / frequency))) / rate
+    lag = min(0.03, share / frequency)
+    first, second = (np.sin(2.0 * np.pi * frequency * (t - late) + phase) for late in (lag, 0.0))
+    assert lag_between(np.tanh(2.0 * first), second, rate) == pytest.approx(lag, abs=1.0 / rate)
+
+
+MEASURED = sorted(Path(os.environ.get("EIGHTPOST_DATA", "/nowhere")).glob("labcontrol/*.csv"))
+
+
+@pytest.mark.skipif(not MEASURED, reason="EIGHTPOST_DATA does not name the folder of measured records")
+@pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.stem)
+def test_the_measured_records_have_no_reason(path):
+    assert read_dyno_test(path).reasons == ()
