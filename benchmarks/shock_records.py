@@ -61,6 +61,11 @@ class Case:
     cavitates: bool = False
 
     @property
+    def is_measured(self) -> bool:
+        """Whether the record is a measured one."""
+        return not self.configuration
+
+    @property
     def laws(self) -> tuple[str, ...]:
         """Names of the laws that are fitted to the case."""
         return (*LAWS, BOUC_WEN) if self.about_mean else LAWS
@@ -104,6 +109,27 @@ def measured(*, quick: bool) -> Iterator[Case]:
         yield from _labcontrol(folder / "labcontrol", quick=quick)
     if (folder / "ohlins").is_dir():
         yield from _ohlins(folder / "ohlins", quick=quick)
+
+
+def thirds() -> Iterator[Case]:
+    """Yield the last and the first third of every measured record, each held out from the rest of its record."""
+    folder = Path(os.environ.get("EIGHTPOST_DATA") or "/nowhere")
+    for name, run in measured_runs(folder):
+        duration = run.series.duration
+        one, two = duration / 3.0, duration / 1.5
+        if name.removeprefix("ohlins: ") not in OHLINS_SINGLE:  # these are among the cases of `measured`
+            yield Case(f"{name}, held out its last third", (run,), run, (0.0, two), (two, duration))
+        yield Case(f"{name}, held out its first third", (run,), run, (one, duration), (0.0, one))
+
+
+def measured_runs(folder: Path) -> Iterator[tuple[str, DynoTest]]:
+    """Yield name and run of every measured record in a folder."""
+    if (folder / "labcontrol").is_dir():
+        for name in LABCONTROL:
+            yield f"labcontrol: {name}", read_dyno_test(folder / "labcontrol" / f"labcontrol_{name}.csv")
+    if (folder / "ohlins").is_dir():
+        for name in dict.fromkeys([*(name for pair in OHLINS_PAIRS for name in pair[:2]), *OHLINS_SINGLE]):
+            yield f"ohlins: {name}", _ohlins_run(folder / "ohlins", name)
 
 
 def _labcontrol(folder: Path, *, quick: bool) -> Iterator[Case]:

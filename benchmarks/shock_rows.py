@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.bouc_wen import fit_bouc_wen, predict
 from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.fit import RecipeName
+from eightpost.ident.shock.options import RecipeName
 from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 
@@ -140,7 +140,7 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
     else:
         cases = [list(measured(quick=bench.quick))[number]]
     return [
-        _attempt(case, law, bench.recipe)
+        attempt(case, law, bench.recipe)
         for case in cases
         for law in case.laws
         if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
@@ -155,7 +155,8 @@ def _warm_up(bench: Bench) -> None:
             fit_shock(test, law, recipe=bench.recipe)
 
 
-def _attempt(case: Case, law: str, recipe: RecipeName) -> Result:
+def attempt(case: Case, law: str, recipe: RecipeName) -> Result:
+    """Return the errors of a law on a case, or why it could not be fitted."""
     try:
         return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
     except ValueError as error:  # raised by laws and fits that reject the data

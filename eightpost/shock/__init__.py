@@ -12,6 +12,7 @@ from eightpost.shock.laws import (
     law_title,
     own_parameters,
     own_values,
+    step_nanoseconds,
 )
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
@@ -42,5 +43,6 @@ __all__ = [
     "own_parameters",
     "own_values",
     "read_shock",
+    "step_nanoseconds",
     "write_shock",
 ]

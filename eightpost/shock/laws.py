@@ -56,6 +56,12 @@ def fit_form(law: type[ShockLaw]) -> str:
     return getattr(law_module(law), "FIT_FORM", "stepped")
 
 
+def step_nanoseconds(law: type[ShockLaw]) -> float | None:
+    """Return the time of a step of a law's native FMU [ns] that its file states; None if it states none."""
+    stated: float | None = getattr(law_module(law), "STEP_NANOSECONDS", None)
+    return stated
+
+
 def _law_classes() -> dict[str, type[ShockLaw]]:
     """Return the laws by name, those with few parameters first."""
     laws: dict[str, type[ShockLaw]] = {}

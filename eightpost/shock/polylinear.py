@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from .law import FitParameter, Piece, ShockLaw, Valve
 
 FIT_FORM = "no lag"
+
+#: Time of a step of the native FMU (benchmarks/native.py, ramped inputs): compare laws by their ratios only.
+STEP_NANOSECONDS = 250.0
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 
 

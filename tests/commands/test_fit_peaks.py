@@ -57,3 +57,19 @@ def test_a_table_together_with_another_file_is_refused(table, tmp_path):
     code, shown = fit(table, table, "-o", tmp_path / "valve.json")
     assert code == 2
     assert "fit it alone" in shown
+
+
+def test_the_gas_force_of_a_table_is_kept_left_out_or_part_of_the_curve(tmp_path):
+    """150 N of gas: both strokes of a symmetric valve are shifted by it, and the points at rest show it."""
+    path = tmp_path / "gas.csv"
+    path.write_text("speed (m/s),comp (N),reb (N)\n0,150,150\n.02,250,-50\n.1,450,-150\n.25,750,-450\n")
+    shocks = {}
+    for gas in ("estimate", "included", "subtracted"):
+        code, shown = fit(path, "--gas", gas, "-o", tmp_path / f"{gas}.json")
+        assert code == 0, shown
+        shocks[gas] = read_shock(tmp_path / f"{gas}.json").law
+    assert {gas: law.port.gas_preload for gas, law in shocks.items()} == {
+        "estimate": pytest.approx(150.0), "included": 0.0, "subtracted": 0.0,
+    }  # fmt: skip
+    for gas, offset in (("estimate", 150.0), ("included", 150.0), ("subtracted", 0.0)):
+        np.testing.assert_allclose(shocks[gas].curve.force(0.25), 750.0 - offset, rtol=0.03)

@@ -17,7 +17,7 @@ from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.curve import Shape
-from eightpost.ident.shock.fit import GasTreatment, RecipeName
+from eightpost.ident.shock.options import GasTreatment, RecipeName
 from eightpost.ident.shock.robust import Robust
 from eightpost.ident.vehicle.recipes import recipe_names
 from eightpost.rig.post.program import PROGRAMS
@@ -55,7 +55,7 @@ def option(verb: str, name: str) -> click.Parameter:
 @pytest.mark.parametrize(
     ("verb", "name", "taken"),
     [
-        ("fit", "--law", tuple(LAWS)),
+        ("fit", "--law", ("auto", *LAWS)),
         ("fit", "--recipe", get_args(RecipeName)),
         ("fit", "--shape", get_args(Shape)),
         ("fit", "--robust", get_args(Robust)),

@@ -54,6 +54,16 @@ def curve():
 
 
 @pytest.fixture(scope="session")
+def rising():
+    """Return a curve that rises everywhere, steep at low speed, with cubics that join in value and slope."""
+    inner = (2600.0, 90.0, -1000.0, 60.0, 300.0, *[0.0] * 10)
+    k = np.arange(1, 16)
+    compression = (float(np.sum(inner)), float(k @ inner), 150.0, 30.0)
+    rebound = (float((-1.0) ** k @ inner), float(-((-1.0) ** (k - 1) * k) @ inner), -200.0, -60.0)
+    return StaticCurve(inner, compression, rebound, 0.381, 0.0127, 2.0, 2.0, 1000.0, 1000.0)
+
+
+@pytest.fixture(scope="session")
 def law_record():
     """Make a record of a law: law_record(law, seed, rate=2000, noise=1)."""
 

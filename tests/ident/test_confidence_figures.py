@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import t as student
 
 from eightpost.ident.response.averaged import _multiple_coherence, _response_variance, partial_coherence, regress
-from eightpost.ident.shock.uncertainty import blocks_of, covariance, curve_band, quantile
+from eightpost.ident.shock.uncertainty import blocks_of, covariance, covariances, curve_band, quantile, standard_error
 from eightpost.ident.vehicle.common_poles.deviations import (
     correlation_length,
     response_deviation,
@@ -338,3 +338,23 @@ def test_the_requested_number_of_models_is_sampled(monkeypatch):
     assert abs(np.mean(noise**2)) < 0.03  # real and imaginary part are independent
     correlations = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
     assert correlations == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)
+
+
+# ---- Slow changes of a shock ---------------------------------------------------------------------
+
+
+def test_a_drift_that_short_blocks_do_not_show_widens_the_interval_of_a_mean():
+    """The residual of a mean falls by 60 from start to end."""
+    noise, drift = np.random.default_rng(1).normal(size=6000), np.linspace(30.0, -30.0, 6000)
+    column, runs, row = np.ones((6000, 1)), runs_of((6000,)), np.ones((1, 1))
+    still, moving = (covariances(column, residual - residual.mean(), runs) for residual in (noise, noise + drift))
+    assert still.shape == moving.shape == (3, 1, 1)
+    assert standard_error(row, still)[0] < 2.0 * still[0, 0, 0] ** 0.5
+    assert standard_error(row, moving)[0] > 3.0 * moving[0, 0, 0] ** 0.5
+    # The true change over the record, 60, is about the width of the interval of quarters: 30 to either side.
+    assert quantile(runs) * standard_error(row, moving)[0] == pytest.approx(26.0, abs=4.0)
+
+
+def test_the_widest_of_several_intervals_counts_for_each_value():
+    covariances_of_two = np.array([np.diag([4.0, 1.0]), np.diag([1.0, 9.0])])
+    assert standard_error(np.eye(2), covariances_of_two).tolist() == [2.0, 3.0]

@@ -15,7 +15,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
 from eightpost.ident.shock.force import FORCE, ForceModel, Models, linear_solution
 from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.uncertainty import covariance
+from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock.curve import INNER_ORDER
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
@@ -59,7 +59,7 @@ def _static(model: ForceModel) -> Solution:
     if model.gas.size and weights[-1] < 0.0:
         return replace(_static(replace(model, gas=model.gas.without_stiffness())), notes=(_NEGATIVE,))
     at_rows = np.hstack([model.curve_rows(), model.gas_rows])
-    spread = covariance(at_rows, at_rows @ weights - model.runs.target, model.runs)
+    spread = covariances(at_rows, at_rows @ weights - model.runs.target, model.runs)
     return Solution(model, weights, spread, True, "linear least squares")
 
 
@@ -114,8 +114,8 @@ def _with_theta(static: Solution, theta: Array, converged: bool, status: str) ->
     """Add theta to the static solution; its covariance is that of theta alone, because the curve was fixed."""
     model, m = static.model, static.parameters.size
     parameters = np.append(static.parameters, theta)
-    spread = np.zeros((parameters.size, parameters.size))
-    spread[:m, :m] = static.covariance
+    spread = np.zeros((len(static.covariance), parameters.size, parameters.size))
+    spread[:, :m, :m] = static.covariance
     by_theta = model.rows_jacobian(parameters)[:, model.linear_count :]
-    spread[m:, m:] = covariance(by_theta, model.rows(parameters) - model.runs.target, model.runs)
+    spread[:, m:, m:] = covariances(by_theta, model.rows(parameters) - model.runs.target, model.runs)
     return Solution(model, parameters, spread, converged, status, static.notes)

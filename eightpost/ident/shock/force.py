@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eightpost.array_types import Array, Complex
+from eightpost.errors import ParameterError
 from eightpost.ident.shock.curve import CurveBasis, Join, WorkingBasis, working_basis
 from eightpost.ident.shock.gas import GasColumns
 from eightpost.ident.shock.runs import Runs
@@ -86,6 +87,12 @@ def _time_constant(rate: float) -> tuple[tuple[float, float], tuple[str, ...]]:
     if rate < _SLOW_RATE:
         highest = _LONG_LAG
         changes.append(f"longest tau {1e3 * highest:.3g} ms instead of 10 ms: the record is sampled at {rate:.4g} Hz")
+    if lowest >= highest:
+        raise ParameterError(
+            f"the record is sampled at {rate:.4g} Hz; a lag of at most {1e3 * highest:.3g} ms cannot be found below "
+            f"{_SHORTEST_SHARE / highest:.3g} Hz. If time is in ms but labelled s, set its unit in a channel map; "
+            "otherwise record at a higher rate"
+        )
     return (lowest, highest), tuple(changes)
 
 
@@ -135,7 +142,11 @@ class Dynamics(ABC):
     def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
         """Return the law with its curve and port."""
         assert self.kind is not None, "these dynamics are a step of the fit of another law"
-        return self.kind(curve, *self.values(theta).tolist(), port=port)
+        try:
+            return self.kind(curve, *self.values(theta).tolist(), port=port)
+        except ValueError as error:
+            what = f"the fitted law is not valid: {error}; or fit more of the record (--segment)"
+            raise ParameterError(what) from error
 
     @property
     def needs_rise(self) -> bool:

@@ -87,7 +87,7 @@ _ROUGH = 1e-5
 def _sketched(model: ForceModel) -> Problem:
     """Return the problem with which a model of the whole record is sketched."""
     rough = model.coarse if model.dynamics.is_costly else model
-    return Problem(model) if rough is model else Problem(rough, tolerance=_ROUGH)
+    return Problem(model) if rough is model else Problem(rough, tolerance=_REFIT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +142,10 @@ _FOLLOWED = 2
 
 #: Tolerance of these rough searches: the best start is known long before its minimum is.
 _GUIDE = 1e-3
+
+#: Tolerance of fits to parts of a record. They start from the fit to everything and must not stop near it; steps of the
+#: curve are small beside LPNL2's transition forces, so the tolerance is below that of a fit.
+_REFIT = 1e-7
 
 #: A free join must lower the sum of squares by this share; four parameters lower it by 0.4 % by chance.
 _WORTHWHILE = 0.02
@@ -208,6 +212,17 @@ class Joint:
             like = _like(sketch.full_lag, model.dynamics, sketch.weights)
             minimum = min((minimum, like), key=lambda m: m.cost)
         return replace(sketch, minimum=minimum)
+
+    def refitted_rows(self, sketch: Sketch, weights: Array) -> Array:
+        """Return the force at the rows (R,) [N] after an optimisation with other weights (R,), such as zeros.
+
+        A costly law is optimised on a thinned record, but to the end: if the search stopped near its start, the fit to
+        everything, the rows without weight would have been seen.
+        """
+        model = sketch.minimum.problem.model
+        rough = (model.coarse if model.dynamics.is_costly else model).weighted(weights)
+        minimum = self._on(Problem(rough, tolerance=_REFIT), sketch.minimum)
+        return model.rows(minimum.parameters)
 
     def solution(self, sketch: Sketch) -> Solution:
         """Return a finished sketch as a solution, with a note for each choice that it made."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.law_choice import LawChoice, LawScore
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.verdict import Parameter, in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
@@ -45,6 +46,26 @@ def parameter_table(fit: ShockFit) -> Table:
     columns = [*unbroken("parameter"), *right("value", "95 % interval", "SI", "bounds"), "at bound"]
     title = f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters"
     return console_table(columns, map(_parameter_row, fit.parameters), title=title)
+
+
+def choice_table(choice: LawChoice) -> Table:
+    """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost."""
+    columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "ns per step")
+    what = "whole runs, without their level" if choice.left_out == "runs" else "quarters of the record"
+    rows = [_choice_row(score, choice) for score in choice.scores]
+    title = f"Choice of the law: errors on left-out {what}"
+    return console_table([*unbroken("law"), *columns, "note"], rows, title=title)
+
+
+def _choice_row(score: LawScore, choice: LawChoice) -> tuple[str, ...]:
+    cost = "-" if score.step_nanoseconds is None else f"{score.step_nanoseconds:.0f}"
+    notes = [*(["chosen"] if score.law == choice.law else []), *([score.trouble] if score.trouble else [])]
+    if score.blocks is None:
+        fitted = (f"{score.fit_percent:.3g}", str(score.parameters)) if score.parameters else ("-", "-")
+        return law_title(score.law), "-", "-", *fitted, cost, ", ".join(notes)
+    held = score.held_out
+    figures = (f"{held.percent:.3g}", f"{held.spread:.2g}", f"{score.fit_percent:.3g}", str(score.parameters))
+    return law_title(score.law), *figures, cost, ", ".join(notes)
 
 
 def _parameter_row(parameter: Parameter) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, nnls
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import CurveConstraint
 from eightpost.ident.shock.force import ForceModel, linear_solution
-from eightpost.ident.shock.uncertainty import covariance
+from eightpost.ident.shock.uncertainty import covariances
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------
 
@@ -25,7 +25,8 @@ class Solution:
     Attributes:
         model: Force model, with the gas columns that were kept.
         parameters: Parameters (n + g + k,) of curve, gas, theta.
-        covariance: Covariance (n + g + k, n + g + k); NaN rows for parameters that are undetermined or were fixed.
+        covariance: Covariances (3, n + g + k, n + g + k), see `covariances`; NaN rows for parameters that are
+            undetermined or were fixed.
         converged: Whether the optimiser ended at a minimum.
         status: Description of how the optimiser ended.
         notes: Changes that the recipe made, one sentence each.
@@ -265,7 +266,7 @@ class Minimum:
     def solution(self, notes: tuple[str, ...]) -> Solution:
         """Return the solution with notes."""
         model = self.problem.model
-        spread = covariance(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
+        spread = covariances(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
         return Solution(model, self.parameters, spread, self.converged, self.status, notes)
 
     def _active_rows(self) -> Array:

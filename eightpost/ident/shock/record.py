@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.plausibility import SEGMENT
 from eightpost.signals import TimeSeries, lowpass
 from eightpost.units import convert
 
 # ---- Choice of the segment of a record that is fitted (3.3) ---------------------------------------------------------
-
-#: The dissertation's segment [s].
-SEGMENT = (1.0, 10.0)
 
 #: Length of the edges that a record's ends disturb, times the cutoff frequency [1]: the slowest pole of the 8th-order
 #: Butterworth decays by exp(-2 pi 0.195 f_c t), to 0.06 % here.
@@ -125,6 +123,11 @@ class Prepared:
     def step(self) -> float:
         """Sampling interval [s]."""
         return 1.0 / self.rate
+
+    @property
+    def stop(self) -> float:
+        """End of the segment, from the start of the record [s]."""
+        return float(self.record.time[self.inside][-1])
 
     @property
     def measured(self) -> Array:

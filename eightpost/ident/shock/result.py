@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.ident.shock.choice_verdict import choice_reasons
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.gas import GasColumns
+from eightpost.ident.shock.law_choice import LawChoice
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
-from eightpost.ident.shock.verdict import Parameter, doubts, findings, parameters_of, shock_validity
+from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.signals import TimeSeries
@@ -95,7 +97,7 @@ def _inputs_of(tests: Sequence[DynoTest]) -> tuple[dict[str, str], ...]:
 def _notes_of(tests: Sequence[DynoTest]) -> list[str]:
     """Return the notes on the records, with the number of the run if there are several."""
     numbered = enumerate(tests, start=1)
-    return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.notes]
+    return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.warnings]
 
 
 def _entry(parameter: Parameter) -> dict[str, Any]:
@@ -164,6 +166,7 @@ class ShockFit:
             the segment, several runs one after the other.
         predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
         digest: SHA-256 of the first record's file, or of its samples if it has none.
+        choice: Comparison of the laws if the law was chosen automatically.
     """
 
     shock: Shock
@@ -181,6 +184,7 @@ class ShockFit:
     measured: TimeSeries
     predicted: TimeSeries
     digest: str
+    choice: LawChoice | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -213,6 +217,7 @@ class Story:
         name: Name of the shock, if given.
         changes: Every departure from the dissertation's choices.
         downweighted: Number of samples treated as outliers.
+        choice: Comparison of the laws if the law was chosen automatically.
     """
 
     recipe: str
@@ -220,12 +225,14 @@ class Story:
     name: str | None
     changes: tuple[str, ...]
     downweighted: int
+    choice: LawChoice | None = None
 
 
 def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:
     """Return the fitted shock of a solution."""
     model = solution.model
     runs, (b, g, theta) = model.runs, model.split(solution.parameters)
+    tests = [test.judged(until=p.stop) for test, p in zip(tests, runs.prepared, strict=True)]
     measured = _joined([p.record.at(p.inside) for p in runs.prepared])
     curve, ends = fitted_curve(model.basis.curve, model.basis.to_curve @ b, measured["velocity"])
     preload, stiffness = model.gas.values(g)
@@ -237,7 +244,8 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
-    choices = {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
+    chosen = {"law_choice": story.choice.to_json()} if story.choice else {}
+    choices = chosen | {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
@@ -251,6 +259,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
             parameters=parameters,
             doubts=(*doubts(solution, parameters, recipe=story.recipe, gas=story.gas), *ends),
             conditions=conditions,
+            further=choice_reasons(story.choice, runs, origin_of(tests)) if story.choice else (),
         ),
     )
     return ShockFit(
@@ -269,6 +278,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         measured=measured,
         predicted=predicted,
         digest=digest_of(tests[0]),
+        choice=story.choice,
     )
 
 
@@ -276,7 +286,7 @@ def _band(solution: Solution) -> CurveBand:
     model = solution.model
     n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
     velocity = np.linspace(inside.min(), inside.max(), _BAND)
-    covariance = np.nan_to_num(solution.covariance[:n, :n])
+    covariance = np.nan_to_num(solution.covariance[:, :n, :n])
     return curve_band(model.basis.at(velocity), solution.parameters[:n], covariance, velocity, quantile(model.runs))
 
 

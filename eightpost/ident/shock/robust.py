@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -157,3 +157,37 @@ def _only_where_far(residual: Array, deviation: float) -> Array:
 def _scale(residual: Array) -> float:
     middle = float(np.median(residual))
     return max(_NORMAL * float(np.median(np.abs(residual - middle))), 1e-12)
+
+
+#: Maximum number of searches for spikes.
+_SCREENINGS = 3
+
+
+def screened_runs(
+    tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]], Runs]
+) -> tuple[Runs, int, list[str]]:
+    """Return runs without spikes, the number of replaced samples, and notes on what was replaced.
+
+    Args:
+        tests: Measured tests.
+        prepared: Function that prepares tests for the fit.
+    """
+    cleaned, notes = [], []
+    total = 0
+    for test in tests:
+        clean, found = without_motion_spikes(test)
+        cleaned.append(clean)
+        total += sum(found.values())
+        notes += [f"{count} outlying samples of {name} were replaced" for name, count in found.items()]
+    runs, counts = prepared(cleaned), [0] * len(cleaned)
+    for _ in range(_SCREENINGS):
+        forces = screened_force(runs)
+        found_now = [without_spikes(t, p, f) for t, p, f in zip(cleaned, runs.prepared, forces, strict=True)]
+        if [count for _, count in found_now] == counts:
+            break
+        counts = [count for _, count in found_now]
+        runs = prepared([test for test, _ in found_now])
+    spikes = sum(counts)
+    if spikes:
+        notes.append(f"{spikes} samples of the force were replaced: spikes, far from the model, and their neighbours")
+    return runs, total + spikes, notes

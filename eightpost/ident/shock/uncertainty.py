@@ -4,12 +4,16 @@ The residual of a damper model is not white noise: it is what the law does not d
 long as that of the motion. So the rows are divided into blocks, and the uncertainty follows from the change of the
 solution when a block is left out (delete-a-block jackknife to first order: a sandwich covariance corrected for
 leverage).
+
+A shock that warms or drifts during the test changes its parameters slowly, which blocks of 0.3 s do not show. So the
+same is done with quarters and eighths of the records, and the widest of the three intervals counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -30,8 +34,15 @@ BLOCK = 0.3
 #: Minimum number of blocks; shorter records have shorter blocks.
 _FEWEST_BLOCKS = 20
 
+#: Numbers of long blocks, which show slow changes: warming, drift, differences between runs.
+_LONG = (8, 4)
+
 #: Level of the confidence intervals.
 LEVEL = 0.95
+
+#: Level of the intervals of the long blocks. As the widest of three intervals counts, 0.95 for each would cover 99 % of
+#: records that do not change; this value covers 97 % of these, and 90 % of warming ones (benchmarks/law_intervals.py).
+_LONG_LEVEL = 0.925
 
 #: Singular values of the scaled Jacobian below this share of the largest are directions without information.
 _NO_INFORMATION = 1e-7
@@ -63,22 +74,52 @@ def blocks_of(runs: Runs) -> list[slice]:
 
 def quantile(runs: Runs) -> float:
     """Return the half-width of a 95 % interval in standard errors: Student's t for the number of blocks."""
-    freedom = max(len(blocks_of(runs)) - 1, 1)
-    return float(student.ppf(0.5 + 0.5 * LEVEL, freedom))
+    return _student(len(blocks_of(runs)), LEVEL)
 
 
-def covariance(jacobian: Array, residual: Array, runs: Runs) -> Array:
+def _student(blocks: int, level: float) -> float:
+    return float(student.ppf(0.5 + 0.5 * level, max(blocks - 1, 1)))
+
+
+def covariances(jacobian: Array, residual: Array, runs: Runs) -> Array:
+    """Return the covariances (3, n, n) of parameters for short blocks, eighths and quarters of the records.
+
+    Each is scaled so that `quantile(runs)` standard errors are the half-width of its 95 % interval; `standard_error`
+    takes the largest. For the arguments see `covariance`.
+    """
+    short = blocks_of(runs)
+    found = [covariance(jacobian, residual, runs)]
+    for count in _LONG:
+        ends = np.linspace(0, residual.size, count + 1).astype(int).tolist()
+        widened = (_student(count, _LONG_LEVEL) / _student(len(short), LEVEL)) ** 2
+        found.append(widened * covariance(jacobian, residual, runs, [slice(*pair) for pair in pairwise(ends)]))
+    return np.array(found)
+
+
+def standard_error(rows: Array, covariances: Array) -> Array:
+    """Return the standard errors (M,) of linear functions of parameters: rows (M, n), covariances (..., n, n)."""
+    variances = np.einsum("mi,...ij,mj->...m", rows, covariances, rows).reshape(-1, rows.shape[0])
+    return np.asarray(np.sqrt(np.maximum(variances.max(axis=0), 0.0)))
+
+
+def covariance(jacobian: Array, residual: Array, runs: Runs, blocks: list[slice] | None = None) -> Array:
     """Return the covariance (n, n) of parameters from a Jacobian (R + T, n) and a residual (R,).
 
     Rows beyond the R rows of the runs are not data: they add stiffness but no scatter. Parameters that the record does
     not determine are NaN.
+
+    Args:
+        jacobian: Jacobian of the residual.
+        residual: Residual of the fit.
+        runs: Records of the fit.
+        blocks: Blocks of rows that are treated as independent; None for those of `blocks_of`.
     """
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = 1.0
     left, strength, directions = np.linalg.svd(jacobian / size, full_matrices=False)
     known = strength > _NO_INFORMATION * strength[0]
     unknown = 1.0 - np.sum(directions[known] ** 2, axis=0)
-    scores = _moves(left[:, known], residual, blocks_of(runs))
+    scores = _moves(left[:, known], residual, blocks or blocks_of(runs))
     moves = (scores / strength[known]) @ directions[known] / size
     count = moves.shape[0]
     moves = moves - moves.mean(axis=0)
@@ -107,12 +148,11 @@ def curve_band(columns: Array, b: Array, covariance: Array, velocity: Array, rea
     Args:
         columns: Columns (M, n) of the curve at velocities (M,) [m/s].
         b: Coefficients (n,) of the curve.
-        covariance: Covariance (n, n) of b.
+        covariance: Covariance (n, n) of b, or several (..., n, n), of which the largest counts at each velocity.
         velocity: Velocities (M,) [m/s].
         reach: Half-width of the band in standard errors.
     """
-    variance = np.einsum("mi,ij,mj->m", columns, covariance, columns)
-    return CurveBand(velocity, columns @ b, reach * np.sqrt(np.maximum(variance, 0.0)))
+    return CurveBand(velocity, columns @ b, reach * standard_error(columns, covariance))
 
 
 # ---- Uncertainty of a fitted shock, as uncertain parameters of its FMU ----------------------------------------------

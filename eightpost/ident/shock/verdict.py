@@ -12,7 +12,7 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.uncertainty import quantile
+from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
@@ -75,13 +75,13 @@ def parameters_of(solution: Solution) -> tuple[Parameter, ...]:
         dynamics.names,
         dynamics.values(theta).tolist(),
         dynamics.units,
-        _errors(dynamics.values_jacobian(theta), solution.covariance[m:, m:]),
+        _errors(dynamics.values_jacobian(theta), solution.covariance[:, m:, m:]),
         dynamics.value_bounds(),
         strict=True,
     )
     found = [Parameter(*entry, reach) for entry in own]
     gas = zip(model.gas.names, model.gas.to_values @ g, strict=True)
-    errors = _errors(model.gas.to_values, solution.covariance[n:m, n:m])
+    errors = _errors(model.gas.to_values, solution.covariance[:, n:m, n:m])
     bounds = {"gas_stiffness": (0.0, float("inf"))}
     found += [
         Parameter(name, float(value), _GAS_UNITS[name], error, bounds.get(name), reach)
@@ -91,15 +91,16 @@ def parameters_of(solution: Solution) -> tuple[Parameter, ...]:
 
 
 def _errors(jacobian: Array, covariance: Array) -> list[float | None]:
-    """Return the standard errors of values, given their Jacobian with respect to the covariance's parameters.
+    """Return the standard errors of values, given their Jacobian with respect to the covariances' parameters.
 
     A value that depends on an undetermined parameter (NaN) is undetermined too.
     """
     errors: list[float | None] = []
     for row in jacobian:
         used = row != 0.0
-        variance = float(row[used] @ covariance[np.ix_(used, used)] @ row[used])
-        errors.append(float(np.sqrt(variance)) if np.isfinite(variance) and variance >= 0.0 else None)
+        known = covariance[..., used, :][..., used]
+        error = float(standard_error(row[None, used], known)[0]) if np.isfinite(known).all() else None
+        errors.append(error)
     return errors
 
 
@@ -287,6 +288,7 @@ def shock_validity(
     parameters: Iterable[Parameter],
     doubts: Iterable[str],
     conditions: Mapping[str, Any],
+    further: Iterable[Reason] = (),
 ) -> Validity:
     """Return the verdict on a fit, and the ranges that it covers.
 
@@ -297,15 +299,21 @@ def shock_validity(
         parameters: Scalar parameters.
         doubts: Further doubts about the fit, one sentence each.
         conditions: Conditions of the measurement, as in a shock file.
+        further: Reasons of other rules.
     """
-    origin = ", ".join(dict.fromkeys(_name(test) for test in tests))
+    origin = origin_of(tests)
     reasons = [_misfit(percent, origin)]
     if trouble:
         reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
     reasons += [_verdict_at_bound(p, origin) for p in parameters if p.at_bound and p.name != "gas_stiffness"]
     reasons += [reason for test in tests for reason in _of_record(test)]
     reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
-    return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
+    return Validity(Verdict([*reasons, *further]), tuple(_ranges_of(conditions)))
+
+
+def origin_of(tests: Iterable[DynoTest]) -> str:
+    """Return the names of records for the origin of a reason."""
+    return ", ".join(dict.fromkeys(test.label for test in tests))
 
 
 def peak_velocity_validity(
@@ -334,7 +342,7 @@ def _verdict_at_bound(parameter: Parameter, origin: str) -> Reason:
 
 def _of_record(test: DynoTest) -> Iterator[Reason]:
     """Yield the doubts about a record; a lag and a change of temperature have their own rules."""
-    origin, lag = _name(test), lag_note(test.series)
+    origin, lag = test.label, lag_note(test.series)
     if lag is not None:
         rule = INSTRUMENT_LAG if abs(lag.delay) > LARGEST_LAG * lag.allowed else SOME_LAG
         figure = f"{1e3 * lag.delay:.3g} ms; a shock can have {-1e3 * lag.lead:.3g} to {1e3 * lag.allowed:.3g} ms"
@@ -343,13 +351,10 @@ def _of_record(test: DynoTest) -> Iterator[Reason]:
     if warming is not None:
         figure = f"{temperature_drift(test.series):+.1f} K; limit {DRIFT:g} K"
         yield WARMING.reason("the shock's temperature changed over the record", figure=figure, origin=origin)
+    yield from test.reasons
     for note in test.notes:
         if note not in (warming, None if lag is None else lag.note):
             yield DOUBT.reason("the record is doubtful", figure=note, origin=origin)
-
-
-def _name(test: DynoTest) -> str:
-    return f"record {test.source.name}" if test.source else "a record in memory"
 
 
 def _ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:

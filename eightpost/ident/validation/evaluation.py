@@ -159,9 +159,18 @@ class RandomValidation(Predicted):
     residual: ErrorSpectrum | None
 
 
-def validate_random(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> RandomValidation:
-    """Return a shock's error on a random record (Table 3.5)."""
-    prediction = evaluate(shock, record.test, cutoff=cutoff)
+def validate_random(
+    shock: Shock, record: DynoRecord, *, segment: tuple[float, float] | None = None, cutoff: float | None = None
+) -> RandomValidation:
+    """Return a shock's error on a random record (Table 3.5).
+
+    Args:
+        shock: Fitted shock.
+        record: Record that moves at many frequencies.
+        segment: Start and end [s] from the record's start; default 1 to 10.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
+    """
+    prediction = evaluate(shock, record.test, segment=segment, cutoff=cutoff)
     return RandomValidation(prediction, residual_of(prediction))
 
 

@@ -95,7 +95,11 @@ class ShockValidation:
 
 
 def validate_shocks(
-    shocks: Sequence[Shock], records: Sequence[DynoRecord], *, cutoff: float | None = None
+    shocks: Sequence[Shock],
+    records: Sequence[DynoRecord],
+    *,
+    cutoff: float | None = None,
+    segment: tuple[float, float] | None = None,
 ) -> ShockValidation:
     """Validate shocks on records (3.4).
 
@@ -106,13 +110,19 @@ def validate_shocks(
         shocks: Shocks of one damper with several laws, or of several dampers.
         records: Records of any kinds.
         cutoff: Cutoff frequency of the low-pass [Hz]; default 50, for bumps 200, at most 0.4 of the sampling rate.
+        segment: Start and end [s] of the judged part of random records; default 1 to 10. For other kinds the motion
+            defines the part.
 
     Raises:
-        ParameterError: No shock or no record is given, or a record does not suit its kind.
+        ParameterError: No shock or no record is given, a record does not suit its kind, the segment is not within a
+            random record, or a segment is given without a random record.
         TooShortError: A record has too few samples.
     """
     if not shocks or not records:
         raise ParameterError(f"a validation needs a shock and a record; got {len(shocks)} and {len(records)}")
+    if segment is not None and not any(record.kind == "random" for record in records):
+        kinds = ", ".join(f"{record.name} is {record.kind}" for record in records)
+        raise ParameterError(f"a segment applies to random records only, but {kinds}; omit it, or give --kind random")
     labelled = _labelled(shocks)
     cases: list[ShockCase] = []
     unpaired: list[str] = []
@@ -121,16 +131,16 @@ def validate_shocks(
             if why := _mismatch(shock, record):
                 unpaired.append(f"{label} was not compared with {record.name}: {why}")
                 continue
-            outcome = _outcome(shock, record, cutoff)
+            outcome = _outcome(shock, record, cutoff, segment)
             fitted = {entry.get("sha256") for entry in shock.inputs}
             cases.append(ShockCase(label, shock, record, outcome, record.digest in fitted))
     return ShockValidation(labelled, tuple(records), tuple(cases), tuple(unpaired))
 
 
-def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None) -> Outcome:
+def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None, segment: tuple[float, float] | None) -> Outcome:
     match record.kind:
         case "random":
-            return validate_random(shock, record, cutoff=cutoff)
+            return validate_random(shock, record, segment=segment, cutoff=cutoff)
         case "sine":
             return validate_sine(shock, record, cutoff=cutoff)
         case "bump":

@@ -1,0 +1,169 @@
+"""Benchmark of the automatic choice of a law: is the chosen law the best on data that the choice never saw?
+
+    python benchmarks/law_choice.py [--json FILE] [--configurations 1,5] [--cases WORDS] \
+[--page FILE]
+
+The cases are the twelve configurations of Table 3.1 (chosen on one phase draw, judged on another) and, if
+EIGHTPOST_DATA names the folder of measured records, the held-out runs of benchmarks/shock_fit.py and the first and the
+last third of every measured record, each held out from the other two. Prints Markdown: the held-out error of each law
+in percent of the force's standard deviation, the choice, the law that is best in hindsight, and the excess of the
+choice's error. Bouc-Wen is fitted to measured records for comparison; it cannot be chosen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+# Small matrices: more threads are slower.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured, thirds
+from benchmarks.shock_rows import FitErrors, attempt
+from benchmarks.shock_tables import grid
+from benchmarks.table import number
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.law_choice import LawChoice
+from eightpost.shock import LAWS, law_title
+
+#: Required: the chosen law is within this share of the best in hindsight, in this share of the cases.
+CLOSE, SHARE = 0.05, 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """A choice and what it is worth.
+
+    Attributes:
+        case: Records of the choice, and the record that it is judged on.
+        choice: Comparison of the laws.
+        errors: Error of each law on the held-out record, in percent of the force's standard deviation.
+        bouc_wen: Error of Bouc-Wen there; None if it was not fitted.
+        seconds: Processor time of all fits of the choice [s].
+    """
+
+    case: Case
+    choice: LawChoice
+    errors: Mapping[str, float]
+    bouc_wen: float | None
+    seconds: float
+
+    @property
+    def best(self) -> str:
+        """Law with the lowest error on the held-out record."""
+        return min(self.errors, key=lambda law: self.errors[law])
+
+    @property
+    def regret(self) -> float:
+        """Excess of the chosen law's error over the best, over the best [1]."""
+        return self.choice.regret(self.errors)
+
+    def row(self) -> dict[str, Any]:
+        """Return the row that --json writes."""
+        return {
+            "record": self.case.record,
+            "chosen": self.choice.law,
+            "best": self.best,
+            "regret": self.regret,
+            "errors": dict(self.errors),
+            "bouc_wen": self.bouc_wen,
+            "cross_validated": {s.law: s.held_out.percent for s in self.choice.scores if s.blocks is not None},
+            "seconds": self.seconds,
+        }
+
+
+def judged(case: Case) -> Chosen:
+    """Choose a law on the fitted records of a case, and judge the choice on its held-out record."""
+    started = process_time()
+    choice = fit_shock(case.fitted, "auto", segment=case.segment).choice
+    seconds = process_time() - started
+    assert choice is not None
+    found = {law: attempt(case, law, "joint") for law in (*LAWS, *([BOUC_WEN] if case.is_measured else []))}
+    errors = {law: one.validation_percent for law, one in found.items() if isinstance(one, FitErrors)}
+    return Chosen(case, choice, {law: errors[law] for law in LAWS if law in errors}, errors.get(BOUC_WEN), seconds)
+
+
+def cases(numbers: Sequence[int]) -> Iterator[Case]:
+    """Yield all cases, virtual ones first."""
+    yield from configurations(numbers, quick=True)
+    yield from measured(quick=True)
+    yield from thirds()
+
+
+def choices_table(found: Sequence[Chosen]) -> str:
+    """Return the errors of each law, the choice and its excess as Markdown."""
+    heads = ("record", *map(law_title, LAWS), "Bouc-Wen", "auto", "best in hindsight", "excess [%]")
+    return grid(heads, map(_cells, found))
+
+
+def _cells(one: Chosen) -> list[str]:
+    errors = [number(one.errors[law]) if law in one.errors else "-" for law in LAWS]
+    errors = [f"**{text}**" if law == one.choice.law else text for law, text in zip(LAWS, errors, strict=True)]
+    wen = "-" if one.bouc_wen is None else number(one.bouc_wen)
+    return [one.case.record, *errors, wen, law_title(one.choice.law), law_title(one.best), f"{100.0 * one.regret:.1f}"]
+
+
+def summary(found: Sequence[Chosen]) -> str:
+    """Return the share of good choices and the distribution of the excess, largest values first."""
+    regrets = np.array(sorted((one.regret for one in found), reverse=True))
+    close = int(np.sum(regrets <= CLOSE))
+    share = f"{100.0 * close / len(found):.0f} %"
+    worst = ", ".join(f"{100.0 * value:.1f}" for value in regrets[:5])
+    seconds = sorted(one.seconds for one in found)
+    return (
+        f"- {close} of {len(found)} choices ({share}) are within {100.0 * CLOSE:.0f} % of the best law in "
+        f"hindsight; required: {100.0 * SHARE:.0f} %.\n"
+        f"- Largest excesses: {worst} %; median {100.0 * float(np.median(regrets)):.1f} %.\n"
+        f"- Processor time of a choice, all laws: median {seconds[len(seconds) // 2]:.1f} s, maximum "
+        f"{seconds[-1]:.1f} s."
+    )
+
+
+def main() -> None:
+    """Run the benchmark and print its tables."""
+    options = _options()
+    numbers = tuple(int(number) for number in options.configurations.split(",") if number)
+    found: list[Chosen] = []
+    for case in cases(numbers):
+        if options.cases not in case.record:
+            continue
+        if not found:
+            fit_shock(case.fitted, "auto", segment=case.segment)  # compile before the time is measured
+        found.append(judged(case))
+        print(f"{case.record}: {found[-1].choice.law}, {100.0 * found[-1].regret:.1f} %", file=sys.stderr, flush=True)
+    print(f"{choices_table(found)}\n\n{summary(found)}")
+    if options.page:
+        rewrite(options.page, f"{choices_table(found)}\n\n{summary(found)}")
+    if options.json:
+        options.json.write_text(json.dumps([one.row() for one in found], indent=1) + "\n", encoding="utf-8")
+
+
+def rewrite(page: Path, text: str) -> None:
+    """Put a text between the markers of the table in a page."""
+    start, end = "<!-- table law_choice -->\n", "<!-- end -->"
+    before, rest = page.read_text(encoding="utf-8").split(start)
+    page.write_text(f"{before}{start}{text}\n{end}{rest.split(end, 1)[1]}", encoding="utf-8")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    parser.add_argument(
+        "--configurations", default=",".join(map(str, range(1, 13))), help="configurations, separated by commas"
+    )
+    parser.add_argument("--page", type=Path, help="rewrite the table of this page, docs/law_choice.md")
+    parser.add_argument("--cases", default="", help="run only cases whose name contains these words")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

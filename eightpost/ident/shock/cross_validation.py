@@ -1,0 +1,169 @@
+"""Cross-validation of a law: parts of the records, or whole runs, are left out of the fit and then predicted.
+
+The law is simulated freely over every record, with the parameters of a fit to the other parts, and only the part that
+was left out counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array
+from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.runs import Runs
+
+#: Number of contiguous blocks of a record, of which each is left out once.
+BLOCKS = 4
+
+#: Gap on either side of a block, in which the residual is correlated with that of the block [s], and its upper bound as
+#: a share of the record.
+_GAP, _GAP_SHARE = 0.3, 0.02
+
+#: Number of pieces of a left-out block or run whose errors are counted one by one.
+PIECES = 4
+
+#: Maximum number of fits that leave out runs; with more runs, several are left out together.
+_MOST_FITS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOut:
+    """A part of the records that is left out of a fit and predicted.
+
+    Attributes:
+        kept: Whether each row (R,) is fitted.
+        parts: Rows that are predicted, each a part of one run.
+        is_whole: Whether the parts are whole runs. The offset and the level of such a run are then unknown.
+    """
+
+    kept: NDArray[np.bool_]
+    parts: tuple[slice, ...]
+    is_whole: bool
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Errors of a law on what was left out, over the variance of the force of each run.
+
+    Attributes:
+        pieces: Mean square error of each piece [1]; without offset and level if whole runs were left out.
+        raw: Mean square error of each piece [1] about its mean, but including the level of the run.
+    """
+
+    pieces: tuple[float, ...]
+    raw: tuple[float, ...]
+
+    @property
+    def percent(self) -> float:
+        """RMS error in percent of the force's standard deviation."""
+        return 100.0 * float(np.sqrt(np.mean(self.pieces)))
+
+    @property
+    def raw_percent(self) -> float:
+        """The same for the errors that include the level of a run."""
+        return 100.0 * float(np.sqrt(np.mean(self.raw)))
+
+    @property
+    def spread(self) -> float:
+        """Standard error of `percent`."""
+        mean = float(np.mean(self.pieces))
+        return 0.0 if mean == 0.0 else 50.0 * _standard_error(np.array(self.pieces)) / float(np.sqrt(mean))
+
+    def excess_over(self, other: HeldOut) -> tuple[float, float]:
+        """Return the mean excess of the mean square errors over those of another law [1], and its standard error.
+
+        The pieces are compared one by one, because all laws have larger errors on the same pieces.
+        """
+        excess = np.array(self.pieces) - np.array(other.pieces)
+        return float(excess.mean()), _standard_error(excess)
+
+
+def _standard_error(values: Array) -> float:
+    return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
+
+
+def left_out_blocks(runs: Runs) -> list[LeftOut]:
+    """Return four contiguous blocks with gaps; each contains one quarter of every run."""
+    found = []
+    for number in range(BLOCKS):
+        kept, parts = np.ones(runs.target.size, dtype=bool), []
+        for rows, rate in zip(_rows_of(runs), _rates(runs), strict=True):
+            size = rows.stop - rows.start
+            gap = round(min(_GAP * rate, _GAP_SHARE * size))
+            start, stop = (rows.start + size * k // BLOCKS for k in (number, number + 1))
+            kept[max(start - gap, rows.start) : min(stop + gap, rows.stop)] = False
+            parts.append(slice(start, stop))
+        found.append(LeftOut(kept, tuple(parts), is_whole=False))
+    return found
+
+
+def left_out_runs(runs: Runs) -> list[LeftOut]:
+    """Return each run; nothing if there is only one."""
+    rows = _rows_of(runs)
+    fits = min(len(rows), _MOST_FITS)
+    found = []
+    for number in range(fits if len(rows) > 1 else 0):
+        kept, parts = np.ones(runs.target.size, dtype=bool), tuple(rows[number::fits])
+        for part in parts:
+            kept[part] = False
+        found.append(LeftOut(kept, parts, is_whole=True))
+    return found
+
+
+def held_out_errors(fit: LawFit, left_out: Iterable[LeftOut], counted: Array) -> HeldOut:
+    """Return the errors of a law on what is left out.
+
+    Args:
+        fit: Fit to all records, from which the fits without a part start.
+        left_out: Parts to leave out, one after the other.
+        counted: Weights (R,) of the rows in the errors, such as 0 for outliers.
+    """
+    pieces: list[float] = []
+    raw: list[float] = []
+    for part in left_out:
+        force = fit.refitted_rows(fit.runs.weights * part.kept)
+        for rows in part.parts:
+            measured, predicted, weights = fit.runs.target[rows], force[rows], counted[rows]
+            variance = max(_deviation(measured, weights) ** 2, 1e-300)
+            error = predicted - measured
+            raw += _mean_squares(error - np.average(error, weights=weights) * part.is_whole, weights, variance)
+            error = _without_level(predicted, measured, weights) if part.is_whole else error
+            pieces += _mean_squares(error, weights, variance)
+    return HeldOut(tuple(pieces), tuple(raw))
+
+
+def _mean_squares(error: Array, weights: Array, variance: float) -> list[float]:
+    """Return the mean square errors over a variance of the pieces of a part; a piece of outliers alone is left out."""
+    ends = np.linspace(0, error.size, PIECES + 1).astype(int)
+    slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
+    return [
+        float(np.average(error[here] ** 2, weights=weights[here])) / variance
+        for here in slices
+        if weights[here].sum() > 0.0
+    ]
+
+
+def _without_level(predicted: Array, measured: Array, weights: Array) -> Array:
+    """Return the error (R,) of a prediction with the best offset and gain."""
+    about = predicted - np.average(predicted, weights=weights)
+    size = float(np.sum(weights * about**2))
+    gain = float(np.sum(weights * about * measured)) / size if size > 0.0 else 0.0
+    return np.asarray(gain * about + np.average(measured, weights=weights) - measured)
+
+
+def _deviation(values: Array, weights: Array) -> float:
+    return float(np.sqrt(np.average((values - np.average(values, weights=weights)) ** 2, weights=weights)))
+
+
+def _rows_of(runs: Runs) -> list[slice]:
+    ends = np.cumsum([0, *(f.rows.size for f in runs.filters)]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _rates(runs: Runs) -> list[float]:
+    return [f.row_rate for f in runs.filters]

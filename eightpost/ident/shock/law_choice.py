@@ -1,0 +1,284 @@
+"""Choice of the law for a shock: every law is fitted, cross-validated, and compared.
+
+The choice is the simplest law whose held-out error is within one standard error of the best. If there are several runs,
+each run is left out once; if there is one, each quarter of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from eightpost.array_types import Array
+from eightpost.errors import ParameterError
+from eightpost.ident.shock.cross_validation import HeldOut, held_out_errors, left_out_blocks, left_out_runs
+from eightpost.ident.shock.law_fit import LawFit, fit_law
+from eightpost.ident.shock.options import AUTO, Choices
+from eightpost.ident.shock.robust import screened_runs
+from eightpost.ident.shock.runs import Runs, prepare_runs
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import LAWS, law_title, own_parameters, step_nanoseconds
+
+#: Errors that differ by less than this share count as equal: the fits are not more accurate.
+TIE = 1e-3
+
+#: A law is the same as a simpler one if its residual is at most this share below or above that of the simpler law: its
+#: own parameters are without effect then, and it cannot be better on other records.
+_SAME_FIT = (3e-3, 2e-2)
+
+
+@dataclass(frozen=True, slots=True)
+class LawScore:
+    """A law in the comparison.
+
+    Attributes:
+        law: Name of the law.
+        blocks: Errors on quarters of the records that were left out; None if the law was not cross-validated.
+        runs: Errors on whole runs that were left out; None if there is only one run.
+        fit_percent: RMS of the residual of the fit to everything, in percent of the force's standard deviation.
+        own_parameters: Number of the law's own parameters.
+        parameters: Number of all fitted parameters, with curve and gas force.
+        step_nanoseconds: Time of a step of the native FMU [ns], measured once; None if not stated.
+        trouble: Cause that excludes the law; empty for a law that can be chosen.
+    """
+
+    law: str
+    blocks: HeldOut | None
+    runs: HeldOut | None
+    fit_percent: float
+    own_parameters: int
+    parameters: int
+    step_nanoseconds: float | None
+    trouble: str = ""
+
+    @property
+    def held_out(self) -> HeldOut:
+        """Errors that decide: on whole runs if there are several, else on quarters of the record."""
+        found = self.runs or self.blocks
+        assert found is not None, "a law that was not cross-validated has no errors"
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class LawChoice:
+    """Comparison of laws, and the choice.
+
+    Attributes:
+        scores: All laws, simple ones first.
+        law: Name of the chosen law.
+        best: Name of the law with the lowest held-out error.
+        reason: Reason for the choice, one sentence.
+    """
+
+    scores: tuple[LawScore, ...]
+    law: str
+    best: str
+    reason: str
+
+    @property
+    def chosen(self) -> LawScore:
+        """Score of the chosen law."""
+        return self[self.law]
+
+    @property
+    def left_out(self) -> str:
+        """What was left out: `runs`, or `quarters` of the only one."""
+        return "runs" if self.chosen.runs is not None else "quarters"
+
+    def __getitem__(self, law: str) -> LawScore:
+        return next(score for score in self.scores if score.law == law)
+
+    def regret(self, errors: Mapping[str, float]) -> float:
+        """Return the relative excess [1] of the chosen law's error over the lowest, given errors on other records."""
+        return errors[self.law] / min(errors.values()) - 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON values; errors in percent of the force's standard deviation."""
+        return {
+            "law": self.law,
+            "best": self.best,
+            "reason": self.reason,
+            "left_out": self.left_out,
+            "laws": {score.law: _json_of(score) for score in self.scores},
+        }
+
+
+def _json_of(score: LawScore) -> dict[str, Any]:
+    if score.blocks is None:
+        return {"trouble": score.trouble}
+    held = score.held_out
+    return {
+        "held_out_percent": held.percent,
+        "standard_error_percent": held.spread,
+        "held_out_with_level_percent": held.raw_percent,
+        "held_out_quarters_percent": None if score.blocks is None else score.blocks.percent,
+        "fit_percent": score.fit_percent,
+        "parameters": score.parameters,
+        "step_nanoseconds": score.step_nanoseconds,
+    }
+
+
+def choose_law(
+    tests: DynoTest | Sequence[DynoTest],
+    laws: Iterable[str] = tuple(LAWS),
+    *,
+    choices: Choices | None = None,
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+) -> LawChoice:
+    """Compare laws on the records of a shock by cross-validation, and choose one.
+
+    `fit_shock(tests, "auto")` does the same and returns the chosen fit.
+
+    Args:
+        tests: Records of one shock.
+        laws: Names of the laws to compare.
+        choices: Options of the fits.
+        segment: Start and end [s] of each record; see `fit_shock`.
+        cutoff: Cutoff frequency of the low-pass [Hz]; see `fit_shock`.
+        transition_speed: Transition speed of the curve [m/s]; see `fit_shock`.
+
+    Raises:
+        ParameterError: A law is unknown, or no law could be fitted.
+        TooShortError: A record has too few samples.
+    """
+    choices, given = choices or Choices(), [tests] if isinstance(tests, DynoTest) else list(tests)
+    laws = _checked(laws, choices)
+
+    def prepared(records: Sequence[DynoTest]) -> Runs:
+        return prepare_runs(records, segment=segment, cutoff=cutoff, transition_speed=transition_speed)
+
+    with threadpool_limits(1, "blas"):
+        runs = screened_runs(given, prepared)[0] if choices.is_screened else prepared(given)
+        return best_law(runs, choices, laws)[0]
+
+
+def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
+    """Return the laws to compare, if they and the options are known."""
+    compared = tuple(laws)
+    choices.check(AUTO)
+    if not compared or not set(compared) <= set(LAWS):
+        raise ParameterError(f"laws to compare must be among {', '.join(LAWS)}, not {', '.join(compared) or 'none'}")
+    return compared
+
+
+def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) -> tuple[LawChoice, LawFit]:
+    """Return the comparison of laws over prepared runs, and the fit of the chosen law.
+
+    Raises:
+        ParameterError: No law could be fitted.
+    """
+    fits, troubles = _fits(runs, choices, laws)
+    if not fits:
+        whys = "; ".join(f"{law_title(law)}: {why}" for law, why in troubles.items())
+        raise ParameterError(f"no law could be fitted to this record ({whys}); check the record (eightpost inspect)")
+    # A sample that any law explains is no outlier; such a sample must not count in favour of the others.
+    counted = np.max([fit.runs.weights for fit in fits.values()], axis=0)
+    scores = list(_scores(fits.values(), counted))
+    scores += [_excluded(law, why) for law, why in troubles.items()]
+    choice = chosen_law(scores)
+    return choice, fits[choice.law]
+
+
+def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, LawFit], dict[str, str]]:
+    """Return the fits by law, and the cause of trouble of each law that rejects the record."""
+    fits: dict[str, LawFit] = {}
+    troubles: dict[str, str] = {}
+    for law in laws:
+        try:
+            fits[law] = fit_law(runs, law, choices)
+        except ValueError as error:  # raised by laws and fits that reject the data
+            troubles[law] = str(error)
+    return fits, troubles
+
+
+def _scores(fits: Iterable[LawFit], counted: Array) -> Iterator[LawScore]:
+    """Yield the score of each law; one with the same fit as a simpler law is not cross-validated."""
+    known: list[LawScore] = []
+    for fit in sorted(fits, key=lambda one: len(own_parameters(LAWS[one.law]))):
+        plain = _without_errors(fit, counted)
+        simpler = [one for one in known if one.own_parameters < plain.own_parameters]
+        equal = [one for one in simpler if _is_same_fit(plain.fit_percent, one.fit_percent)]
+        known.append(plain)
+        if equal:
+            yield replace(plain, trouble=f"same fit as {law_title(equal[0].law)}: not cross-validated")
+        else:
+            yield _cross_validated(fit, plain, counted)
+
+
+def _is_same_fit(percent: float, simpler: float) -> bool:
+    below, above = _SAME_FIT
+    return (1.0 - below) * simpler <= percent <= (1.0 + above) * simpler
+
+
+def _without_errors(fit: LawFit, counted: Array) -> LawScore:
+    residual, kind = fit.sketch.error, LAWS[fit.law]
+    return LawScore(
+        law=fit.law,
+        blocks=None,
+        runs=None,
+        fit_percent=100.0 * float(np.sqrt(np.average(residual**2, weights=counted))) / fit.runs.deviation,
+        own_parameters=len(own_parameters(kind)),
+        parameters=fit.parameter_count,
+        step_nanoseconds=step_nanoseconds(kind),
+        trouble="" if fit.has_converged else "the fit did not converge",
+    )
+
+
+def _cross_validated(fit: LawFit, score: LawScore, counted: Array) -> LawScore:
+    try:
+        blocks = held_out_errors(fit, left_out_blocks(fit.runs), counted)
+        across = left_out_runs(fit.runs)
+        runs = held_out_errors(fit, across, counted) if across else None
+    except ValueError as error:  # raised by laws and fits that reject a part of the data
+        return replace(score, trouble=f"a part of the record cannot be fitted: {error}")
+    return replace(score, blocks=blocks, runs=runs)
+
+
+def _excluded(law: str, trouble: str) -> LawScore:
+    kind = LAWS[law]
+    return LawScore(law, None, None, np.nan, len(own_parameters(kind)), 0, step_nanoseconds(kind), trouble)
+
+
+def chosen_law(scores: Sequence[LawScore]) -> LawChoice:
+    """Return the simplest law within one standard error of the best.
+
+    A law is simpler than another if it has fewer parameters of its own; among equally simple laws the one with the
+    lower error counts. A law whose fit did not converge is chosen only if there is no other.
+
+    Raises:
+        ParameterError: No law has an error.
+    """
+    scored = [score for score in scores if score.blocks is not None]
+    if not scored:
+        raise ParameterError("no law could be fitted to parts of this record; fit a law by its name")
+    eligible = [score for score in scored if not score.trouble] or scored
+    best = min(eligible, key=lambda score: score.held_out.percent)
+    equal = [score for score in eligible if _is_as_good(score.held_out, best.held_out)]
+    chosen = min(equal, key=lambda score: (score.own_parameters, score.held_out.percent))
+    ordered = sorted(scores, key=lambda score: (score.own_parameters, score.law))
+    return LawChoice(tuple(ordered), chosen.law, best.law, _reason(chosen, best))
+
+
+def _is_as_good(held: HeldOut, best: HeldOut) -> bool:
+    excess, error = held.excess_over(best)
+    return excess <= error or held.percent <= (1.0 + TIE) * best.percent
+
+
+def _reason(chosen: LawScore, best: LawScore) -> str:
+    title, figure = law_title(chosen.law), _figure(chosen.held_out)
+    if chosen is best:
+        return f"{title} has the lowest held-out error, {figure}, and no simpler law is within one standard error of it"
+    return (
+        f"{title} is the simplest law within one standard error of the best: its held-out error is {figure}, that of "
+        f"{law_title(best.law)} {_figure(best.held_out)}"
+    )
+
+
+def _figure(held: HeldOut) -> str:
+    return f"{held.percent:.3g} +- {held.spread:.2g} %"

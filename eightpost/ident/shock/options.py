@@ -1,0 +1,72 @@
+"""Options of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from eightpost.errors import ParameterError
+from eightpost.ident.shock.boggs import Boggs
+from eightpost.ident.shock.curve import Shape
+from eightpost.ident.shock.joint import Joint
+from eightpost.ident.shock.robust import Robust
+from eightpost.shock import LAWS
+from eightpost.shock.curve import INNER_ORDER
+
+#: A name in `LAWS`; `AUTO` in its place chooses one by cross-validation.
+LawName = str
+AUTO = "auto"
+RecipeName = Literal["joint", "boggs"]
+GasTreatment = Literal["estimate", "included", "subtracted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """Options of a fit.
+
+    Attributes:
+        recipe: `joint` (all parameters together) or `boggs` (one after the other, as in 3.3).
+        gas: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
+            makes it part of the shock; `included` fits it and leaves it out of the shock, because the car's static load
+            includes it; `subtracted`: the dynamometer has already subtracted it.
+        shape: Constraint on the curve: `auto`, `free`, `monotone`, `passive`.
+        order: Order of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
+        robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
+    """
+
+    recipe: RecipeName = "joint"
+    gas: GasTreatment = "estimate"
+    shape: Shape = "auto"
+    order: int | None = None
+    robust: Robust = "auto"
+
+    def check(self, law: str) -> None:
+        """Check that all options are known.
+
+        Raises:
+            ParameterError: An option or the law is unknown.
+        """
+        options = (
+            ("law", law, (*LAWS, AUTO)),
+            ("recipe", self.recipe, get_args(RecipeName)),
+            ("gas treatment", self.gas, get_args(GasTreatment)),
+            ("shape", self.shape, get_args(Shape)),
+            ("robust", self.robust, get_args(Robust)),
+        )
+        for what, value, choices in options:
+            if value not in choices:
+                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
+        if law == AUTO and self.recipe == "boggs":
+            raise ParameterError("recipe 'boggs' fits one law, not 'auto': name a law, or use the recipe 'joint'")
+        if self.order is not None and not 1 <= self.order <= INNER_ORDER:
+            raise ParameterError(f"the order of the inner polynomial must be 1 to {INNER_ORDER}, not {self.order!r}")
+
+    @property
+    def ceiling(self) -> float:
+        """The upper bound of the transition forces for any record [N]."""
+        return Boggs.ceiling if self.recipe == "boggs" else Joint.ceiling
+
+    @property
+    def is_screened(self) -> bool:
+        """Whether spikes are replaced before the fit."""
+        return self.recipe != "boggs" and self.robust != "none"

@@ -1,0 +1,264 @@
+"""Tests of exported shock curves: read back equal, within the stated error, rising, and with a message if refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import loadmat
+
+from eightpost.__main__ import main
+from eightpost.app.export import export
+from eightpost.errors import InputError, ParameterError
+from eightpost.ident.exports.shock_formats import TABLE_FORMATS
+from eightpost.ident.exports.shock_table import Setting, shock_table, table_points
+from eightpost.shock import Lpnl2, Polylinear, Port, Shock, write_shock
+from eightpost.shock.law import valve_force
+from eightpost.signals.formats import read_record
+from tests.shock.example_curve import curve
+
+PORT = Port(motion_ratio=0.7, compression_scale=1.1, gas_preload=210.0, gas_stiffness=900.0, seal_friction=35.0)
+
+
+def written(folder: Path, name: str, scale: float = 1.0, **changes: Any) -> Path:
+    law = Lpnl2(curve(**changes), 1.3e-3, 2500.0, 4400.0, port=replace(PORT, rebound_scale=scale))
+    path = folder / f"{name}.json"
+    write_shock(Shock(name, law, {"build": "B7", "clicks": "4 from closed"}), path)
+    return path
+
+
+def exported(*words: object) -> Result:
+    return CliRunner().invoke(main, ["export", *(str(word) for word in words)])
+
+
+def succeeded(*words: object) -> str:
+    result = exported(*words)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def refused(*words: object) -> str:
+    result = exported(*words)
+    assert result.exit_code == 2, result.output
+    return str(result.output)
+
+
+@pytest.fixture
+def shock(tmp_path: Path) -> Path:
+    return written(tmp_path, "front")
+
+
+@pytest.fixture
+def clicks(tmp_path: Path) -> list[Path]:
+    """Three shocks, not in the order of their clicks."""
+    return [written(tmp_path, f"c{k}", scale) for k, scale in ((8, 1.8), (0, 1.0), (4, 1.4))]
+
+
+def numbers(lines: list[str]) -> np.ndarray:
+    return np.array([[float(word) for word in line.split()] for line in lines])
+
+
+# ---- Choice of points -----------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    st.lists(st.floats(0.05, 1.0), min_size=3, max_size=6),
+    st.floats(0.02, 0.6),
+    st.floats(0.1, 1.5),
+    st.floats(0.1, 1.5),
+    st.sampled_from([1e-4, 1e-3, 1e-2]),
+)
+def test_a_table_of_a_rising_curve_rises_and_is_within_the_permitted_error(
+    terms: list[float], transition: float, compression: float, rebound: float, error: float
+) -> None:
+    inner = np.zeros(15)
+    inner[: 2 * len(terms) : 2] = 800.0 * np.array(terms)  # odd powers with positive factors rise
+    level = float(inner.sum())
+    shape = curve(
+        inner=tuple(inner),
+        compression=(level, 900.0, 40.0, 5.0),
+        rebound=(-level, -1100.0, -20.0, -3.0),
+        transition_speed=transition,
+        transition_width=0.03 * transition,
+        compression_speed=compression,
+        rebound_speed=rebound,
+    )
+    law = Polylinear(shape)
+    velocity, force, found = table_points([law], error=error)
+    assert found <= error
+    assert (np.diff(velocity) > 0.0).all()
+    assert 0.0 in velocity
+    assert shape.falls_at() is not None or (np.diff(force[0]) > 0.0).all()
+    assert (velocity[0], velocity[-1]) == (-rebound, compression)
+    tried = np.random.default_rng(1).uniform(velocity[0], velocity[-1], 400)
+    exact = np.array([valve_force(law.valve, v) for v in tried.tolist()])
+    assert np.abs(np.interp(tried, velocity, force[0]) - exact).max() <= error * np.ptp(force)
+
+
+def test_a_smaller_permitted_error_gives_more_points_and_they_are_dense_where_the_curve_bends() -> None:
+    law = Polylinear(curve())
+    coarse, fine = (table_points([law], error=error)[0] for error in (1e-2, 1e-4))
+    assert coarse.size < 20 < fine.size < 200
+    bend = np.abs(np.abs(fine) - 0.381) < 0.02
+    assert np.diff(fine)[bend[1:]].min() < 0.5 * np.median(np.diff(fine))
+
+
+def test_a_higher_speed_continues_the_straight_lines_beyond_the_fit() -> None:
+    shape = curve()
+    velocity, force, _ = table_points([Polylinear(shape)], speed=3.0)
+    assert (velocity[0], velocity[-1]) == (-3.0, 3.0)
+    assert force[0, -1] == pytest.approx(shape.force(1.2) + 3000.0 * 1.8)
+
+
+@pytest.mark.parametrize(("words", "message"), [({"error": 0.0}, "between"), ({"speed": -1.0}, "-1 m/s")])
+def test_an_impossible_choice_of_points_is_refused(words: dict[str, float], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        table_points([Polylinear(curve())], **words)
+
+
+# ---- Formats, read back ---------------------------------------------------------------------------------------------
+
+
+def test_csv_is_read_back_by_eightpost_with_all_digits(shock: Path, tmp_path: Path) -> None:
+    succeeded(shock, "-o", tmp_path / "t.csv")
+    table = shock_table([shock])
+    record = read_record(tmp_path / "t.csv")
+    assert record.names == ("velocity", "force")
+    assert record.units == ("m/s", "N")
+    np.testing.assert_array_equal(np.array(record.columns, dtype=float), [table.velocity, table.force[0]])
+
+
+def test_mat_is_read_back_with_settings_in_increasing_order(clicks: list[Path], tmp_path: Path) -> None:
+    succeeded(*clicks, "--over", "clicks=8,0,4", "-o", tmp_path / "t.mat")
+    content = loadmat(tmp_path / "t.mat", simplify_cells=True)
+    assert content["setting"].tolist() == [0.0, 4.0, 8.0]
+    assert content["setting_name"] == "clicks"
+    assert content["force"].shape == (content["velocity"].size, 3)
+    rebound = content["force"][0]
+    assert rebound == pytest.approx(rebound[0] * np.array([1.0, 1.4, 1.8]), rel=1e-12)
+    assert any("c8 (c8.json" in line for line in content["comments"])
+
+
+def test_modelica_tables_have_the_declared_size_and_the_setting_in_the_first_row(
+    clicks: list[Path], tmp_path: Path
+) -> None:
+    table = shock_table(clicks, over="clicks=8,0,4")
+    for sources, words, rows in ((clicks[1:2], (), 0), (clicks, ("--over", "clicks=8,0,4"), 1)):
+        succeeded(*sources, *words, "-o", tmp_path / "t.txt")
+        lines = (tmp_path / "t.txt").read_text().splitlines()
+        assert lines[0] == "#1"
+        start = next(k for k, line in enumerate(lines) if line.startswith("double"))
+        assert all(line.startswith("#") for line in lines[:start])
+        declared = re.fullmatch(r"double shock\((\d+),(\d+)\)", lines[start])
+        assert declared is not None
+        content = numbers(lines[start + 1 :])
+        assert content.shape == (int(declared[1]), int(declared[2]))
+        assert (np.diff(content[rows:, 0]) > 0.0).all()
+    assert content[0].tolist() == [0.0, 0.0, 4.0, 8.0]
+    np.testing.assert_array_equal(content[1:, 0], table.velocity)
+    np.testing.assert_array_equal(content[1:, 1:], table.force.T)
+
+
+def test_a_matlab_script_has_the_same_numbers(clicks: list[Path], tmp_path: Path) -> None:
+    succeeded(*clicks, "--over", "oil temperature [degC]=60,20,40", "-o", tmp_path / "t.m")
+    table = shock_table(clicks, over="oil temperature [degC]=60,20,40")
+    text = "".join(line for line in (tmp_path / "t.m").read_text().splitlines(True) if not line.startswith("%"))
+    values = dict(re.findall(r"shock\.(\w+) = (?:\[|')(.*?)(?:\]|');", text, re.DOTALL))
+    np.testing.assert_array_equal(np.array(values["velocity"].split(";"), dtype=float), table.velocity)
+    np.testing.assert_array_equal(numbers(values["force"].strip().splitlines()), table.force.T)
+    assert numbers([values["setting"]])[0].tolist() == [20.0, 40.0, 60.0]
+    assert values["setting_name"] == "oil temperature [degC]"
+
+
+def test_an_adams_file_is_positive_in_rebound_and_in_millimetres(shock: Path, tmp_path: Path) -> None:
+    succeeded(shock, "-o", tmp_path / "t.dpr")
+    table = shock_table([shock])
+    lines = (tmp_path / "t.dpr").read_text().splitlines()
+    assert {"[MDI_HEADER]", " FILE_TYPE = 'dpr'", " LENGTH = 'mm'", " FORCE = 'newton'", "[CURVE]"} <= set(lines)
+    content = numbers(lines[lines.index("{ vel force }") + 1 :])
+    assert (np.diff(content[:, 0]) > 0.0).all()
+    np.testing.assert_allclose(content[:, 0], -1e3 * table.velocity[::-1], rtol=1e-15)
+    np.testing.assert_array_equal(content[:, 1], -table.force[0, ::-1])
+
+
+def test_carmaker_has_push_in_compression_and_pull_in_rebound_both_positive(shock: Path, tmp_path: Path) -> None:
+    succeeded(shock, "--format", "carmaker", "-o", tmp_path / "damper.info")
+    lines = (tmp_path / "damper.info").read_text().splitlines()
+    push, pull = (lines.index(f"SuspF.Damp_{side}:") for side in ("Push", "Pull"))
+    compression = numbers([line for line in lines[push + 1 : pull] if line.startswith("\t")])
+    rebound = numbers([line for line in lines[pull + 1 :] if line.startswith("\t")])
+    for side in (compression, rebound):
+        assert side[0].tolist() == [0.0, 0.0]
+        assert (np.diff(side, axis=0) > 0.0).all()
+    table = shock_table([shock])
+    both = np.vstack((-rebound[:0:-1], compression))
+    np.testing.assert_array_equal(both, np.column_stack((table.velocity, table.force[0])))
+
+
+@pytest.mark.parametrize("name", TABLE_FORMATS)
+def test_every_format_states_signs_units_parameters_and_what_it_omits(shock: Path, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "file.any"
+    printed = succeeded(shock, "--format", name, "-o", path)
+    text = "\n".join(loadmat(path, simplify_cells=True)["comments"]) if name == "mat" else path.read_text()
+    for words in ("gas force 210 N", "seal friction 35 N", "LPNL2", "time_constant 0.0013 s", "within", "build B7"):
+        assert words in text
+        assert words in printed
+    assert "velocity and force are positive in" in text
+    assert "motion ratio 0.7 is not" in text
+
+
+def test_a_curve_that_falls_is_exported_with_a_remark(tmp_path: Path) -> None:
+    falling = written(tmp_path, "falls", inner=(1800.0, 60.0, -400.0, *[0.0] * 11, -900.0))
+    assert "does not rise" in succeeded(falling, "-o", tmp_path / "t.csv")
+
+
+# ---- Refusals -------------------------------------------------------------------------------------------------------
+
+
+def test_the_formats_of_the_command_are_those_of_the_library() -> None:
+    option = next(each for each in export.params if each.name == "table_format")
+    assert list(option.type.choices) == list(TABLE_FORMATS)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", ["dpr", "carmaker"])
+def test_a_format_of_one_shock_refuses_several(clicks: list[Path], tmp_path: Path, name: str) -> None:
+    message = refused(*clicks, "--over", "clicks=8,0,4", "--format", name, "-o", tmp_path / "t")
+    assert "has one shock, not 3" in message
+    assert not (tmp_path / "t").exists()
+
+
+def test_several_shocks_need_a_setting_and_one_shock_has_none(clicks: list[Path], tmp_path: Path) -> None:
+    assert "--over clicks=0,4,8" in refused(*clicks, "-o", tmp_path / "t.csv")
+    assert "two or more shocks" in refused(clicks[0], "--over", "clicks=1", "-o", tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("clicks", "no name"), ("clicks=a,b", "not a list"), ("clicks=1", "1 values for 2"), ("clicks=1,1", "different")],
+)
+def test_an_impossible_setting_is_refused(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Setting.parse(text, 2)
+
+
+def test_an_unknown_suffix_is_refused_with_the_suffixes_and_replaces_nothing(shock: Path, tmp_path: Path) -> None:
+    path = tmp_path / "t.xls"
+    path.write_text("mine")
+    assert ".dpr (dpr)" in refused(shock, "-o", path)
+    assert path.read_text() == "mine"
+
+
+def test_a_vehicle_among_shocks_and_options_of_the_other_kind_are_refused(shock: Path, tmp_path: Path) -> None:
+    other = tmp_path / "vehicle.json"
+    other.write_text('{"kind": "vehicle"}')
+    assert "is not a shock file" in refused(shock, other, "-o", tmp_path / "t.csv")
+    assert "does not apply to shocks" in refused(shock, "--high", "20 Hz", "-o", tmp_path / "t.csv")
+    assert "does not apply to vehicles" in refused(other, "--over", "a=1", "-o", tmp_path / "t.mat")

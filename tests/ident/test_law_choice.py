@@ -1,0 +1,218 @@
+"""The law of a record is recognised by cross-validation, and the choice is stated with its reason."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident import choose_law, fit_shock
+from eightpost.ident.shock import law_choice
+from eightpost.ident.shock.choice_verdict import RULES
+from eightpost.ident.shock.cross_validation import HeldOut, left_out_blocks, left_out_runs
+from eightpost.ident.shock.law_choice import LawScore, chosen_law
+from eightpost.ident.shock.record import prepare
+from eightpost.ident.shock.runs import Runs
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import LAWS, Lpf1, Lpnl2, Maxwell, Polylinear, law_name
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
+
+RATE = 500.0
+
+
+def made_by(kind, curve):
+    own = {Polylinear: (), Lpf1: (3e-3,), Maxwell: (1.5e6,), Lpnl2: (4e-3, 250.0, 700.0)}
+    return kind(curve, *own[kind])
+
+
+def sine(*, speed=0.2, hertz=2.0, duration=6.0, gain=2000.0):
+    time = np.arange(round(duration * RATE)) / RATE
+    phase = 2.0 * np.pi * hertz * time
+    noise = np.random.default_rng(1).standard_normal(time.size)
+    velocity = speed * np.cos(phase)
+    channels = {
+        "velocity": ("m/s", velocity),
+        "displacement": ("m", speed / (2.0 * np.pi * hertz) * np.sin(phase)),
+        "force": ("N", gain * velocity + noise),
+    }
+    return DynoTest(TimeSeries.from_channels(time, channels))
+
+
+def with_force(test, force):
+    return replace(test, series=test.series.with_channel("force", "N", force))
+
+
+# ---- Which law is chosen --------------------------------------------------------------------------------------------
+
+
+def test_a_record_without_dynamics_gives_the_static_law_without_cross_validating_the_others(rising, law_record):
+    choice = choose_law(law_record(Polylinear(rising), 1, rate=RATE), ("polylinear", "lpf1"))
+    assert choice.law == "polylinear"
+    assert choice["lpf1"].trouble == "" or choice["lpf1"].trouble.startswith("same fit as Polylinear")
+
+
+@pytest.mark.parametrize("kind", [Lpf1, Lpnl2, Maxwell])
+def test_the_law_that_made_a_record_is_chosen(kind, rising, law_record):
+    choice = choose_law(law_record(made_by(kind, rising), 1, rate=RATE))
+    assert choice.law == law_name(kind)
+    assert choice.chosen.held_out.percent < 3.0
+    assert [score.law for score in choice.scores] == list(LAWS)
+
+
+def test_the_same_law_is_chosen_on_a_part_of_the_record(rising, law_record):
+    record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
+    assert choose_law(record, segment=(1.0, 5.0)).law == choose_law(record, segment=(5.0, 10.0)).law == "lpf1"
+
+
+def test_noise_alone_gives_the_simplest_law_and_is_not_usable(rising, law_record):
+    record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
+    noise = np.random.default_rng(3).standard_normal(len(record.series))
+    fit = fit_shock(with_force(record, 300.0 * noise), "auto", order=5)
+    assert fit.choice.law == "polylinear"
+    reasons = {reason.rule: reason.grade for reason in fit.verdict.about("choice of the law").reasons}
+    assert reasons["chosen law predicts poorly"] is Grade.NOT_USABLE
+
+
+def test_of_several_runs_whole_ones_are_left_out_and_their_level_does_not_count(rising, law_record):
+    one, other = (law_record(made_by(Lpf1, rising), seed, rate=RATE) for seed in (1, 2))
+    fit = fit_shock([one, with_force(other, 1.3 * other.series["force"])], "auto")
+    assert (fit.choice.law, fit.choice.left_out) == ("lpf1", "runs")
+    held = fit.choice.chosen.held_out
+    assert held.percent < 1.5
+    assert held.raw_percent > 10.0
+    assert "level of the runs" in {reason.rule for reason in fit.verdict.reasons}
+
+
+# ---- The automatic fit is the fit of the chosen law -----------------------------------------------------------------
+
+
+def test_the_automatic_fit_is_that_of_the_chosen_law_and_states_the_comparison(rising, law_record):
+    record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
+    fit = fit_shock(record, "auto")
+    named = fit_shock(record, fit.choice.law)
+    assert fit.shock.law == named.shock.law
+    assert named.choice is None
+    assert "law_choice" not in named.shock.fit
+    assert fit.shock.fit["law_choice"] == json.loads(json.dumps(choose_law(record).to_json()))
+    assert fit.shock.fit["law_choice"]["laws"]["lpf1"]["parameters"] > 1
+
+
+def test_a_law_that_rejects_the_record_is_listed_and_the_others_are_compared(monkeypatch, rising, law_record):
+    record, fit_law = law_record(made_by(Lpf1, rising), 1, rate=RATE), law_choice.fit_law
+
+    def rejecting(runs, law, choices):
+        if law == "lpnl2":
+            raise ValueError("the curve falls")
+        return fit_law(runs, law, choices)
+
+    monkeypatch.setattr(law_choice, "fit_law", rejecting)
+    choice = choose_law(record, ("polylinear", "lpnl2"))
+    assert choice.law == "polylinear"
+    assert choice["lpnl2"].trouble == "the curve falls"
+    assert choice.to_json()["laws"]["lpnl2"] == {"trouble": "the curve falls"}
+    with pytest.raises(ParameterError, match="no law could be fitted to this record"):
+        choose_law(record, ("lpnl2",))
+
+
+@pytest.mark.parametrize("laws", [(), ("auto",), ("lpf2",)])
+def test_unknown_laws_are_refused(laws):
+    with pytest.raises(ParameterError, match="laws to compare must be among polylinear, lpf1"):
+        choose_law(sine(), laws)
+
+
+def test_the_dissertations_recipe_does_not_choose():
+    with pytest.raises(ParameterError, match="recipe 'boggs' fits one law, not 'auto'"):
+        fit_shock(sine(), "auto", recipe="boggs")
+
+
+# ---- The rule -------------------------------------------------------------------------------------------------------
+
+
+def score(law, *percents, trouble=""):
+    held = HeldOut(tuple((p / 100.0) ** 2 for p in percents), tuple((p / 100.0) ** 2 for p in percents))
+    own = {"polylinear": 0, "lpf1": 1, "maxwell": 1, "lpnl2": 3}
+    return LawScore(law, held, None, 1.0, own[law], 20, None, trouble)
+
+
+def test_a_simpler_law_is_chosen_if_it_is_better_on_some_pieces():
+    choice = chosen_law([score("lpf1", 2.0, 2.0, 2.1, 2.2), score("lpnl2", 2.1, 1.9, 2.2, 1.9)])
+    assert (choice.law, choice.best) == ("lpf1", "lpnl2")
+    assert "LPF1 is the simplest law within one standard error of the best" in choice.reason
+
+
+def test_a_small_gain_on_every_piece_is_enough_although_the_pieces_differ():
+    choice = chosen_law([score("lpf1", 1.1, 2.2, 4.4, 8.8), score("lpnl2", 1.0, 2.0, 4.0, 8.0)])
+    assert choice.law == "lpnl2"
+    assert "no simpler law is within one standard error" in choice.reason
+
+
+def test_a_tie_gives_the_simpler_law_and_of_equally_simple_ones_the_better():
+    assert chosen_law([score("lpnl2", 2.0, 3.0), score("lpf1", 2.0, 3.0)]).law == "lpf1"
+    assert chosen_law([score("lpf1", 2.0, 3.1), score("maxwell", 2.1, 2.9), score("lpnl2", 2.0, 2.9)]).law == "maxwell"
+    assert chosen_law([score("lpf1", 2.001, 3.001), score("lpnl2", 2.0, 3.0)]).law == "lpf1"
+
+
+def test_a_law_that_did_not_converge_is_chosen_only_without_another():
+    lost = score("lpnl2", 1.0, 1.0, trouble="the fit did not converge")
+    assert chosen_law([lost, score("lpf1", 2.0, 2.0)]).law == "lpf1"
+    assert chosen_law([lost]).law == "lpnl2"
+
+
+def test_the_regret_is_the_excess_over_the_best_law_in_hindsight():
+    choice = chosen_law([score("lpf1", 2.0, 2.0), score("lpnl2", 1.0, 1.0)])
+    assert choice.regret({"lpf1": 4.0, "lpnl2": 5.0}) == pytest.approx(0.25)
+
+
+# ---- What is left out -----------------------------------------------------------------------------------------------
+
+
+def test_the_quarters_are_apart_from_the_rows_that_are_fitted():
+    runs = Runs.of([prepare(sine()), prepare(sine())])
+    blocks = left_out_blocks(runs)
+    predicted = np.concatenate([np.arange(runs.target.size)[part] for block in blocks for part in block.parts])
+    assert sorted(predicted.tolist()) == list(range(runs.target.size))
+    for block in blocks:
+        for part in block.parts:
+            assert not block.kept[part].any()
+        assert 0.6 < block.kept.mean() < 0.74
+
+
+@pytest.mark.parametrize(("count", "fits"), [(1, 0), (2, 2), (8, 8), (11, 8)])
+def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
+    runs = Runs.of([prepare(sine(duration=2.0))] * count)
+    left = left_out_runs(runs)
+    assert len(left) == fits
+    assert sum(len(part.parts) for part in left) == (count if fits else 0)
+    assert all(part.is_whole and not part.kept[part.parts[0]].any() for part in left)
+
+
+# ---- The verdict ----------------------------------------------------------------------------------------------------
+
+
+def test_a_few_cycles_of_one_slow_sine_leave_open_what_another_test_would_settle():
+    fit = fit_shock(sine(speed=0.1, duration=4.0), "auto")
+    found = {reason.rule: reason for reason in fit.verdict.about("choice of the law").reasons}
+    assert {"chosen law predicts", "single speed", "few cycles", "low speeds only"} == found.keys()
+    assert found["single speed"].figure.endswith("peak speed 0.1 m/s")
+    assert found["few cycles"].figure == "8 cycles in all; 16 are needed"
+
+
+def test_two_speeds_are_not_a_single_speed():
+    fit = fit_shock([sine(speed=0.1, duration=8.0), sine(speed=0.3, duration=8.0)], "auto")
+    assert not {"single speed", "few cycles", "low speeds only"} & {reason.rule for reason in fit.verdict.reasons}
+
+
+def test_a_part_that_differs_from_the_rest_is_named(rising, law_record):
+    record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
+    later = np.where(record.series.time > 8.0, 1.4, 1.0)
+    fit = fit_shock(with_force(record, later * record.series["force"]), "auto")
+    (reason,) = [reason for reason in fit.verdict.reasons if reason.rule == "uneven record"]
+    assert reason.figure.startswith("held-out error of quarter 4 of 4: ")
+
+
+def test_the_rules_have_names_of_their_own():
+    assert len({rule.name for rule in RULES}) == len(RULES) == 8

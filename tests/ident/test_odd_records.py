@@ -1,0 +1,44 @@
+"""Odd records end in a message, not in a traceback."""
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.closed import NoLag
+from eightpost.ident.shock.force import limits_for
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Maxwell, Port, StaticCurve
+from eightpost.signals import TimeSeries
+
+
+def slow_test() -> DynoTest:
+    """Return a record at 1 Hz, as of a file with ms labelled s."""
+    t = np.arange(1500.0)
+    x, v = 0.02 * np.sin(0.02 * t), 4e-4 * np.cos(0.02 * t)
+    channels = {"displacement": ("m", x), "velocity": ("m/s", v), "force": ("N", 100.0 + 1e6 * v)}
+    return DynoTest(TimeSeries.from_channels(t, channels))
+
+
+@pytest.mark.parametrize("law", ["lpf1", "lpnl2", "maxwell"])
+@pytest.mark.parametrize("recipe", ["joint", "boggs"])
+def test_a_record_that_is_too_slow_for_a_lag_is_refused_with_advice(law, recipe):
+    if (law, recipe) == ("maxwell", "boggs"):
+        pytest.skip("the dissertation has no recipe for Maxwell")
+    with pytest.raises(ParameterError, match=r"sampled at 1 Hz.*If time is in ms but labelled s"):
+        fit_shock(slow_test(), law, recipe=recipe, segment=(20.0, 1400.0))
+
+
+class FallingMaxwell(NoLag):
+    """Dynamics of a Maxwell law with a stiffness of 1 MN/m."""
+
+    def values(self, theta):
+        return np.array([1e6])
+
+
+def test_a_maxwell_law_on_a_falling_curve_is_refused_with_advice():
+    outer = (100.0, -50.0, 0.0, 0.0), (-100.0, -50.0, 0.0, 0.0)
+    falling = StaticCurve((100.0, *[0.0] * 14), *outer, 0.1, 0.01, 0.5, 0.5, 100.0, 100.0)
+    dynamics = FallingMaxwell(limits_for(np.array([-100.0, 100.0]), 1000.0), Maxwell)
+    with pytest.raises(ParameterError, match=r"the force does not rise.*use LPF1 or LPNL2.*--segment"):
+        dynamics.law(falling, Port(), np.empty(0))
