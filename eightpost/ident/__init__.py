@@ -1,15 +1,25 @@
 """Identification of shocks from dynamometer tests and of vehicles from rig tests, and validation of both."""
 
 from eightpost.ident.shock.fit import fit_shock
+from eightpost.ident.shock.law_choice import LawChoice, choose_law
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
-from eightpost.ident.shock.plots import fit_table, parameter_table, plot_force_velocity, plot_peak_velocity
+from eightpost.ident.shock.plots import (
+    choice_table,
+    fit_table,
+    parameter_table,
+    plot_force_velocity,
+    plot_peak_velocity,
+)
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.evaluation import Validation, evaluate
 
 __all__ = [
+    "LawChoice",
     "ShockFit",
     "Validation",
+    "choice_table",
+    "choose_law",
     "evaluate",
     "fit_peak_velocity",
     "fit_shock",

@@ -1,7 +1,8 @@
-"""Export of a vehicle or a frequency response, by the suffixes of the two files."""
+"""Export of a vehicle, a frequency response or static curves of shocks, by the kind of the source."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -9,7 +10,10 @@ from typing import Literal
 import numpy as np
 
 from eightpost.errors import FileFormatError, InputError
+from eightpost.files import document_kind
 from eightpost.ident.exports.matlab import write_response_mat, write_vehicle_mat
+from eightpost.ident.exports.shock_formats import table_format, write_shock_table
+from eightpost.ident.exports.shock_table import shock_table
 from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, read_response, response_of
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, read_vehicle
@@ -43,6 +47,49 @@ def export(
         return _write(read_response(source), output)
     vehicle = _vehicle(source, ports)
     return _write_model(vehicle, output) if suffix == ".mat" else _write(_response(vehicle, high, step), output)
+
+
+def has_shocks(sources: Sequence[Path]) -> bool:
+    """Return whether the sources are shock files.
+
+    Raises:
+        FileFormatError: Some are shocks and others are not, or there are several vehicles or responses.
+    """
+    kinds = [path.suffix.lower() == ".json" and document_kind(path) == "shock" for path in sources]
+    if len(sources) > 1 and not all(kinds):
+        wrong = next(path for path, is_shock in zip(sources, kinds, strict=True) if not is_shock)
+        raise FileFormatError(
+            "is not a shock file, and only shocks are exported together; export it by itself", path=wrong
+        )
+    return all(kinds)
+
+
+def export_shocks(
+    sources: Sequence[Path],
+    output: Path,
+    *,
+    name: str | None = None,
+    over: str | None = None,
+    error: float = 1e-3,
+    speed: float | None = None,
+) -> tuple[str, ...]:
+    """Write the static curves of shocks as a table for another tool; return a summary, a sentence each.
+
+    Args:
+        sources: Shock files.
+        output: File to write.
+        name: Name of the format in `TABLE_FORMATS`; None chooses it by the suffix.
+        over: Quantity in which several shocks differ, as NAME=VALUE,VALUE,...
+        error: Permitted error of linear interpolation by velocity, relative to the range of force [1].
+        speed: Highest velocity [m/s]; None for the fitted range.
+
+    Raises:
+        FileFormatError: The suffix is unknown, or a source is not a shock.
+        InputError: An argument is not possible, or the format takes a single shock.
+    """
+    table_format(output, name)
+    table = shock_table(sources, over=over, error=error, speed=speed)
+    return (write_shock_table(output, table, name), *table.remarks)
 
 
 def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:

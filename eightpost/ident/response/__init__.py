@@ -18,7 +18,8 @@ from eightpost.ident.response.frequency_response import (
     write_response,
 )
 from eightpost.ident.response.local_polynomial import LocalPolynomial
-from eightpost.ident.response.records import Blocks
+from eightpost.ident.response.local_rational import LocalRational, ValidatedResponse
+from eightpost.ident.response.records import Blocks, gather
 from eightpost.ident.response.sequential import SameDrive, Sequential
 
 __all__ = [
@@ -29,16 +30,19 @@ __all__ = [
     "HighResidual",
     "Hv",
     "LocalPolynomial",
+    "LocalRational",
     "LowResidual",
     "Recipe",
     "SameDrive",
     "Sequential",
+    "ValidatedResponse",
     "ZeroPhaseSmoothing",
     "Zeroed",
     "condition",
     "contribution_error",
     "estimate_response",
     "feedback_paths",
+    "gather",
     "read_response",
     "response_of",
     "write_response",

@@ -73,7 +73,7 @@ def _response_variance(solved: _Regression, blocks: int, independent: float) -> 
 
 
 class Recipe(Protocol):
-    """Protocol of the estimators `H1`, `H2`, `Hv`, `LocalPolynomial`, `Sequential` and `SameDrive`."""
+    """Protocol of the estimators `H1`, `H2`, `Hv`, `LocalPolynomial`, `LocalRational`, `Sequential` and `SameDrive`."""
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the response of every output to every input."""

@@ -67,10 +67,10 @@ class LocalPolynomial:
         Raises:
             TooShortError: The records have too few bins up to `high` for the number of inputs.
         """
-        spectra = _whole(records, self.high)
+        spectra = whole_spectra(records, self.high)
         n = self._bins(spectra, len(records.inputs))
         names = [channel.name for channel in records.inputs]
-        active = powered(_amplitude(spectra.U, n), self.power_floor, names)
+        active = powered(band_amplitude(spectra.U, n), self.power_floor, names)
         step = max(1, round(self.spacing / spectra.frequency[0]))
         centres = np.arange(step - 1, spectra.frequency.size, step)
         solved = [_solve(spectra, int(k), n, self.degree, active[k]) for k in centres]
@@ -79,14 +79,14 @@ class LocalPolynomial:
         frequency = spectra.frequency[centres]
         return FrequencyResponse(frequency, H, records.inputs, records.outputs, coherence, None, variance)
 
-    def _bins(self, spectra: _Spectra, inputs: int) -> int:
+    def _bins(self, spectra: WholeSpectra, inputs: int) -> int:
         """Return n, where a band has 2 n + 1 bins.
 
         Drives that are repeated in several tests give no more information than in one test.
         """
         tests, count = spectra.U.shape[0], spectra.frequency.size
         together = (inputs + tests) / tests
-        equations = self.spare * (self.degree + 1) * max(together, _repeated(spectra.U) + 1.0)
+        equations = self.spare * (self.degree + 1) * max(together, repeated_inputs(spectra.U) + 1.0)
         chosen = round((self.half_width or 0.0) / float(spectra.frequency[0]))
         n = max(int(np.ceil((equations - 1.0) / 2.0)), chosen, 1)
         if 2 * n + 1 > count:
@@ -97,7 +97,9 @@ class LocalPolynomial:
         return n
 
 
-class _Spectra(NamedTuple):
+class WholeSpectra(NamedTuple):
+    """Spectra of whole records, without a window."""
+
     frequency: Array
     """Frequencies (K,) [Hz]."""
     U: Complex
@@ -113,7 +115,8 @@ class _Local(NamedTuple):
     condition: float
 
 
-def _whole(records: Records, high: float) -> _Spectra:
+def whole_spectra(records: Records, high: float) -> WholeSpectra:
+    """Return the spectra of whole records up to a frequency [Hz]; each is truncated to the length of the shortest."""
     size = min(test.u.shape[1] for test in records.tests)
     frequency = np.arange(size // 2 + 1) * (records.rate / size)
     kept = np.flatnonzero((frequency > 0.0) & (frequency <= min(high, 0.499 * records.rate)))
@@ -121,17 +124,17 @@ def _whole(records: Records, high: float) -> _Spectra:
         raise InputError(f"the records have no frequency between 0 and {high:g} Hz")
     U = np.stack([np.fft.rfft(test.u[:, :size])[:, kept].T for test in records.tests])
     Y = np.stack([np.fft.rfft(test.y[:, :size])[:, kept].T for test in records.tests])
-    return _Spectra(frequency[kept], U, Y)
+    return WholeSpectra(frequency[kept], U, Y)
 
 
-def _repeated(U: Complex) -> int:
+def repeated_inputs(U: Complex) -> int:
     """Return the number of inputs that are about equal in all tests, from their spectra (tests, K, m)."""
     sizes = np.linalg.norm(U, axis=1)
     alike = np.abs(np.sum(U[:1].conj() * U, axis=1))
     return int(np.sum(np.all(alike > _ALIKE * sizes[:1] * sizes, axis=0)))
 
 
-def _amplitude(U: Complex, n: int) -> Array:
+def band_amplitude(U: Complex, n: int) -> Array:
     """Return the amplitude of each input (K, m) over bands of 2 n + 1 bins."""
     power = np.sum(np.abs(U) ** 2, axis=0)
     summed = np.concatenate((np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)))
@@ -140,7 +143,7 @@ def _amplitude(U: Complex, n: int) -> Array:
     return np.asarray(np.sqrt((summed[high] - summed[low]) / (high - low)[:, None]))
 
 
-def _solve(spectra: _Spectra, k: int, n: int, degree: int, active: NDArray[np.bool_]) -> _Local:
+def _solve(spectra: WholeSpectra, k: int, n: int, degree: int, active: NDArray[np.bool_]) -> _Local:
     """Solve the band around bin `k`; at the ends of the spectrum the band is one-sided."""
     first = min(max(k - n, 0), spectra.frequency.size - 2 * n - 1)
     band = slice(first, first + 2 * n + 1)

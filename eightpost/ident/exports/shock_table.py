@@ -1,0 +1,235 @@
+"""Tables of static curves: force over damper velocity, and over a setting such as clicks or temperature."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from eightpost import __version__
+from eightpost.array_types import Array
+from eightpost.errors import InputError, ParameterError
+from eightpost.files import sha256_of
+from eightpost.shock import Shock, fit_parameters, law_title, own_parameters, own_values, read_shock
+from eightpost.shock.law import ShockLaw, valve_force
+
+#: Number of velocities on each side at which a curve is computed before points are chosen, and in each transition.
+_FINE, _FINE_TRANSITION = 1500, 40
+#: Bounds of the interpolation error, relative to the range of force [1].
+SMALLEST_ERROR, LARGEST_ERROR = 1e-5, 0.05
+#: Share of the permitted error that the choice of points uses; the rest covers what lies between the fine points.
+_USED = 0.8
+#: Shortest distance of two velocities, relative to the length of a side [1].
+_CLOSEST = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Name and values of the quantity in which several shocks differ, e.g. "rebound clicks" or "temperature [degC]"."""
+
+    name: str
+    values: tuple[float, ...]
+
+    @classmethod
+    def parse(cls, text: str, shocks: int) -> Setting:
+        """Return a setting from NAME=VALUE,VALUE,... with a value for each shock.
+
+        Raises:
+            InputError: The text has another form, or the values are not distinct finite numbers, one per shock.
+        """
+        name, equals, listed = text.rpartition("=")
+        if not equals or not name.strip():
+            raise InputError(f"--over {text!r} has no name; write NAME=VALUE,VALUE, e.g. --over clicks=0,4,8")
+        try:
+            values = tuple(float(word) for word in listed.split(","))
+        except ValueError:
+            raise InputError(f"--over {text!r}: {listed!r} is not a list of numbers; write e.g. clicks=0,4,8") from None
+        if len(values) != shocks:
+            raise InputError(f"--over {text!r} has {len(values)} values for {shocks} shocks; give one value per shock")
+        if not all(isfinite(value) for value in values) or len(set(values)) != len(values):
+            raise InputError(f"--over {text!r}: the values must be finite and different from each other")
+        return cls(name.strip(), values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShockTable:
+    """Static curves of one or more shocks at common velocities.
+
+    Attributes:
+        names: Name of each shock.
+        velocity: Damper velocities (K,) [m/s], positive in compression, strictly increasing, with 0.
+        force: Static forces (S, K) [N], positive in compression.
+        setting: Quantity in which the shocks differ, in increasing order; None for one shock.
+        error: Largest error of linear interpolation by velocity, relative to the range of force of the curve [1].
+        remarks: Sentences on the contents of the table and on what it omits.
+    """
+
+    names: tuple[str, ...]
+    velocity: Array
+    force: Array
+    setting: Setting | None
+    error: float
+    remarks: tuple[str, ...]
+
+
+def shock_table(
+    sources: Sequence[Path], *, over: str | None = None, error: float = 1e-3, speed: float | None = None
+) -> ShockTable:
+    """Return the table of the static curves of shock files.
+
+    Args:
+        sources: Shock files.
+        over: Quantity in which several shocks differ, as NAME=VALUE,VALUE,...; None for one shock.
+        error: Permitted error of linear interpolation by velocity, relative to the range of force [1].
+        speed: Highest velocity on both sides [m/s]; None for the fitted range, of all shocks if there are several.
+
+    Raises:
+        InputError: An argument is not possible, or several shocks have no setting.
+        FileFormatError: A file is not a shock.
+    """
+    shocks = [read_shock(path) for path in sources]
+    if len(shocks) > 1 and over is None:
+        raise InputError(f"{len(shocks)} shocks make a table over a setting; give it, e.g. --over clicks=0,4,8")
+    if len(shocks) == 1 and over is not None:
+        raise InputError(f"--over {over!r} needs two or more shocks; omit it, or name the shocks of the other settings")
+    setting = None if over is None else Setting.parse(over, len(shocks))
+    order = range(len(shocks)) if setting is None else np.argsort(setting.values).tolist()
+    chosen, files = [shocks[k] for k in order], [sources[k] for k in order]
+    if setting is not None:
+        setting = Setting(setting.name, tuple(setting.values[k] for k in order))
+    velocity, force, found = table_points([shock.law for shock in chosen], error=error, speed=speed)
+    remarks = _remarks(chosen, files, setting, found, velocity)
+    return ShockTable(tuple(shock.name for shock in chosen), velocity, force, setting, found, remarks)
+
+
+# ---- Choice of velocities -------------------------------------------------------------------------------------------
+
+
+def table_points(
+    laws: Sequence[ShockLaw], *, error: float = 1e-3, speed: float | None = None
+) -> tuple[Array, Array, float]:
+    """Return velocities (K,) [m/s], forces (S, K) [N] and the largest relative error of linear interpolation [1].
+
+    The points lie on the curves and are dense where a curve bends, so a curve that rises gives a table that rises. The
+    error is measured between the points at twice as many velocities as the choice used.
+
+    Args:
+        laws: Shock laws; the same velocities serve all.
+        error: Permitted error relative to each curve's range of force [1].
+        speed: Highest velocity on both sides [m/s]; None for the fitted range.
+
+    Raises:
+        ParameterError: The error or the speed is out of range, or a curve has no force.
+    """
+    if not SMALLEST_ERROR <= error <= LARGEST_ERROR:
+        raise ParameterError(
+            f"the interpolation error is {100.0 * error:g} %; it must be between {100.0 * SMALLEST_ERROR:g} and "
+            f"{100.0 * LARGEST_ERROR:g} % of the range of force"
+        )
+    if speed is not None and not (isfinite(speed) and 1e-3 <= speed <= 100.0):
+        raise ParameterError(f"the highest velocity is {speed:g} m/s; it must be between 0.001 and 100 m/s")
+    fine = _fine_velocities(laws, speed)
+    force = _forces(laws, fine)
+    span = np.ptp(force, axis=1)
+    if not (span > 0.0).all():
+        raise ParameterError("a static curve is zero at all velocities of the table; check the scales of its port")
+    scaled = force / span[:, None]
+    kept = _chosen(fine, scaled, _USED * error, [0, int(np.searchsorted(fine, 0.0)), fine.size - 1])
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    every, exact = np.concatenate((fine, middle)), np.hstack((force, _forces(laws, middle)))
+    linear = np.stack([np.interp(every, fine[kept], row) for row in force[:, kept]])
+    found = float((np.abs(linear - exact).max(axis=1) / span).max())
+    return fine[kept], force[:, kept], found
+
+
+def _forces(laws: Sequence[ShockLaw], velocity: Array) -> Array:
+    return np.array([[valve_force(law.valve, one) for one in velocity.tolist()] for law in laws])
+
+
+def _fine_velocities(laws: Sequence[ShockLaw], speed: float | None) -> Array:
+    """Return many velocities over the range of the table, with 0 and the ends of every curve's pieces."""
+    ends = [speed or max(law.curve.compression_speed for law in laws), speed or max(_rebound(laws))]
+    sides = []
+    for sign, end in zip((1.0, -1.0), ends, strict=True):
+        places = [np.linspace(0.0, end, _FINE), end * np.linspace(0.0, 1.0, _FINE // 3) ** 3]
+        for law in laws:
+            curve, half = law.curve, 0.5 * law.curve.transition_width
+            edges = (curve.transition_speed - half, curve.transition_speed + half)
+            places += [np.linspace(*edges, _FINE_TRANSITION), np.array([curve.compression_speed, curve.rebound_speed])]
+        side = np.concatenate(places)
+        side = np.unique(side[(side >= 0.0) & (side <= end)])
+        distinct = np.concatenate(([True], np.diff(side) > _CLOSEST * end))
+        sides.append(sign * side[distinct])
+    return np.asarray(np.unique(np.concatenate(sides) + 0.0))
+
+
+def _rebound(laws: Sequence[ShockLaw]) -> list[float]:
+    return [law.curve.rebound_speed for law in laws]
+
+
+def _chosen(x: Array, y: Array, error: float, needed: list[int]) -> list[int]:
+    """Return the indices of points between which straight lines through rows of y (S, K) err by at most `error`."""
+    kept = set(needed)
+    waiting = list(pairwise(needed))
+    while waiting:
+        first, last = waiting.pop()
+        if last - first < 2:
+            continue
+        share = (x[first + 1 : last] - x[first]) / (x[last] - x[first])
+        line = y[:, first, None] + share * (y[:, last] - y[:, first])[:, None]
+        off = np.abs(y[:, first + 1 : last] - line).max(axis=0)
+        worst = int(np.argmax(off))
+        if off[worst] > error:
+            middle = first + 1 + worst
+            kept.add(middle)
+            waiting += [(first, middle), (middle, last)]
+    return sorted(kept)
+
+
+# ---- Remarks, which every format states in its comments -------------------------------------------------------------
+
+
+def _remarks(
+    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array
+) -> tuple[str, ...]:
+    lines = [
+        f"static curve by eightpost {__version__}: force over velocity at the damper, without the motion ratio",
+        f"{velocity.size} velocities from {velocity[0]:.6g} to {velocity[-1]:.6g} m/s in compression; linear "
+        f"interpolation is within {100.0 * error:.2g} % of the range of force",
+    ]
+    if setting is not None:
+        lines.append(f"between the values of {setting.name} the force was not measured; interpolation is an assumption")
+    for k, (shock, path) in enumerate(zip(shocks, files, strict=True)):
+        value = "" if setting is None else f"{setting.name} = {setting.values[k]:g}: "
+        lines += [f"{value}{line}" for line in _shock_remarks(shock, path)]
+    return tuple(re.sub(r"\s+", " ", line).encode("ascii", "replace").decode("ascii") for line in lines)
+
+
+def _shock_remarks(shock: Shock, path: Path) -> list[str]:
+    law = shock.law
+    port, curve = law.port, law.curve
+    units = {entry.name: entry.unit for entry in fit_parameters(type(law))}
+    values = zip(own_parameters(type(law)), own_values(law), strict=True)
+    own = ", ".join(f"{name} {value:.6g} {units.get(name, '')}".strip() for name, value in values) or "none"
+    lines = [
+        f"{shock.name} ({path.name}, sha256 {sha256_of(path)})",
+        f"law {law_title(shock.law_name)}, parameters of its lag: {own}; the lag is not in the table",
+        f"not in the table: gas force {port.gas_preload:.6g} N at the reference with {port.gas_stiffness:.6g} N/m, "
+        f"seal friction {port.seal_friction:.6g} N",
+        f"fitted from -{curve.rebound_speed:.6g} to {curve.compression_speed:.6g} m/s, straight lines beyond",
+        f"scales {port.compression_scale:.6g} in compression and {port.rebound_scale:.6g} in rebound are applied; "
+        f"motion ratio {port.motion_ratio:.6g} is not",
+    ]
+    lines += [
+        f"condition: {name} {value}" for name, value in shock.conditions.items() if isinstance(value, str | float)
+    ]
+    if (falls := curve.falls_at()) is not None:
+        lines.append(
+            f"the curve does not rise at {falls:.4g} m/s, and neither does the table; fit it with --shape monotone"
+        )
+    return lines
