@@ -4,7 +4,8 @@
 #   make nightly  runs tests that take minutes: a million random FMI call sequences on each FMU under sanitizers (needs a
 #                 C compiler), coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
-#   make hosts    runs the programs of examples/hosts whose packages are installed, and writes docs/hosts.md: minutes
+#   make hosts    runs the programs of examples/hosts and the tools of benchmarks/interface_matrix that are installed, and
+#                 writes docs/hosts.md and docs/hosts_tools.md: minutes
 #   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 

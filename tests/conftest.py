@@ -126,6 +126,18 @@ def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> d
 
 
 @pytest.fixture(scope="session")
+def fmus3(
+    tmp_path_factory: pytest.TempPathFactory,
+    model_files: list[Path],
+    one_platform: Callable[[], AbstractContextManager[None]],
+) -> dict[str, Path]:
+    """Native FMUs of FMI 3.0 of all models, by name, for this platform alone."""
+    folder = tmp_path_factory.mktemp("native3")
+    with FileLock(folder.parent.parent / "fmus.lock"), one_platform():
+        return {item.path.stem: item.path for item in build(model_files, folder, fmi="3")}
+
+
+@pytest.fixture(scope="session")
 def python_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
     """Python FMUs of all models, by name."""
     built = build(model_files, tmp_path_factory.mktemp("python"), target="python")

@@ -84,6 +84,9 @@ EXPRESSIONS = {
     r"\bto the byte\b": "byte for byte",
 }
 
+#: Any of them: far faster than each one in turn, because all begin at a word boundary, which is looked for once.
+_ANY = re.compile(r"\b(?:" + "|".join(pattern.removeprefix(r"\b") for pattern in EXPRESSIONS) + ")")
+
 _SECTIONS = re.compile(r"^(Args|Attributes|Returns|Raises|Yields|Source|Sources|Example|Examples|Note)s?:$")
 _ENTRY = re.compile(r"^    (\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: \(.*?\))?: +(\S.*)$")
 
@@ -119,7 +122,7 @@ def fragments(path: Path) -> Iterator[Finding]:
 def expressions(path: Path) -> Iterator[Finding]:
     """Yield the expressions of a text file that no manual uses."""
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-        for pattern, better in EXPRESSIONS.items():
+        for pattern, better in EXPRESSIONS.items() if _ANY.search(line) else ():
             if match := re.search(pattern, line):
                 yield Finding(path.relative_to(ROOT), number, f"{match[0]!r}: write {better}: {line.strip()}")
 

@@ -37,7 +37,7 @@ def entry(engine, scheme, rate, cost, error, damping="full"):
 FIRST_ORDER = [entry("fmpy", "jacobi, held", rate, 20.0, 4000.0 / rate) for rate in (1000.0, 2000.0, 4000.0)]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_of_one_engine_leaves_rows_whose_errors_fall_with_the_rate(tmp_path):
     program, told = ROOT / "benchmarks" / "coupling.py", tmp_path / "rows.json"
     options = ["--quick", "--engines", "fmpy", "--damping", "full", "--stop", "1.2", "--json", str(told)]

@@ -19,18 +19,20 @@ if TYPE_CHECKING:
     from eightpost.verdict import Verdict
 
 TARGETS = ("native", "python", "all")
+VERSIONS = ("2", "3", "all")
 
 
 # ---- `eightpost build --assemble` -----------------------------------------------------------------------------------
 
 
-def assemble_with_progress(console: Console, source: Path, output: Path) -> Assembled:
+def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
     """Build one FMU from a system file.
 
     Args:
         console: Console for the progress bar.
         source: System file.
         output: File name of the FMU (.fmu), or a folder, in which the FMU is named after the system file.
+        fmi: FMI version, 2 or 3.
 
     Raises:
         FmuError: The system cannot be assembled; the message names each component that cannot.
@@ -43,7 +45,7 @@ def assemble_with_progress(console: Console, source: Path, output: Path) -> Asse
     path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"
     wiring = read_case(source).wiring
     with bar(console, "compiling") as advance:
-        return assemble(wiring, path, progress=advance)
+        return assemble(wiring, path, fmi=fmi, progress=advance)
 
 
 def show_assembled(console: Console, built: Assembled) -> None:
@@ -78,6 +80,9 @@ def show_assembled(console: Console, built: Assembled) -> None:
 @click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
               help="Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable "
                    "reference, for hosts with Python, numpy and scipy. all: both.")  # fmt: skip
+@click.option("--fmi", type=click.Choice(VERSIONS), default="2", show_default=True,
+              help="FMI version. 2: FMI 2.0. 3: FMI 3.0, for hosts that import it. all: both, from the same C code and "
+                   "with the same results; the FMU of FMI 3.0 is then named <name>_fmi3.fmu.")  # fmt: skip
 @click.option("--confidential", is_flag=True,
               help="Leave out the sources, the static curve (picture and coefficients) and the names of the source "
                    "files. The parameters of the lag, which a host may tune, stay readable.")  # fmt: skip
@@ -86,9 +91,16 @@ def show_assembled(console: Console, built: Assembled) -> None:
                    "(docs/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
 @click.pass_context
 def build(
-    ctx: click.Context, /, sources: tuple[Path, ...], output: Path, target: str, confidential: bool, system: Path | None
+    ctx: click.Context,
+    /,
+    sources: tuple[Path, ...],
+    output: Path,
+    target: str,
+    fmi: str,
+    confidential: bool,
+    system: Path | None,
 ) -> None:
-    """Build an FMI 2.0 co-simulation FMU from each source.
+    """Build an FMU from each source, for co-simulation and model exchange.
 
     SOURCES are shock files (written by `eightpost fit`) and vehicle files: parameters (.toml) or an identified state
     space (.json).
@@ -100,18 +112,21 @@ def build(
     \b
     Examples:
       eightpost build shock.json car.toml -o dist/
+      eightpost build shock.json car.toml --fmi all -o dist/
       eightpost build --assemble system.toml -o dist/car_with_shocks.fmu
     """
 
     console = Console()
     if system is not None:
-        if sources or confidential or target != "native":
-            raise click.UsageError("--assemble builds one system file: omit SOURCES, --confidential and --target")
-        show_assembled(console, assemble_with_progress(console, system, output))
+        if sources or confidential or target != "native" or fmi == "all":
+            raise click.UsageError(
+                "--assemble builds one FMU from one system file: omit SOURCES, --confidential, --target and --fmi all"
+            )
+        show_assembled(console, assemble_with_progress(console, system, output, fmi=int(fmi)))
         return
     if not sources:
         raise click.UsageError("Missing argument 'SOURCES...'.")
-    built = build_with_progress(console, sources, output, target=target, confidential=confidential)
+    built = build_with_progress(console, sources, output, target=target, fmi=fmi, confidential=confidential)
     verdict = show_built(console, built)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
@@ -122,6 +137,7 @@ def build_with_progress(
     output: Path,
     *,
     target: str = "native",
+    fmi: str = "2",
     confidential: bool = False,
 ) -> list[Built]:
     """Build with a progress bar, because a first build compiles for all platforms."""
@@ -133,6 +149,7 @@ def build_with_progress(
             sources,
             output,
             target=target,
+            fmi=fmi,
             disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
             progress=advance,
         )
@@ -148,8 +165,8 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     for item in built:
         counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
         kind = f"{item.interface.kind} {item.interface.version}"
-        rows.append((str(item.path), kind, item.target, *counts, file_size(item.path)))
-    columns = [*folded("FMU"), "interface", "target", "inputs", "outputs", "parameters", "size"]
+        rows.append((str(item.path), kind, f"{item.fmi}.0", item.target, *counts, file_size(item.path)))
+    columns = [*folded("FMU"), "interface", "FMI", "target", "inputs", "outputs", "parameters", "size"]
     console.print(console_table(columns, rows))
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")

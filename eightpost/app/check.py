@@ -33,7 +33,7 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool)
 
     The FMU runs in separate processes, so a crash is a finding. This is not a sandbox: the FMU's code has all your
     permissions. The exit code is 0 if there are no findings except hints, 1 if there are other findings, and 2 if a
-    file is not an FMI 2.0 FMU; the other files are reported nevertheless.
+    file is not an FMU of FMI 2.0 or 3.0; the other files are reported nevertheless.
 
     \b
     Examples:

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import UNITS, Quantity, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.shock import LAWS
 from eightpost.verdict import Verdict
@@ -18,7 +18,7 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.curve import Shape
-    from eightpost.ident.shock.fit import GasTreatment, LawName, RecipeName
+    from eightpost.ident.shock.options import GasTreatment, LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.signals import ChannelMap
@@ -31,8 +31,10 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 @click.command()
 @click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--law", type=click.Choice(list(LAWS)), default="lpnl2", show_default=True,
-              help="Shock law to fit (docs/shock_models.md).")  # fmt: skip
+@click.option("--law", type=click.Choice(["auto", *LAWS]), default="auto", show_default=True,
+              help="Shock law to fit (docs/shock_models.md). auto: all laws are fitted and cross-validated, and the "
+              "simplest one that is as good as the best is taken (docs/law_choice.md); with --recipe boggs, "
+              "lpnl2.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
               "folder.")  # fmt: skip
@@ -53,6 +55,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "fitted and left out of the shock, because the static load of the car already counts it. subtracted: "
               "the dynamometer already subtracted it, so it is not fitted.")  # fmt: skip
 @UNITS
+@COLUMNS
 @map_option("docs/signs_and_units.md", "file")
 @flip_option("force")
 @click.option("--split", is_flag=True,
@@ -85,6 +88,7 @@ def fit(  # one parameter per option
     robust: Robust,
     gas: GasTreatment,
     units: tuple[tuple[str, str], ...],
+    columns: tuple[tuple[str, str], ...],
     channel_map: ChannelMap | None,
     flip: tuple[str, ...],
     split: bool,
@@ -99,14 +103,14 @@ def fit(  # one parameter per option
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs of one build together.
 
-    DYNO is a .csv, .txt, .parquet, .mat or .mf4 file with time, force, and velocity or displacement. Units are in its
-    header, in a channel map, or given by --units. Several tables in a file are several runs. A table of forces over
-    peak velocities gives a polylinear shock for each setting of the adjusters. The exit code is 1 if the shock is not
-    usable (docs/verdict.md).
+    DYNO is a text file, spreadsheet, .parquet, .mat, .mf4, .tdms or .lvm file with time, force, and velocity or
+    displacement (docs/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several tables in
+    a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting of the
+    adjusters. The exit code is 1 if the shock is not usable (docs/verdict.md).
 
     \b
     Examples:
-      eightpost fit dyno.csv --law lpnl2 -o shock.json
+      eightpost fit dyno.csv -o shock.json
       eightpost fit run1.csv run2.csv --law lpf1 --order 9 --shape monotone -o shock.json
       eightpost fit sines.csv --split -o shock.json
       eightpost fit peak_velocities.csv -o shock.json
@@ -115,6 +119,7 @@ def fit(  # one parameter per option
     from eightpost.ident import fit_shock, plot_force_velocity
     from eightpost.ident.shock.peak_velocity import tables_in
     from eightpost.rig import DynoConditions
+    from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
 
     console = Console()
@@ -122,13 +127,14 @@ def fit(  # one parameter per option
     _check_output(output, dyno_files[0])
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     if tables := tables_in(dyno_files, given):
-        _check_law_of_tables(ctx, law)
-        ctx.exit(0 if _fit_tables(console, tables, output, name, build).is_acceptable else 1)
+        _check_law_of_tables(law)
+        ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
+    channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
     tests = _read_tests(console, dyno_files, reading, split=split)
     shock_fit = fit_shock(
         tests,
-        law,
+        _law(law, recipe),
         recipe=recipe,
         gas=gas,
         shape=shape,
@@ -147,8 +153,8 @@ def fit(  # one parameter per option
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
 
 
-def _check_law_of_tables(ctx: click.Context, law: str) -> None:
-    if law != "polylinear" and ctx.get_parameter_source("law") != click.core.ParameterSource.DEFAULT:
+def _check_law_of_tables(law: str) -> None:
+    if law not in ("auto", "polylinear"):
         raise InputError(
             f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "
             "--law, or use --law polylinear"
@@ -170,14 +176,20 @@ def _read_tests(console: Console, files: Sequence[Path], reading: Mapping[str, A
 
 
 def _fit_tables(
-    console: Console, tables: Sequence[PeakVelocityTable], output: Path, name: str | None, build: str | None
+    console: Console,
+    tables: Sequence[PeakVelocityTable],
+    output: Path,
+    *,
+    name: str | None,
+    build: str | None,
+    gas: GasTreatment,
 ) -> Verdict:
     """Fit the tables of a peak-velocity file and draw their curves."""
     from eightpost.app.show import show_verdict
     from eightpost.ident import plot_peak_velocity
     from eightpost.ident.shock.peak_velocity import fit_tables
 
-    fitted = fit_tables(tables, output, name=name, build=build)
+    fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
     for one in fitted:
         console.print(escape(str(one)), soft_wrap=True, highlight=False)
         for change in one.shock.fit["changes"]:
@@ -205,10 +217,13 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def show_fit(console: Console, shock_fit: ShockFit) -> None:
-    """Print a fit's quality, its parameters, and the settings that it changed."""
+    """Print the choice of the law, a fit's quality, its parameters, and the settings that it changed."""
     from eightpost.app.show import show_verdict
-    from eightpost.ident import fit_table, parameter_table
+    from eightpost.ident import choice_table, fit_table, parameter_table
 
+    if shock_fit.choice is not None:
+        console.print(choice_table(shock_fit.choice))
+        console.print(f"{escape(shock_fit.choice.reason)}.", highlight=False, soft_wrap=True)
     console.print(fit_table([shock_fit]))
     console.print(parameter_table(shock_fit))
     for change in shock_fit.changes:
@@ -222,6 +237,11 @@ def _check_output(output: Path, dyno_file: Path) -> None:
         raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
     if output.suffix != ".json":
         raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
+
+
+def _law(law: str, recipe: str) -> str:
+    """Return the law to fit; the dissertation's recipe fits its best law, because it has no comparison of laws."""
+    return "lpnl2" if law == "auto" and recipe == "boggs" else law
 
 
 def _order(word: str) -> int | None:

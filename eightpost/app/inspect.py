@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import UNITS, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, flip_option, map_option
 from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @UNITS
+@COLUMNS
 @map_option("docs/signs_and_units.md", "file")
 @flip_option("force")
 @click.pass_context
@@ -31,6 +32,7 @@ def inspect(
     ctx: click.Context,
     path: Path,
     units: tuple[tuple[str, str], ...],
+    columns: tuple[tuple[str, str], ...],
     channel_map: ChannelMap | None,
     flip: tuple[str, ...],
 ) -> None:
@@ -39,8 +41,9 @@ def inspect(
     First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
     it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges and
     channels that are late. A rig file is recognized by its wheelloaders (`lf.road` or `road`, in the file or in the
-    map). FILE is a .csv, .txt, .tsv, .parquet, .mat, .mf4 or .mdf file, or a peak-velocity table. The exit code is 0 if
-    nothing is suspicious, 1 if something is suspicious, and 2 if the file cannot be used as it is.
+    map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/dyno_files.md), or a
+    peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if something is suspicious, and 2 if the file
+    cannot be used as it is.
 
     \b
     Examples:
@@ -49,11 +52,13 @@ def inspect(
       eightpost inspect rig.csv --map rig_map.toml
     """
     from eightpost.rig import read_dyno_tests, split_runs
+    from eightpost.rig.dyno_columns import with_channels
     from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
     from eightpost.rig.post import read_rig_test
     from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
+    channel_map = with_channels(channel_map, dict(columns))
     records = read_records(path)
     for record in records:
         show_record(console, record)
@@ -61,15 +66,16 @@ def inspect(
         rig_test = read_rig_test(path, channel_map=channel_map, units=dict(units), flip=flip)
         ctx.exit(int(_show_rig_test(console, rig_test)))
     if is_peak_velocity(records[0]):
-        for table in read_peak_velocity(path, units=dict(units)):
+        tables = read_peak_velocity(path, units=dict(units))
+        for table in tables:
             show_table(console, table)
-        return
+        ctx.exit(int(any(table.gas_force for table in tables)))
     tests = read_dyno_tests(path, channel_map=channel_map, units=dict(units), flip=flip)
     runs = [run for test in tests for run in split_runs(test)]
     for test in tests:
         show_test(console, test)
     show_runs(console, runs)
-    ctx.exit(int(any(test.notes for test in tests)))
+    ctx.exit(int(any(test.warnings for test in tests)))
 
 
 def show_record(console: Console, record: RawRecord) -> None:
@@ -97,7 +103,7 @@ def show_test(console: Console, test: DynoTest) -> None:
         console.print(escape(condition))
     for note in test.derived:
         console.print(f"[yellow]note[/] {escape(note)}")
-    for warning in test.notes:
+    for warning in test.warnings:
         console.print(f"[red]warning[/] {escape(warning)}")
 
 
@@ -146,6 +152,11 @@ def show_table(console: Console, table: PeakVelocityTable) -> None:
         f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
         f"{table.rebound.min():.4g} N"
     )
+    if table.gas_force:
+        console.print(
+            f"[red]warning[/] gas force {table.gas_force:.4g} N in the table, found from {escape(table.gas_source)}; "
+            "it is subtracted from both strokes and becomes the gas preload of the shock"
+        )
 
 
 def _is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:

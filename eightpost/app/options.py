@@ -138,6 +138,13 @@ UNITS = click.option("--units", multiple=True, type=Assignment("CHANNEL=UNIT"), 
                      help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
 
 
+#: Columns of channels; the verb receives pairs of channel and column.
+COLUMNS = click.option("--channel", "columns", multiple=True, type=Assignment("CHANNEL=COLUMN"),
+                       metavar="CHANNEL=COLUMN",
+                       help="Column to read a channel from if several could be it, e.g. force='Load 2'; may be "
+                       "repeated.")  # fmt: skip
+
+
 def flip_option(example: str) -> Callable[[Function], Function]:
     """Return the option --flip, with an example of a channel."""
     help_text = f"Reverse the sign of a channel, e.g. {example}; may be repeated."

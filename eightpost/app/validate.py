@@ -53,6 +53,8 @@ SETTLING = 4.0
               "these files carry the verdict into every run.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
+@click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
+              help="Shocks: start and end of the part of random records to judge; default '1 s' '10 s'.")  # fmt: skip
 @UNITS
 @map_option("docs/signs_and_units.md")
 @flip_option("force")
@@ -70,6 +72,7 @@ def validate(  # one parameter per option
     report: Path | None,
     keep: bool,
     cutoff: float | None,
+    segment: tuple[float, float] | None,
     units: tuple[tuple[str, str], ...],
     channel_map: ChannelMap | None,
     flip: tuple[str, ...],
@@ -89,6 +92,7 @@ def validate(  # one parameter per option
     Examples:
       eightpost validate shock.json data/ --report out.html
       eightpost validate static.json lpnl2.json run7.csv --kind run7.csv=sine --limit 5
+      eightpost validate shock.json track.csv --segment '20 s' '60 s'
       eightpost validate vehicle.json rig/*.parquet --report car.html
       eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json --report car.html
     """
@@ -103,12 +107,12 @@ def validate(  # one parameter per option
     reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}
     given = _Given(console, records, kinds, reading, report, keep)
     if is_vehicle(models):
-        _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff})
+        _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff, "--segment": segment})
         settled = SETTLING if settling is None else settling
         verdict = _validate_vehicle(given, models[0], dict(shocks), against, level, limit, settled)
     else:
         _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
-        verdict = _validate_shocks(given, models, configurations, limit, cutoff)
+        verdict = _validate_shocks(given, models, configurations, limit, cutoff, segment)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
@@ -189,7 +193,12 @@ class _Given:
 
 
 def _validate_shocks(
-    given: _Given, paths: list[Path], configurations: tuple[str, ...], limit: float | None, cutoff: float | None
+    given: _Given,
+    paths: list[Path],
+    configurations: tuple[str, ...],
+    limit: float | None,
+    cutoff: float | None,
+    segment: tuple[float, float] | None,
 ) -> Verdict:
     """Validate shocks, print the tables, write the report, and return the verdict."""
     from eightpost.ident.validation.dyno_record import dyno_record
@@ -214,7 +223,7 @@ def _validate_shocks(
         )
         for path in given.each_record()
     ]
-    study = validate_shocks(shocks, records, cutoff=cutoff)
+    study = validate_shocks(shocks, records, cutoff=cutoff, segment=segment)
     verdict = shock_verdict(study, limit)
     given.show(study.records, terminal_tables(study))
     given.show_verdict(notes_on(study), verdict)
