@@ -22,7 +22,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
-from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER, CurveNumbers
+from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER, CurveNumbers
 from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
 from eightpost.shock.laws import LAWS, law_module, own_parameters, own_values
 from eightpost.shock.port import Port
@@ -128,7 +128,8 @@ def machine(law: type[ShockLaw]) -> Callable[..., None]:
 # ---- One step of any law inside a compiled loop ---------------------------------------------------------------------
 
 _CURVE = [("inner", "f8", INNER_ORDER), ("compression", "f8", OUTER_ORDER + 1), ("rebound", "f8", OUTER_ORDER + 1)]
-_CURVE += [(name, "f8") for name in CurveNumbers._fields[3:]]  # type: ignore[misc]
+_CURVE += [(name, "f8") for name in CurveNumbers._fields[3:-3]]  # type: ignore[misc]
+_CURVE += [(name, "f8", KNOTS) for name in CurveNumbers._fields[-3:]]
 
 #: A law as a record of numbers: its place in `LAWS`, its port, its curve and its own parameters, filled up with zeros.
 LAW_NUMBERS = np.dtype(

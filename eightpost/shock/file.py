@@ -57,7 +57,7 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         "name": shock.name,
         "law": shock.law_name,
         "parameters": dict(zip(own_parameters(type(shock.law)), own_values(shock.law), strict=True)),
-        "curve": dataclasses.asdict(shock.law.curve),
+        "curve": _curve_section(shock.law.curve),
         "port": dataclasses.asdict(shock.law.port),
         "conditions": dict(shock.conditions),
         "fit": dict(shock.fit),
@@ -67,6 +67,12 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         document["validity"] = shock.validity.to_json()
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _curve_section(curve: StaticCurve) -> dict[str, Any]:
+    """Return the curve's values; a curve without knots has no entries for them."""
+    section = dataclasses.asdict(curve)
+    return section if curve.has_knots else {name: value for name, value in section.items() if "knot_" not in name}
 
 
 def read_shock(path: str | Path) -> Shock:
