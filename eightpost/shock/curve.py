@@ -6,6 +6,7 @@ tuples and `CurveNumbers`, so that a compiler such as numba can compile them unc
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
@@ -124,8 +125,8 @@ class StaticCurve:
     The pieces are blended linearly over `transition_width` about v_t = `transition_speed`. Beyond the fitted speeds
     the curve continues with the given slopes, because a polynomial is not valid outside its data (Fig 3.5a).
 
-    Knots: a cubic Hermite spline through points with given slopes replaces the polynomials. If each segment's force rises
-    by the mean of the slopes at its ends, the spline is quadratic and rises wherever no slope is negative.
+    Knots: a cubic Hermite spline through points with given slopes replaces the polynomials. If each segment's force
+    rises by the mean of the slopes at its ends, the spline is quadratic and rises wherever no slope is negative.
 
     Args:
         inner: 15 coefficients [N].
@@ -137,8 +138,8 @@ class StaticCurve:
         rebound_speed: Highest fitted speed in rebound [m/s], positive.
         compression_slope: Slope beyond `compression_speed` [N.s/m], not negative.
         rebound_slope: Slope beyond `rebound_speed` [N.s/m], not negative.
-        knot_velocity: Velocities of 25 knots [m/s], ascending from -`rebound_speed` to `compression_speed`, the middle one
-            0. All zeros: the curve is that of the polynomials.
+        knot_velocity: Velocities of 25 knots [m/s], ascending from -`rebound_speed` to `compression_speed`, the
+            middle one 0. All zeros: the curve is that of the polynomials.
         knot_force: Force at the knots [N], 0 at the middle one.
         knot_slope: Slope at the knots [N.s/m], not negative.
 
@@ -184,7 +185,7 @@ class StaticCurve:
             if any(self.knot_force) or any(self.knot_slope):
                 raise ValueError("curve: knot_force and knot_slope are given, but knot_velocity is all zeros")
             return
-        if not all(low < high for low, high in zip(knots, knots[1:], strict=False)):
+        if not all(low < high for low, high in itertools.pairwise(knots)):
             raise ValueError(f"curve: knot_velocity must be ascending, not {knots!r}")
         if knots[middle] != 0.0 or self.knot_force[middle] != 0.0:
             raise ValueError(
@@ -222,7 +223,7 @@ class StaticCurve:
         compression_slope: float | None = None,
         rebound_slope: float | None = None,
     ) -> StaticCurve:
-        """Return a curve through 25 knots; beyond them it continues with the slopes of the ends unless others are given."""
+        """Return a curve through 25 knots; beyond them it continues with the end slopes unless others are given."""
         fast = max(-velocity[0], velocity[-1])
         return StaticCurve(
             inner=(0.0,) * INNER_ORDER,
