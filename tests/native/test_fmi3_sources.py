@@ -26,7 +26,7 @@ from eightpost.vehicle import shipped
 ALL = (*LAWS, "seven_dof", "quarter_car", "assembly")
 HERE = Path(__file__).parent
 SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
-CALLS = os.environ.get("EIGHTPOST_CALLS", "80000")
+CALLS = os.environ.get("EIGHTPOST_CALLS", "100000")
 
 #: One FMU every day, because compilation takes most of the time.
 DAILY = ("lpnl2",)
