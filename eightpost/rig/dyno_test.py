@@ -147,7 +147,8 @@ def read_dyno_tests(
     """Read and check all tables of a shock dynamometer file; see read_dyno_test for arguments and errors.
 
     Tables without force and motion are left out if others have them. Conditions in a preamble apply to its table and to
-    the following tables, until another preamble changes them. Times that continue from one table to the next are not changed. `split_runs` splits a table into runs.
+    the following tables, until another preamble changes them. Times that continue from one table to the next are not
+    changed. `split_runs` splits a table into runs.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
     known = DynoConditions()
