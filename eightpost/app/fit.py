@@ -44,15 +44,14 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "3.3.")  # fmt: skip
 @click.option("--curve", type=click.Choice(CURVES), default="auto", show_default=True,
               help="Kind of the static curve (docs/static_curve.md). polynomial: the dissertation's. knots: rising, "
-              "through knots that are dense at low speed. auto: the one with the smaller cross-validated error; polynomial "
-              "if --recipe boggs or an option is given that only polynomials have (--order, --shape free or passive, "
-              "--transition-speed).")  # fmt: skip
+              "through knots that are dense at low speed. auto: chosen by cross-validation; polynomial with --recipe boggs "
+              "and with options that only polynomials have (--order, --shape free or passive, --transition-speed).")  # fmt: skip
 @click.option("--shape", type=click.Choice(SHAPES), default="auto", show_default=True,
               help="Constraint on the static curve. auto: monotonic, but only if the unconstrained curve would fall. "
               "free: unconstrained. monotone: monotonic. passive: the force never acts in the direction of the "
               "motion. A curve through knots always rises.")  # fmt: skip
 @click.option("--order", default="auto", show_default=True, metavar="auto|N",
-              help="Order of the inner polynomial of a curve of polynomials: 1 to 15, or auto for cross-validation.")  # fmt: skip
+              help="Order of the inner polynomial, 1 to 15, or auto for cross-validation; not for knots.")  # fmt: skip
 @click.option("--robust", type=click.Choice(WEIGHTINGS), default="auto", show_default=True,
               help="Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. "
               "huber, tukey: always weighted by this function.")  # fmt: skip
@@ -71,8 +70,8 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
 @click.option("--transition-speed", type=Quantity("m/s"), metavar="SPEED",
-              help="Velocity at which the inner polynomial of a curve of polynomials ends; default '15 in/s', less for a slow "
-              "record.")  # fmt: skip
+              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow record; "
+              "not for knots.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
 @click.option("--build", help="Team's own name for the shock build; default: that in the file.")
 @click.option("--clicks", metavar="TEXT",
