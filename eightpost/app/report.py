@@ -58,7 +58,7 @@ if TYPE_CHECKING:
               help="Reverse the sign of a channel in a file, or in all of them, e.g. run7.csv=force; may be "
               "repeated.")  # fmt: skip
 @click.option("--split", is_flag=True,
-              help="Split each record at its pauses and where a sine changes, and report the parts as runs.")  # fmt: skip
+              help="Split each record at its pauses and where a sine changes; the parts are runs.")  # fmt: skip
 @click.pass_context
 def report(  # one parameter per option
     ctx: click.Context,

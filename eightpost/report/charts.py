@@ -23,7 +23,7 @@ MEASURED = "#9aa4b1"
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 58, 44
 
 #: Width of a letter and of the key of a line in the legend, height of a row of the legend and of a heading [px].
-_LETTER, _KEY, _ROW, _HEADING = 6.6, 55, 19, 20
+_LETTER, _KEY, _ROW, _HEADING = 7.0, 45, 19, 24
 
 _AXIS = {"gridcolor": "#e6e9ee", "zerolinecolor": "#c3cad3", "linecolor": "#b9c1cb", "ticks": "outside", "ticklen": 3,
          "tickcolor": "#b9c1cb", "tickfont": {"size": 10}, "automargin": False}  # fmt: skip
@@ -145,7 +145,7 @@ class Figure:
         layout: dict[str, Any] = {
             "width": WIDTH,
             "height": self.height,
-            "margin": {"l": _LEFT, "r": _RIGHT, "t": max(_TOP, self._legend_height()), "b": _BOTTOM},
+            "margin": {"l": _LEFT, "r": _RIGHT, "t": self._top(), "b": _BOTTOM},
             "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top", "font": {"size": 12}},
             "shapes": self._shapes,
             "annotations": [],
@@ -160,10 +160,13 @@ class Figure:
                 layout["annotations"].append(_heading(panel))
         return {"data": self._traces, "layout": layout, "units": units}
 
-    def _legend_height(self) -> int:
-        """Return the height of the legend with the heading below it [px], from the lengths of its names."""
-        widths = sum(_LETTER * len(name) + _KEY for name in self._named if name)
-        return _ROW * -(-round(widths) // (WIDTH - _LEFT - _RIGHT)) + _HEADING
+    def _top(self) -> int:
+        """Return the space above the panels [px]: for a heading, and for the legend in columns of equal width."""
+        names = [name for name in self._named if name]
+        if not names:
+            return _HEADING + 6
+        columns = max(1, int((WIDTH - _LEFT - _RIGHT) // (_LETTER * max(map(len, names)) + _KEY)))
+        return max(_TOP, _ROW * -(-len(names) // columns) + _HEADING)
 
     def _add(self, panel: int, x: Array, y: Array, name: str, **style: Any) -> None:
         x_axis, y_axis = _axes(panel)

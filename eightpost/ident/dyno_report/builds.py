@@ -75,6 +75,7 @@ class DynoReport:
         speeds: Speeds of the tables [m/s].
         corners: Corners for damping ratios.
         fitted_to: Build of corners of the car: a name for each corner.
+        every_speed: Whether tables also have the speeds that an entry does not reach, because the user chose them.
     """
 
     entries: tuple[Entry, ...]
@@ -82,6 +83,11 @@ class DynoReport:
     speeds: tuple[float, ...]
     corners: tuple[CarCorner, ...] = ()
     fitted_to: Mapping[str, str] = field(default_factory=dict)
+    every_speed: bool = False
+
+    def speeds_of(self, entry: Entry) -> tuple[float, ...]:
+        """Return the speeds [m/s] of an entry's rows."""
+        return tuple(speed for speed in self.speeds if self.every_speed or speed <= entry.highest)
 
     @property
     def reference(self) -> Variant:
@@ -128,7 +134,7 @@ def dyno_report(
         raise InputError(f"--speed must be above 0, not {wrong[0]:g} m/s")
     reached = max((entry.highest for entry in entries), default=0.0)
     shown = tuple(sorted(set(speeds))) or tuple(speed for speed in SPEEDS if speed <= reached) or SPEEDS[:1]
-    return DynoReport(tuple(entries), tuple(variants), shown, tuple(corners), fitted)
+    return DynoReport(tuple(entries), tuple(variants), shown, tuple(corners), fitted, bool(speeds))
 
 
 def _listed(variants: Sequence[Variant]) -> str:

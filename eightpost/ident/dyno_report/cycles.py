@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.ident.dyno_report.found import Found, Unknown
+from eightpost.rig.cycles import SMALLEST, turning_points
 from eightpost.signals import TimeSeries
+from eightpost.signals.filters import lowpass
 
-#: A half cycle reaches this share of the highest speed; smaller motions belong to the crossing of zero.
+#: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
 REACHED = 0.05
 #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 PEAK = 0.99
-#: Cycles are alike if their strokes are within this share of the median; minimum share of cycles that are alike.
+#: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
 ALIKE, STEADY = 0.1, 0.8
 #: Minimum number of cycles for a mean.
 FEWEST_CYCLES = 2
@@ -50,8 +54,8 @@ class Cycles:
     Attributes:
         peak_velocity: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
         peak_force: Force there (H,) [N].
-        count: Number of whole cycles.
-        is_steady: Whether the cycles have the same stroke.
+        count: Number of whole cycles; of steady ones, those that are alike.
+        is_steady: Whether the cycles have the same stroke and duration.
         frequency: Mean frequency [Hz].
         stroke: Mean stroke from one end to the other [m].
         offset: Mean of the forces at zero velocity at both ends of the stroke [N].
@@ -81,25 +85,23 @@ def cycles_of(series: TimeSeries) -> Cycles:
     """Return the cycles of a record with `velocity` [m/s] and `force` [N]."""
     crossings = crossings_of(series)
     peaks = np.array(
-        [_peak(series, a.stop, b.start) for a, b in zip(crossings, crossings[1:], strict=False)]
+        [_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]
     ).reshape(-1, 2)  # fmt: skip
     offset, width = _at_zero(crossings)
-    starts = np.array([crossing.time for crossing in crossings if crossing.upward])
-    if starts.size < FEWEST_CYCLES + 1:
-        return Cycles(peaks[:, 0], peaks[:, 1], max(starts.size - 1, 0), False, NO_CYCLE, NO_CYCLE, offset, width,
+    times = np.array([crossing.time for crossing in crossings if crossing.upward])
+    if times.size < FEWEST_CYCLES + 1:
+        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, NO_CYCLE, NO_CYCLE, offset, width,
                       NO_CYCLE, NO_CYCLE)  # fmt: skip
-    stroke = _strokes(series, crossings)
-    alike = np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE
-    steady = bool(np.mean(alike) >= STEADY)
-    energy = np.diff(np.interp(starts, series.time, energy_over_time(series)))
+    duration, stroke = np.diff(times), _strokes(series, crossings)
+    alike = (np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE) & (
+        np.abs(duration / np.median(duration) - 1.0) <= ALIKE
+    )
+    if np.count_nonzero(alike) < max(FEWEST_CYCLES, STEADY * alike.size):
+        return Cycles(peaks[:, 0], peaks[:, 1], times.size - 1, False, UNLIKE, UNLIKE, offset, UNLIKE, UNLIKE, UNLIKE)
+    energy = np.diff(np.interp(times, series.time, energy_over_time(series)))[alike]
     return Cycles(
-        peaks[:, 0], peaks[:, 1], starts.size - 1, steady,
-        float((starts.size - 1) / (starts[-1] - starts[0])),
-        float(stroke[alike].mean()) if steady else UNLIKE,
-        offset,
-        width if steady else UNLIKE,
-        float(energy.mean()) if steady else UNLIKE,
-        float(energy.std(ddof=1)) if steady else UNLIKE,
+        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[alike].mean()),
+        float(stroke[alike].mean()), offset, width, float(energy.mean()), float(energy.std(ddof=1)),
     )  # fmt: skip
 
 
@@ -109,23 +111,49 @@ def energy_over_time(series: TimeSeries) -> Array:
 
 
 def crossings_of(series: TimeSeries) -> list[Crossing]:
-    """Return the changes of direction between half cycles that reach 5 % of the highest speed."""
-    velocity = series["velocity"]
-    beyond = np.flatnonzero(np.abs(velocity) >= REACHED * float(np.abs(velocity).max()))
-    signs = np.sign(velocity[beyond])
-    changes = np.flatnonzero(np.diff(signs) != 0.0)
-    return [_crossing(series, int(beyond[k]), int(beyond[k + 1])) for k in changes]
+    """Return the changes of direction between half cycles of at least 2 % of the record's stroke."""
+    path, velocity = path_of(series), series["velocity"]
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    beyond = np.abs(velocity) >= REACHED * float(np.abs(velocity).max())
+    middles = [(a + b) // 2 for a, b in pairwise(turns)]
+    spans = zip(turns, [0, *middles], [*middles, velocity.size - 1], strict=True)
+    found = (_crossing(series, beyond, *span) for span in spans)
+    return [crossing for crossing in found if crossing is not None]
 
 
-def _crossing(series: TimeSeries, start: int, stop: int) -> Crossing:
-    """Return the crossing of zero between two samples: lines of time and force over velocity through all between."""
-    part = slice(start, stop + 1)
-    velocity = series["velocity"][part]
-    middle = velocity - velocity.mean()
-    zero = -float(velocity.mean())
+def path_of(series: TimeSeries) -> Array:
+    """Return the displacement (N,) [m], low-passed; the integral of the velocity if it was not measured."""
+    if "displacement" in series:
+        path = series["displacement"]
+    else:
+        velocity = series["velocity"]
+        path = cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0)
+    rate = series.sample_rate
+    return lowpass(np.asarray(path), rate, min(50.0, 0.1 * rate), order=2)
+
+
+def _crossing(
+    series: TimeSeries, beyond: NDArray[np.bool_], turn: int, first: int, last: int
+) -> Crossing | None:  # fmt: skip
+    """Return the crossing of zero near a turning point: lines of time and force over the velocities around it.
+
+    Args:
+        series: Record.
+        beyond: Samples (N,) whose speed is beyond the threshold.
+        turn: Sample of the turning point.
+        first: First sample to use.
+        last: Last sample to use.
+    """
+    before, after = np.flatnonzero(beyond[first:turn]), np.flatnonzero(beyond[turn : last + 1])
+    start = first + int(before[-1]) if before.size else first
+    stop = turn + int(after[0]) if after.size else last
+    velocity = series["velocity"][start : stop + 1]
+    if not (velocity[0] * velocity[-1] < 0.0 and velocity.size > 1):
+        return None
+    middle, zero = velocity - velocity.mean(), -float(velocity.mean())
     at_zero = [
         float(row.mean() + zero * (middle @ (row - row.mean())) / (middle @ middle))
-        for row in (series.time[part], series["force"][part])
+        for row in (series.time[start : stop + 1], series["force"][start : stop + 1])
     ]
     return Crossing(at_zero[0], at_zero[1], start, stop, bool(velocity[-1] > 0.0))
 
@@ -149,7 +177,7 @@ def _at_zero(crossings: list[Crossing]) -> tuple[Found, Found]:
 
 
 def _strokes(series: TimeSeries, crossings: list[Crossing]) -> Array:
-    """Return the stroke of each half cycle (H,) [m] from the integral of velocity."""
+    """Return the stroke of each whole cycle (C,) [m]: the range of the integral of velocity within it."""
     path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
-    ends = np.interp([crossing.time for crossing in crossings], series.time, path)
-    return np.asarray(np.abs(np.diff(ends)))
+    bounds = np.searchsorted(series.time, [crossing.time for crossing in crossings if crossing.upward])
+    return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])

@@ -13,7 +13,7 @@ from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.found import Found, Unknown, mean_of
 from eightpost.ident.dyno_report.velocity_curve import STROKES, Stroke, forces_at, ratio_at
 from eightpost.report.page import Block
-from eightpost.report.tables import NONE, Amount, Cell, ResultTable
+from eightpost.report.tables import NONE, Cell, ResultTable
 from eightpost.shock import law_title
 
 Row = Sequence[Cell | Found | None]
@@ -38,12 +38,15 @@ class Reasons:
 
 
 def explained(title: str, columns: Sequence[str], rows: Iterable[Row]) -> list[Block]:
-    """Return a table and the list of reasons below it; nothing if there is no row."""
+    """Return a table without its empty columns and the reasons below it; nothing if there is no row."""
     reasons = Reasons()
     cells = [tuple(reasons.cell(value) for value in row) for row in rows]
-    if not cells:
+    kept = [k for k in range(len(columns)) if any(row[k] not in (None, NONE) for row in cells)]
+    if not kept:
         return []
-    return [ResultTable.of(title, columns, cells), *([reasons.lines()] if reasons.lines() else [])]
+    shown = ([row[k] for k in kept] for row in cells)
+    table = ResultTable.of(title, [columns[k] for k in kept], shown)
+    return [table, *([reasons.lines()] if reasons.lines() else [])]
 
 
 def kind_of(entry: Entry) -> str:
@@ -120,7 +123,7 @@ def force_table(report: DynoReport) -> list[Block]:
     """Return forces, secant rates and the ratio of rebound to compression at the report's speeds."""
     rows = []
     for _, entry in _labelled(report):
-        for speed in report.speeds:
+        for speed in report.speeds_of(entry):
             compression, rebound = (forces_at(entry.curve, speed, stroke) for stroke in STROKES)
             secants = [force if isinstance(force, Unknown) else force / speed for force in (compression, rebound)]
             rows.append((entry.name, kind_of(entry), speed, compression, rebound, ratio_at(entry.curve, speed),
@@ -158,9 +161,9 @@ def peak_table(report: DynoReport) -> list[Block]:
             else:
                 scatter = float(forces.std(ddof=1))
                 rows.append((entry.name, stroke, str(speeds.size), float(speeds.mean()), float(forces.mean()), scatter,
-                             Amount(100.0 * scatter / abs(float(forces.mean())), "%", 2)))  # fmt: skip
+                             100.0 * scatter / abs(float(forces.mean()))))  # fmt: skip
     columns = ("run", "stroke", "peaks", "peak speed [m/s]", "peak force with gas [N]", "standard deviation [N]",
-               "of the force")  # fmt: skip
+               "deviation / force [%] .2")  # fmt: skip
     return explained("", columns, rows)
 
 
@@ -179,8 +182,8 @@ def damping_tables(report: DynoReport) -> list[Block]:
                 low, high = [one.low for one in slopes], [one.high for one in slopes]
                 ratios = [corner.damping_ratio(rate) for rate in (*low, _both(low), *high, _both(high))]
                 rows.append((corner.name, variant.label, entry.name, kind_of(entry), *map(_percent, ratios)))
-    columns = ("corner", "build", "entry", "kind", "comp. below knee", "reb. below knee", "mean below knee",
-               "comp. above knee", "reb. above knee", "mean above knee")  # fmt: skip
+    columns = ("corner", "build", "entry", "kind", "comp. below knee [%]", "reb. below knee [%]", "mean below knee [%]",
+               "comp. above knee [%]", "reb. above knee [%]", "mean above knee [%]")  # fmt: skip
     return explained("", columns, rows)
 
 
@@ -200,8 +203,8 @@ def _both(rates: Sequence[Found]) -> Found:
     return next((rate for rate in rates if isinstance(rate, Unknown)), None) or mean_of(rates)
 
 
-def _percent(ratio: Found) -> Cell | Unknown:
-    return ratio if isinstance(ratio, Unknown) else Amount(100.0 * ratio, "%")
+def _percent(ratio: Found) -> Found:
+    return ratio if isinstance(ratio, Unknown) else 100.0 * ratio
 
 
 # ---- Loops, gas, warming --------------------------------------------------------------------------------------------
@@ -213,21 +216,15 @@ def loop_table(report: DynoReport) -> list[Block]:
     for entry in report.runs:
         cycles = entry.cycles
         if not isinstance(cycles, Unknown):
-            rows.append((entry.name, str(cycles.count), _hertz(cycles), cycles.stroke, cycles.energy,
+            rows.append((entry.name, str(cycles.count), cycles.frequency, cycles.stroke, cycles.energy,
                          cycles.energy_scatter, cycles.width, cycles.offset, _milliseconds(entry.lag)))  # fmt: skip
-    columns = ("run", "cycles", "frequency", "stroke [m]", "energy per cycle [J]", "its standard deviation [J]",
-               "width at zero velocity [N]", "force at zero velocity [N]", "lag of force")  # fmt: skip
+    columns = ("run", "cycles", "frequency [Hz]", "stroke [m]", "energy per cycle [J]", "its standard deviation [J]",
+               "width at zero velocity [N]", "force at zero velocity [N]", "lag of force (ms)")  # fmt: skip
     return explained("", columns, rows)
 
 
-def _hertz(cycles: Cycles) -> Cell | Unknown:
-    if not cycles.is_steady:
-        return Unknown("the cycles have different strokes; split the record into runs (--split)")
-    return cycles.frequency if isinstance(cycles.frequency, Unknown) else Amount(cycles.frequency, "Hz")
-
-
-def _milliseconds(lag: Found) -> Cell | Unknown:
-    return lag if isinstance(lag, Unknown) else f"{1e3 * lag:.2f} ms".replace("-", "−")
+def _milliseconds(lag: Found) -> Found:
+    return lag if isinstance(lag, Unknown) else 1e3 * lag
 
 
 def lag_table(report: DynoReport) -> list[Block]:
@@ -236,13 +233,13 @@ def lag_table(report: DynoReport) -> list[Block]:
         (entry.name, kind_of(entry), _milliseconds(entry.lag), _fit_error(entry))
         for entry in report.entries if entry.kind == "law"
     ]  # fmt: skip
-    return explained("", ("law", "kind", "lag time constant", "error of the fit"), rows)
+    return explained("", ("law", "kind", "lag time constant (ms)", "error of the fit [%]"), rows)
 
 
-def _fit_error(entry: Entry) -> Cell | Unknown:
+def _fit_error(entry: Entry) -> Found:
     value = entry.shock.fit.get("percent") if entry.shock else None
     if isinstance(value, int | float):
-        return Amount(float(value), "%", 2)
+        return float(value)
     return Unknown("the shock file states no error in percent of the force's standard deviation")
 
 
@@ -251,11 +248,11 @@ def gas_table(report: DynoReport) -> list[Block]:
     rows = [
         (entry.name, kind_of(entry), entry.slow.gas_force, entry.slow.stiffness, entry.slow.friction,
          entry.slow.residual if entry.kind == "run" else None,
-         Amount(entry.slow.duration, "s", 2) if entry.kind == "run" else None)
+         entry.slow.duration if entry.kind == "run" else None)
         for _, entry in _labelled(report)
     ]  # fmt: skip
     columns = ("entry", "kind", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "RMS about the equation [N]",
-               "slow parts")  # fmt: skip
+               "slow parts [s] .2")  # fmt: skip
     return explained("", columns, rows)
 
 
@@ -266,7 +263,7 @@ def warming_table(report: DynoReport) -> list[Block]:
          entry.warming.power, _per_kilojoule(entry))
         for entry in report.runs
     ]  # fmt: skip
-    columns = ("run", "start", "warming", "energy [J]", "mean power [W]", "warming per energy")
+    columns = ("run", "start", "warming", "energy [J]", "mean power [W]", "warming per energy (K/kJ)")
     return explained("", columns, rows)
 
 
@@ -274,13 +271,13 @@ def _kelvin(drift: Found) -> Cell | Unknown:
     return drift if isinstance(drift, Unknown) else f"{drift:+.2f} K ({1.8 * drift:+.1f} °F)".replace("-", "−")
 
 
-def _per_kilojoule(entry: Entry) -> Cell | Unknown:
+def _per_kilojoule(entry: Entry) -> Found:
     drift, energy = entry.warming.drift, entry.warming.energy
     if isinstance(drift, Unknown):
         return drift
     if isinstance(energy, Unknown) or energy <= 0.0:
         return Unknown("the record dissipates no energy")
-    return f"{1e3 * drift / energy:.3g} K/kJ".replace("-", "−")
+    return 1e3 * drift / energy
 
 
 def heat_lines(report: DynoReport) -> tuple[str, ...]:
@@ -300,28 +297,33 @@ def repeat_table(report: DynoReport) -> list[Block]:
         for one in repeats(report)
     ]  # fmt: skip
     columns = ("build", "runs", "stroke", "speed [m/s]", "mean force [N]", "standard deviation [N]",
-               "largest minus smallest [N]", "deviation / mean")  # fmt: skip
+               "largest minus smallest [N]", "deviation / mean [%] .2")  # fmt: skip
     return explained("", columns, rows)
 
 
-def _share(part: Found, whole: Found) -> Cell | Unknown:
+def _share(part: Found, whole: Found) -> Found:
     if isinstance(part, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
         return Unknown("the mean force is 0")
-    return Amount(100.0 * part / abs(whole), "%", 2)
+    return 100.0 * part / abs(whole)
 
 
 def difference_table(report: DynoReport) -> list[Block]:
     """Return the forces of every build relative to the reference."""
     rows = [
-        (one.variant, one.basis, one.stroke, one.speed, one.reference, one.force, one.change, _signed(one.percent))
+        (one.variant, one.basis, one.stroke, one.speed, one.reference, one.force, one.change, one.percent)
         for one in differences(report)
     ]  # fmt: skip
-    columns = ("build", "basis", "stroke", "speed [m/s]", "reference [N]", "force [N]", "difference [N]", "difference")
+    columns = (
+        "build",
+        "basis",
+        "stroke",
+        "speed [m/s]",
+        "reference [N]",
+        "force [N]",
+        "difference [N]",
+        "difference [%]",
+    )
     return explained("", columns, rows)
-
-
-def _signed(percent: Found) -> Cell | Unknown:
-    return percent if isinstance(percent, Unknown) else Amount(percent, "%")
 
 
 def slope_differences(report: DynoReport) -> list[Block]:

@@ -10,18 +10,22 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
+from eightpost.ident.dyno_report.cycles import path_of
 from eightpost.ident.dyno_report.found import Found, Unknown
+from eightpost.rig.cycles import SMALLEST, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import valve_force
 from eightpost.signals import TimeSeries
-from eightpost.signals.filters import lowpass
+from eightpost.signals.filters import derivative, lowpass
 
 Stroke = Literal["compression", "rebound"]
 STROKES: tuple[Stroke, Stroke] = ("compression", "rebound")
 
 #: Number of classes of speed in each stroke, and minimum number of samples of each branch in a class.
 CLASSES, FEWEST_SAMPLES = 40, 3
+#: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
+HARMONICS = 6.0
 #: Number of speeds of a law's curve in each stroke.
 LAW_POINTS = 120
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
@@ -97,9 +101,8 @@ def curve_of_series(series: TimeSeries, offset: float) -> VelocityCurve | Unknow
         series: Record with `velocity` [m/s] and `force` [N].
         offset: Force at zero velocity [N], which is subtracted.
     """
-    velocity, rate = series["velocity"], series.sample_rate
-    force = series["force"] - offset
-    rising = np.gradient(lowpass(velocity, rate, min(50.0, 0.1 * rate), order=2)) > 0.0
+    velocity, force = series["velocity"], series["force"] - offset
+    rising = _acceleration(series) > 0.0
     points: list[tuple[float, float]] = []
     for sign in (-1.0, 1.0):
         highest = float((sign * velocity).max())
@@ -113,6 +116,14 @@ def curve_of_series(series: TimeSeries, offset: float) -> VelocityCurve | Unknow
         return Unknown("too few samples are on both branches of a loop of force over velocity")
     found = np.array(sorted(points))
     return VelocityCurve(found[:, 0], found[:, 1])
+
+
+def _acceleration(series: TimeSeries) -> Array:
+    """Return the acceleration (N,) [m/s2], low-passed so that noise does not change its sign."""
+    rate, path = series.sample_rate, path_of(series)
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    usual = rate / (2.0 * float(np.median(np.diff(turns)))) if len(turns) > 1 else rate  # [Hz]
+    return derivative(lowpass(series["velocity"], rate, min(HARMONICS * usual, 50.0, 0.2 * rate), order=4), rate)
 
 
 def curve_of_table(table: PeakVelocityTable) -> VelocityCurve:

@@ -110,6 +110,7 @@ try {
   content = JSON.parse(await textOf("figures"));
   await loadPlotly();
   window.addEventListener("beforeprint", () => {
+    document.querySelectorAll(".verdict details").forEach((found) => (found.open = true));
     drawAll(false);
     places.filter((place) => !place.drawn).forEach(draw);
   });
