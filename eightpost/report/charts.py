@@ -166,7 +166,7 @@ class Figure:
         if not names:
             return _HEADING + 6
         columns = max(1, int((WIDTH - _LEFT - _RIGHT) // (_LETTER * max(map(len, names)) + _KEY)))
-        return max(_TOP, _ROW * -(-len(names) // columns) + _HEADING)
+        return max(_TOP, _ROW * -(-len(names) // columns) + _HEADING + 12)
 
     def _add(self, panel: int, x: Array, y: Array, name: str, **style: Any) -> None:
         x_axis, y_axis = _axes(panel)

@@ -10,6 +10,8 @@ from eightpost.ident.dyno_report.corner import CarCorner
 from eightpost.ident.dyno_report.entry import Entry, Kind
 from eightpost.units import convert
 
+#: Minimum share of the highest speed of a build's entries for an entry to represent it.
+FAST = 0.9
 #: Speeds of the tables [m/s] unless others are given: 1 to 20 in/s, as far as any curve goes.
 SPEEDS = tuple(float(convert(speed, "in/s", "m/s")) for speed in (1.0, 2.0, 3.0, 5.0, 10.0, 15.0, 20.0))
 
@@ -34,6 +36,12 @@ class Variant:
     def of_kind(self, *kinds: Kind) -> tuple[Entry, ...]:
         """Return the entries of the given kinds."""
         return tuple(entry for entry in self.entries if entry.kind in kinds)
+
+    def fastest(self, *kinds: Kind) -> tuple[Entry, ...]:
+        """Return the entries of the given kinds that reach 90 % of the highest speed among them."""
+        found = self.of_kind(*kinds)
+        highest = max((entry.highest for entry in found), default=0.0)
+        return tuple(entry for entry in found if entry.highest >= FAST * highest)
 
     @property
     def measured(self) -> tuple[Entry, ...]:

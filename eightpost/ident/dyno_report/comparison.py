@@ -60,7 +60,7 @@ def differences(report: DynoReport) -> tuple[Difference, ...]:
     found = []
     for variant in report.variants[1:]:
         for basis in ("measured", "law"):
-            ours, base = _of(variant, basis), _of(report.reference, basis)
+            ours, base = representatives(variant, basis), representatives(report.reference, basis)
             if ours and base:
                 found += [
                     Difference(variant.label, basis, stroke, speed, mean_force(ours, speed, stroke),
@@ -70,8 +70,9 @@ def differences(report: DynoReport) -> tuple[Difference, ...]:
     return tuple(found)
 
 
-def _of(variant: Variant, basis: str) -> tuple[Entry, ...]:
-    return variant.measured if basis == "measured" else variant.of_kind("law")
+def representatives(variant: Variant, basis: str) -> tuple[Entry, ...]:
+    """Return the fastest entries of a variant, either `measured` ones or laws."""
+    return variant.fastest("run", "table") if basis == "measured" else variant.fastest("law")
 
 
 def mean_force(entries: Iterable[Entry], speed: float, stroke: Stroke) -> Found:

@@ -25,7 +25,7 @@ ALIKE, STEADY = 0.1, 0.8
 FEWEST_CYCLES = 2
 
 NO_CYCLE = Unknown("the record has fewer than two whole cycles")
-UNLIKE = Unknown("the cycles have different strokes; split the record into runs (--split)")
+UNLIKE = Unknown("the motion is not one steady cycle; split a record of several sines into runs (--split)")
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,9 +89,9 @@ class Entry:
         setting: Build and conditions.
         source: Path of the file; None for data in memory.
         sha256: Digest of the file; empty without a file.
-        curve: Mean force over velocity, without `offset`.
+        curve: Mean force over velocity, without `offset` and, of a run, without its lag.
         strokes: Knee and slopes of each stroke.
-        offset: Force at zero velocity [N].
+        offset: Force at zero velocity [N], of a run after its lag is removed.
         cycles: Cycles of a run, or the reason why there are none.
         lag: Lag of force behind velocity [s]; of a law its time constant.
         slow: Gas force and friction.
@@ -146,15 +146,29 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
         build: Name of the build.
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
-    cycles = cycles_of(series)
-    curve = cycles.offset if isinstance(cycles.offset, Unknown) else curve_of_series(series, cycles.offset)
+    cycles, lag = cycles_of(series), _lag(series)
+    static = series if isinstance(lag, Unknown) else advanced(series, lag)
+    offset = cycles_of(static).offset
+    curve = offset if isinstance(offset, Unknown) else curve_of_series(static, cycles, offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, _strokes_of(curve), cycles.offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
+        curve, _strokes_of(curve), offset, cycles, lag, slow_figures(series), _warming(series, test),
         test=test, notes=(*test.derived, *test.notes),
     )  # fmt: skip
+
+
+def advanced(series: TimeSeries, lag: float) -> TimeSeries:
+    """Return a record whose force is advanced by its lag [s], without the samples at the end that have no force.
+
+    A lag adds its product with acceleration and damping rate to the force at zero velocity. If the rates of both strokes
+    differ, the mean of both ends of the stroke is not the gas force.
+    """
+    inside = (series.time + lag >= series.time[0]) & (series.time + lag <= series.time[-1])
+    force = np.interp(series.time + lag, series.time, series["force"])
+    names = [name for name in series.names if name != "force"]
+    return series.select(names).with_channel("force", "N", force).at(inside)
 
 
 def _lag(series: TimeSeries) -> Found:

@@ -17,10 +17,22 @@ from eightpost.report.tables import NONE, ResultTable
 _SIGNS = (
     "Velocity, displacement and force are positive in compression. Forces in tables are magnitudes without the gas."
 )
+#: Number of findings at the top of the page; the section of findings has all.
+_OPEN = 4
+
 _LOOPS = (
     "Energy: integral of force times velocity over a cycle. Width: force at zero velocity at the compressed end minus "
     "that at the extended end; lag, friction and gas stiffness contribute to it. Lag: delay of force behind velocity "
     "with the largest correlation; it includes the filter of the load cell, and in a single sine also a gas spring."
+)
+_CURVES = (
+    "Measured curves are means of both branches of the loop in 40 classes of speed, after the force was advanced by its "
+    "lag; gas stiffness and hysteresis cancel. The force at zero velocity (gas and zero of the load cell) is the mean of "
+    "both ends of the stroke, and is subtracted."
+)
+_FASTEST = (
+    "A build's figures are means over its fastest entries (90 % of the highest speed or more), because slopes depend "
+    "on the range of speed; gas force, friction and energy are means over the runs that show them."
 )
 _KNEES = (
     "Two lines that meet at the knee are fitted to the mean curve of a stroke by least squares. There is no knee if "
@@ -29,7 +41,8 @@ _KNEES = (
 )
 _GAS = (
     "Runs: in parts slower than 10 mm/s and 0.05 m/s2, and in holds, F = gas force + stiffness (x - middle of the "
-    "stroke) + friction sign(v) + rate v is fitted by least squares. Tables: see the notes. Laws: the fit's estimates."
+    "stroke) + friction sign(v) + rate v is fitted by least squares. Tables: see the notes. Laws: the fit's estimates. "
+    "A negative gas force means that the load cell was zeroed with the gas force on it, or that the signs are reversed."
 )
 _DAMPING = (
     "Damping ratio c r² / (2 √(k m)) with the damping rate c at the damper, motion ratio r, wheel rate k and sprung "
@@ -53,7 +66,8 @@ def write_report(path: str | Path, report: DynoReport, *, title: str = "Dynamome
         Path of the written file.
     """
     lead = f"{_count(report)}. {_SIGNS}"
-    return write_page(path, document(title, report_verdict(report.entries), list(sections_of(report)), lead=lead))
+    verdict, sections = report_verdict(report.entries), list(sections_of(report))
+    return write_page(path, document(title, verdict, sections, lead=lead, fold=_OPEN))
 
 
 def _count(report: DynoReport) -> str:
@@ -69,12 +83,12 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
     """Yield the sections of a report; sections without content are left out."""
     middle = report.speeds[len(report.speeds) // 2]
     inch = Display.of("m/s")
-    at = f"Forces and ratio at {middle:.3g} m/s ({inch(middle):.3g} {inch.unit}); means over the entries of a build."
+    at = f"Forces and ratio at {middle:.3g} m/s ({inch(middle):.3g} {inch.unit}). {_FASTEST}"
     yield Section("overview", "Overview", [
         plots.overview_figure(report), *tables.overview_table(report), soft(at), *tables.entry_table(report)
     ])  # fmt: skip
     yield Section("curves", "Force over velocity", [
-        plots.curves_figure(report), *tables.force_table(report), *tables.peak_table(report)
+        plots.curves_figure(report), soft(_CURVES), *tables.force_table(report), *tables.peak_table(report)
     ])  # fmt: skip
     yield Section("knees", "Knees and slopes", [soft(_KNEES), *tables.knee_table(report)])
     yield Section("damping", "Damping ratio", _damping(report))
@@ -96,7 +110,7 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
         yield Section("warming", "Energy and warming", _warming(report))
         yield Section("repeatability", "Repeatability", _repeatability(report))
         yield Section("runs", "Every run", list(plots.run_figures(report)))
-    yield Section("notes", "Notes", _notes(report))
+    yield Section("notes", "Findings and notes", _notes(report))
     yield Section("files", "Files", [_files(report)])
 
 
@@ -122,8 +136,15 @@ def _repeatability(report: DynoReport) -> list[Block]:
 
 
 def _notes(report: DynoReport) -> list[Block]:
-    lines = tuple(f"{entry.name}: {note}" for entry in report.entries for note in entry.notes)
-    return [lines or soft("There are no notes.")]
+    rows = [(entry.name, note) for entry in report.entries for note in entry.notes]
+    reasons = [
+        (reason.grade.value, reason.about, f"{reason.statement}: {reason.figure}", reason.origin, reason.remedy)
+        for reason in report_verdict(report.entries).reasons
+    ]
+    return [
+        ResultTable.of("Findings", ("grade", "about", "finding", "entries", "to do"), reasons),
+        ResultTable.of("Notes", ("entry", "note"), rows) if rows else soft("There are no notes on files."),
+    ]
 
 
 def _files(report: DynoReport) -> ResultTable:

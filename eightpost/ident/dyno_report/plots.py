@@ -27,6 +27,8 @@ _DASHES, _LAW_DASH = ("solid", "dot", "dashdot", "longdash"), "dash"
 _DOTS, _POINTS = 2500, 600
 #: Number of cycles shown over time and as a loop, and duration shown of a record without cycles [s].
 _CYCLES, _SPAN = 2, 1.0
+#: Longest time of the runs shown together, over the shortest.
+_LONGEST = 2.0
 #: Number of panels in a row of the overview.
 _COLUMNS = 4
 
@@ -42,12 +44,13 @@ class Style:
 def styles(report: DynoReport) -> Mapping[str, Style]:
     """Return the style of every entry by name: a colour for each build, a dash for each of its runs."""
     found = {}
+    any_measured = any(variant.measured for variant in report.variants)
     for number, variant in enumerate(report.variants):
         color = COLORS[number % len(COLORS)]
         for k, entry in enumerate(variant.measured):
             found[entry.name] = Style(color, _DASHES[k % len(_DASHES)])
         for entry in variant.of_kind("law"):
-            found[entry.name] = Style(color, _LAW_DASH)
+            found[entry.name] = Style(color, _LAW_DASH if any_measured else "solid")
     return found
 
 
@@ -137,8 +140,8 @@ def _curve(figure: Figure, panel: int, entry: Entry, name: str, style: Style, *,
 _RUN = (
     Panel(_VELOCITY, _WITHOUT, (0.0, 0.29), _WHOLE, "force over velocity"),
     Panel(_DISPLACEMENT, _FORCE, (0.36, 0.63), _WHOLE, "force over displacement"),
-    Panel(_TIME, _FORCE, (0.70, 1.0), (0.57, 1.0), "force"),
-    Panel(_TIME, _VELOCITY, (0.70, 1.0), (0.0, 0.37), "velocity"),
+    Panel(Axis(""), _FORCE, (0.70, 1.0), (0.57, 1.0), "force over time"),
+    Panel(_TIME, _VELOCITY, (0.70, 1.0), (0.0, 0.40), "velocity over time"),
 )
 
 
@@ -149,13 +152,15 @@ def runs_figure(report: DynoReport) -> Figure:
         "middle of the stroke; force and velocity over time from the same change of direction."
     )
     figure, styled = Figure(caption, 430, _RUN), styles(report)
+    lengths = [float(np.ptp(_even(entry).time[_cycles_in(_even(entry), _CYCLES)])) for entry in report.runs]
     for variant in report.variants:
         for entry in variant.of_kind("run"):
-            _loops(figure, entry, entry.name, styled[entry.name])
+            _loops(figure, entry, entry.name, styled[entry.name], longest=_LONGEST * min(lengths))
     return figure
 
 
-def _loops(figure: Figure, entry: Entry, name: str, style: Style) -> None:
+def _loops(figure: Figure, entry: Entry, name: str, style: Style, *, longest: float = np.inf) -> None:
+    """Draw one loop, and force and velocity over two cycles or a longest time [s]."""
     series, offset = _even(entry), _offset(entry)
     loop, part = _cycles_in(series, 1), _cycles_in(series, _CYCLES)
     figure.line(0, series["velocity"][loop], series["force"][loop] - offset, name=name, color=style.color,
@@ -164,6 +169,7 @@ def _loops(figure: Figure, entry: Entry, name: str, style: Style) -> None:
         path = series["displacement"]
         middle = 0.5 * float(path.max() + path.min())
         figure.line(1, path[loop] - middle, series["force"][loop], name=name, color=style.color, dash=style.dash)
+    part = part[series.time[part] - series.time[part[0]] <= longest]
     time = series.time[part] - series.time[part[0]]
     figure.line(2, time, series["force"][part], name=name, color=style.color, dash=style.dash)
     figure.line(3, time, series["velocity"][part], name=name, color=style.color, dash=style.dash)
@@ -196,7 +202,8 @@ def _run_figure(entry: Entry, variant: Variant) -> Figure:
                     color=COLORS[2], size=4.0)  # fmt: skip
     _knees(figure, entry)
     for k, law in enumerate(variant.of_kind("law")):
-        _curve(figure, 0, law, f"{law.name}: {kind_of(law)}", Style(COLORS[(3 + k) % len(COLORS)], _LAW_DASH))
+        style = Style(COLORS[(3 + k) % len(COLORS)], _LAW_DASH)
+        _curve(figure, 0, law, f"{law.name}: {kind_of(law)}", style, limit=1.05 * entry.highest)
     return figure
 
 

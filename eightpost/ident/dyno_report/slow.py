@@ -55,10 +55,7 @@ def slow_figures(series: TimeSeries) -> SlowFigures:
     used = (np.abs(velocity) <= SLOW) & (np.abs(derivative(velocity, rate)) <= GENTLE) & (direction != 0.0)
     duration = float(np.count_nonzero(used)) / rate
     if duration < ENOUGH:
-        none = Unknown(
-            f"{duration:.2g} s of the record are slower than {1e3 * SLOW:.0f} mm/s and {GENTLE:g} m/s2; "
-            f"{ENOUGH:g} s are needed"
-        )
+        none = Unknown(f"less than {ENOUGH:g} s of the record is slower than {1e3 * SLOW:.0f} mm/s and {GENTLE:g} m/s2")
         return SlowFigures(none, none, none, duration, none)
     share = float(np.mean(direction[used] > 0.0))
     if not EACH_WAY <= share <= 1.0 - EACH_WAY:

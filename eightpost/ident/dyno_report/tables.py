@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from eightpost.ident.dyno_report.builds import DynoReport, Variant
-from eightpost.ident.dyno_report.comparison import differences, heat_effect, mean_force, repeats
+from eightpost.ident.dyno_report.comparison import differences, heat_effect, mean_force, repeats, representatives
 from eightpost.ident.dyno_report.corner import CarCorner
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import Entry
@@ -30,7 +30,7 @@ class Reasons:
         if not isinstance(value, Unknown):
             return value
         number = self._numbers.setdefault(value.reason, len(self._numbers) + 1)
-        return f"unknown [{number}]"
+        return f"unknown\N{NO-BREAK SPACE}[{number}]"
 
     def lines(self) -> tuple[str, ...]:
         """Return the reasons with their numbers."""
@@ -87,18 +87,19 @@ def _stroke(entry: Entry) -> float | None:
 
 
 def overview_table(report: DynoReport) -> list[Block]:
-    """Return the main figures of every build, means over its entries: slopes, ratio, hysteresis, gas, friction."""
+    """Return the main figures of every build, measured and of laws: forces, slopes, ratio, gas, friction, energy."""
     middle = report.speeds[len(report.speeds) // 2]
     rows = []
     for variant in report.variants:
         for basis, entries in (("measured", variant.measured), ("law", variant.of_kind("law"))):
             if entries:
-                cycles = [entry.cycles for entry in entries]
-                low = [mean_of(entry.strokes[stroke].low for entry in entries) for stroke in STROKES]
-                forces = [mean_force(entries, middle, stroke) for stroke in STROKES]
+                fastest = representatives(variant, basis)
+                cycles = [entry.cycles for entry in fastest]
+                low = [mean_of(entry.strokes[stroke].low for entry in fastest) for stroke in STROKES]
+                forces = [mean_force(fastest, middle, stroke) for stroke in STROKES]
                 rows.append((
                     *_fitted(report, variant), variant.label, basis, *forces,
-                    mean_of(ratio_at(entry.curve, middle) for entry in entries), *low,
+                    mean_of(ratio_at(entry.curve, middle) for entry in fastest), *low,
                     mean_of(entry.slow.gas_force for entry in entries),
                     mean_of(entry.slow.friction for entry in entries),
                     mean_of(one.energy if isinstance(one, Cycles) else one for one in cycles),
@@ -159,10 +160,11 @@ def peak_table(report: DynoReport) -> list[Block]:
                 none = Unknown("the peaks are not repeated: the cycles differ or are fewer than two")
                 rows.append((entry.name, stroke, str(speeds.size), none, none, none, none))
             else:
-                scatter = float(forces.std(ddof=1))
-                rows.append((entry.name, stroke, str(speeds.size), float(speeds.mean()), float(forces.mean()), scatter,
-                             100.0 * scatter / abs(float(forces.mean()))))  # fmt: skip
-    columns = ("run", "stroke", "peaks", "peak speed [m/s]", "peak force with gas [N]", "standard deviation [N]",
+                middle = sign * entry.offset if not isinstance(entry.offset, Unknown) else 0.0
+                mean, scatter = float(forces.mean()) - middle, float(forces.std(ddof=1))
+                rows.append((entry.name, stroke, str(speeds.size), float(speeds.mean()), mean, scatter,
+                             100.0 * scatter / abs(mean) if mean else None))  # fmt: skip
+    columns = ("run", "stroke", "peaks", "peak speed [m/s]", "peak force [N]", "standard deviation [N]",
                "deviation / force [%] .2")  # fmt: skip
     return explained("", columns, rows)
 
@@ -217,7 +219,7 @@ def loop_table(report: DynoReport) -> list[Block]:
         cycles = entry.cycles
         if not isinstance(cycles, Unknown):
             rows.append((entry.name, str(cycles.count), cycles.frequency, cycles.stroke, cycles.energy,
-                         cycles.energy_scatter, cycles.width, cycles.offset, _milliseconds(entry.lag)))  # fmt: skip
+                         cycles.energy_scatter, cycles.width, entry.offset, _milliseconds(entry.lag)))  # fmt: skip
     columns = ("run", "cycles", "frequency [Hz]", "stroke [m]", "energy per cycle [J]", "its standard deviation [J]",
                "width at zero velocity [N]", "force at zero velocity [N]", "lag of force (ms)")  # fmt: skip
     return explained("", columns, rows)
@@ -331,9 +333,8 @@ def slope_differences(report: DynoReport) -> list[Block]:
     rows = []
     base = report.reference
     for variant in report.variants[1:]:
-        for basis, ours, theirs in (
-            ("measured", variant.measured, base.measured), ("law", variant.of_kind("law"), base.of_kind("law")),
-        ):  # fmt: skip
+        for basis in ("measured", "law"):
+            ours, theirs = representatives(variant, basis), representatives(base, basis)
             for stroke in STROKES if ours and theirs else ():
                 changes = [_change(ours, theirs, stroke, name) for name in ("knee", "low", "high")]
                 rows.append((variant.label, basis, stroke, *changes))

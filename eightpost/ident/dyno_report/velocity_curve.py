@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import path_of
+from eightpost.ident.dyno_report.cycles import Cycles, path_of
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.rig.cycles import SMALLEST, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
@@ -18,6 +18,7 @@ from eightpost.shock import ShockLaw
 from eightpost.shock.law import valve_force
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import derivative, lowpass
+from eightpost.units import convert
 
 Stroke = Literal["compression", "rebound"]
 STROKES: tuple[Stroke, Stroke] = ("compression", "rebound")
@@ -30,6 +31,8 @@ HARMONICS = 6.0
 LAW_POINTS = 120
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
 FEWEST_POINTS, BESIDE = 6, 3
+#: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
+LAST = 0.85
 #: Minimum change of slope at a knee, as a share of the steeper slope.
 BEND = 0.2
 #: Maximum sum of squares about two lines, as a share of that about one line.
@@ -68,7 +71,8 @@ class VelocityCurve:
         if not speeds.size:
             return Unknown(f"there are no points in {stroke}")
         if not speeds[0] <= speed <= speeds[-1]:
-            return Unknown(f"the points in {stroke} are from {speeds[0]:.3g} to {speeds[-1]:.3g} m/s")
+            ends = [f"{convert(end, 'm/s', 'in/s'):.3g} in/s ({end:.3g} m/s)" for end in (speeds[0], speeds[-1])]
+            return Unknown(f"the points in {stroke} are from {ends[0]} to {ends[1]}")
         return float(np.interp(speed, speeds, forces))
 
 
@@ -92,13 +96,15 @@ def forces_at(curve: VelocityCurve | Unknown, speed: float, stroke: Stroke) -> F
 # ---- Curves ---------------------------------------------------------------------------------------------------------
 
 
-def curve_of_series(series: TimeSeries, offset: float) -> VelocityCurve | Unknown:
+def curve_of_series(series: TimeSeries, cycles: Cycles, offset: float) -> VelocityCurve | Unknown:
     """Return the mean curve of a record: in classes of velocity, both branches of the loop count equally.
 
-    The difference between the branches, which is caused by lag and gas stiffness, cancels.
+    The difference between the branches, which is caused by lag and gas stiffness, cancels. The ends of the curve of a
+    steady run are the means of its peaks.
 
     Args:
         series: Record with `velocity` [m/s] and `force` [N].
+        cycles: Cycles of the record.
         offset: Force at zero velocity [N], which is subtracted.
     """
     velocity, force = series["velocity"], series["force"] - offset
@@ -112,10 +118,23 @@ def curve_of_series(series: TimeSeries, offset: float) -> VelocityCurve | Unknow
             if all(np.count_nonzero(branch) >= FEWEST_SAMPLES for branch in branches):
                 means = [[float(row[branch].mean()) for branch in branches] for row in (velocity, force)]
                 points.append((float(np.mean(means[0])), float(np.mean(means[1]))))
+        points = _with_peak(points, cycles, sign, offset)
     if len(points) < FEWEST_POINTS:
         return Unknown("too few samples are on both branches of a loop of force over velocity")
     found = np.array(sorted(points))
     return VelocityCurve(found[:, 0], found[:, 1])
+
+
+def _with_peak(
+    points: list[tuple[float, float]], cycles: Cycles, sign: float, offset: float
+) -> list[tuple[float, float]]:
+    """Return the points of classes with the mean peak of a steady run instead of those at its speed and above."""
+    speeds, forces = cycles.peaks(sign)
+    if not cycles.is_steady or not speeds.size:
+        return points
+    # The median leaves out the cycles in which the machine starts and stops.
+    peak, force = float(np.median(speeds)), sign * float(np.median(forces)) - offset
+    return [*(point for point in points if sign * point[0] < peak), (sign * peak, force)]
 
 
 def _acceleration(series: TimeSeries) -> Array:
@@ -193,7 +212,8 @@ def _two_lines(speed: Array, force: Array) -> tuple[float, tuple[float, float, f
     def misfit(knee: float) -> float:
         return _hinge(speed, force, knee)[1]
 
-    first, last = float(speed[BESIDE - 1]), float(speed[-BESIDE])
+    first, last = float(speed[BESIDE - 1]), float(min(speed[-BESIDE], LAST * speed[-1]))
+    last = max(first, last)
     grid = np.linspace(first, last, 8 * speed.size)
     best = int(np.argmin([misfit(float(knee)) for knee in grid]))
     near = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])

@@ -34,7 +34,7 @@ let stacked = document.body.clientWidth < NARROW; // on paper never
 function inOneColumn(whole, figure, width) {
   const xs = Object.keys(figure.units).filter((axis) => axis.startsWith("x")), { t, b } = whole.margin;
   const names = new Set(figure.data.filter((one) => one.showlegend).map((one) => one.name));
-  const top = Math.max(t, 19 * names.size + 24), inner = xs.length * (PANEL + GAP) - GAP;
+  const top = Math.max(t, 19 * names.size + 48), inner = xs.length * (PANEL + GAP) - GAP;
   const old = xs.map((axis) => [whole["xaxis" + axis.slice(1)].domain, whole["yaxis" + axis.slice(1)].domain]);
   const one = { ...whole, width, height: top + inner + b, margin: { ...whole.margin, l: 54, r: 6, t: top } };
   one.legend = { ...whole.legend, orientation: "v" };
@@ -110,7 +110,6 @@ try {
   content = JSON.parse(await textOf("figures"));
   await loadPlotly();
   window.addEventListener("beforeprint", () => {
-    document.querySelectorAll(".verdict details").forEach((found) => (found.open = true));
     drawAll(false);
     places.filter((place) => !place.drawn).forEach(draw);
   });
