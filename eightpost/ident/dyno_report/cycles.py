@@ -16,13 +16,16 @@ from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 
 #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
-REACHED = 0.05
+REACHED = 0.02
 #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 PEAK = 0.99
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
 ALIKE, STEADY = 0.1, 0.8
 #: Minimum number of cycles for a mean.
 FEWEST_CYCLES = 2
+
+#: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
+FEWEST_TURNS, SPREAD = 15, 0.3
 
 NO_CYCLE = Unknown("the record has fewer than two whole cycles")
 UNLIKE = Unknown("the motion is not one steady cycle; split a record of several sines into runs (--split)")
@@ -38,6 +41,8 @@ class Crossing:
         start: Last sample before it beyond the threshold of velocity.
         stop: First sample after it beyond the threshold.
         upward: Whether compression follows.
+        acceleration: Acceleration at that time [m/s2].
+        displacement: Displacement at that time [m]; 0 if it was not measured.
     """
 
     time: float
@@ -45,6 +50,8 @@ class Crossing:
     start: int
     stop: int
     upward: bool
+    acceleration: float
+    displacement: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,11 +158,13 @@ def _crossing(
     if not (velocity[0] * velocity[-1] < 0.0 and velocity.size > 1):
         return None
     middle, zero = velocity - velocity.mean(), -float(velocity.mean())
-    at_zero = [
-        float(row.mean() + zero * (middle @ (row - row.mean())) / (middle @ middle))
-        for row in (series.time[start : stop + 1], series["force"][start : stop + 1])
-    ]
-    return Crossing(at_zero[0], at_zero[1], start, stop, bool(velocity[-1] > 0.0))
+    part = slice(start, stop + 1)
+    rows = [series.time[part], series["force"][part]]
+    if "displacement" in series:
+        rows.append(series["displacement"][part])
+    slopes = [float(middle @ (row - row.mean()) / (middle @ middle)) for row in rows]
+    at_zero = [float(row.mean()) + zero * slope for row, slope in zip(rows, slopes, strict=True)]
+    return Crossing(at_zero[0], at_zero[1], start, stop, bool(velocity[-1] > 0.0), 1.0 / slopes[0], sum(at_zero[2:]))
 
 
 def _peak(series: TimeSeries, start: int, stop: int) -> tuple[float, float]:
@@ -163,6 +172,29 @@ def _peak(series: TimeSeries, start: int, stop: int) -> tuple[float, float]:
     velocity, force = series["velocity"][part], series["force"][part]
     top = np.abs(velocity) >= PEAK * float(np.abs(velocity).max())
     return float(velocity[top].mean()), float(force[top].mean())
+
+
+def force_at_rest(series: TimeSeries) -> Found:
+    """Return the force at zero velocity and acceleration in the middle of the stroke [N] from the changes of direction.
+
+    A lag adds a force in proportion to the acceleration, with the damping rate of the stroke that ends. A constant, a
+    rate for each stroke and a stiffness are fitted by least squares to the half of the changes of direction with the
+    smallest accelerations, where this proportion holds. The accelerations must differ, as in a random motion.
+    """
+    crossings = crossings_of(series)
+    limit = np.median([abs(crossing.acceleration) for crossing in crossings]) if crossings else 0.0
+    crossings = [crossing for crossing in crossings if abs(crossing.acceleration) <= limit]
+    rates = np.array([crossing.acceleration for crossing in crossings])
+    groups = [np.abs(rates[rates > 0.0]), np.abs(rates[rates < 0.0])]
+    if any(group.size < FEWEST_TURNS or group.std() < SPREAD * group.mean() for group in groups):
+        return Unknown("the accelerations at the changes of direction are alike")
+    columns = [np.ones_like(rates), np.maximum(rates, 0.0), np.minimum(rates, 0.0)]
+    if "displacement" in series:
+        path = series["displacement"]
+        columns.append(np.array([one.displacement for one in crossings]) - 0.5 * float(path.max() + path.min()))
+    design = np.stack(columns, axis=1) / np.abs(columns).max(axis=1)
+    found = np.linalg.lstsq(design, np.array([crossing.force for crossing in crossings]), rcond=None)[0]
+    return float(found[0])
 
 
 def _at_zero(crossings: list[Crossing]) -> tuple[Found, Found]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time
+from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.ident.dyno_report.slow import SlowFigures, slow_figures
 from eightpost.ident.dyno_report.velocity_curve import (
@@ -148,7 +148,8 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
     cycles, lag = cycles_of(series), _lag(series)
     static = series if isinstance(lag, Unknown) else advanced(series, lag)
-    offset = cycles_of(static).offset
+    at_rest = force_at_rest(series)
+    offset = cycles_of(static).offset if isinstance(at_rest, Unknown) else at_rest
     curve = offset if isinstance(offset, Unknown) else curve_of_series(static, cycles, offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
@@ -162,8 +163,8 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
 def advanced(series: TimeSeries, lag: float) -> TimeSeries:
     """Return a record whose force is advanced by its lag [s], without the samples at the end that have no force.
 
-    A lag adds its product with acceleration and damping rate to the force at zero velocity. If the rates of both strokes
-    differ, the mean of both ends of the stroke is not the gas force.
+    A lag adds its product with acceleration and damping rate to the force at zero velocity. If the rates of both
+    strokes differ, the mean of both ends of the stroke is not the gas force.
     """
     inside = (series.time + lag >= series.time[0]) & (series.time + lag <= series.time[-1])
     force = np.interp(series.time + lag, series.time, series["force"])

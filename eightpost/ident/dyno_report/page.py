@@ -26,9 +26,9 @@ _LOOPS = (
     "with the largest correlation; it includes the filter of the load cell, and in a single sine also a gas spring."
 )
 _CURVES = (
-    "Measured curves are means of both branches of the loop in 40 classes of speed, after the force was advanced by its "
-    "lag; gas stiffness and hysteresis cancel. The force at zero velocity (gas and zero of the load cell) is the mean of "
-    "both ends of the stroke, and is subtracted."
+    "Measured curves are means of both branches of the loop in 40 classes of speed, after the force is advanced by its "
+    "lag; gas stiffness and hysteresis cancel. The force at zero velocity (gas, and the zero of the load cell) is the "
+    "mean of both ends of the stroke, in a random motion extrapolated to zero acceleration; it is subtracted."
 )
 _FASTEST = (
     "A build's figures are means over its fastest entries (90 % of the highest speed or more), because slopes depend "
