@@ -25,7 +25,7 @@ ALIKE, STEADY = 0.1, 0.8
 FEWEST_CYCLES = 2
 
 #: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
-FEWEST_TURNS, SPREAD = 15, 0.3
+FEWEST_TURNS, SPREAD = 20, 0.3
 
 NO_CYCLE = Unknown("the record has fewer than two whole cycles")
 UNLIKE = Unknown("the motion is not one steady cycle; split a record of several sines into runs (--split)")
@@ -182,12 +182,12 @@ def force_at_rest(series: TimeSeries) -> Found:
     smallest accelerations, where this proportion holds. The accelerations must differ, as in a random motion.
     """
     crossings = crossings_of(series)
-    limit = np.median([abs(crossing.acceleration) for crossing in crossings]) if crossings else 0.0
-    crossings = [crossing for crossing in crossings if abs(crossing.acceleration) <= limit]
     rates = np.array([crossing.acceleration for crossing in crossings])
-    groups = [np.abs(rates[rates > 0.0]), np.abs(rates[rates < 0.0])]
-    if any(group.size < FEWEST_TURNS or group.std() < SPREAD * group.mean() for group in groups):
-        return Unknown("the accelerations at the changes of direction are alike")
+    sizes = [np.abs(rates[rates > 0.0]), np.abs(rates[rates < 0.0])]
+    if any(size.size < FEWEST_TURNS or size.std() < SPREAD * size.mean() for size in sizes):
+        return Unknown("the accelerations at the changes of direction are alike or few")
+    gentle = np.abs(rates) <= np.median(np.abs(rates))
+    crossings, rates = [one for one, chosen in zip(crossings, gentle, strict=True) if chosen], rates[gentle]
     columns = [np.ones_like(rates), np.maximum(rates, 0.0), np.minimum(rates, 0.0)]
     if "displacement" in series:
         path = series["displacement"]
