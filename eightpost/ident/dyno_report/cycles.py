@@ -16,7 +16,7 @@ from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 
 #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
-REACHED = 0.02
+REACHED = 0.03
 #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 PEAK = 0.99
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
@@ -157,14 +157,28 @@ def _crossing(
     velocity = series["velocity"][start : stop + 1]
     if not (velocity[0] * velocity[-1] < 0.0 and velocity.size > 1):
         return None
-    middle, zero = velocity - velocity.mean(), -float(velocity.mean())
     part = slice(start, stop + 1)
-    rows = [series.time[part], series["force"][part]]
-    if "displacement" in series:
-        rows.append(series["displacement"][part])
-    slopes = [float(middle @ (row - row.mean()) / (middle @ middle)) for row in rows]
-    at_zero = [float(row.mean()) + zero * slope for row, slope in zip(rows, slopes, strict=True)]
-    return Crossing(at_zero[0], at_zero[1], start, stop, bool(velocity[-1] > 0.0), 1.0 / slopes[0], sum(at_zero[2:]))
+    place = series["displacement"][part] if "displacement" in series else np.zeros(velocity.size)
+    time = _at_zero_velocity(velocity, series.time[part])
+    rate = float(velocity[-1] - velocity[0]) / float(series.time[stop] - series.time[start])
+    force = _at_zero_velocity(velocity, series["force"][part])
+    return Crossing(time, force, start, stop, bool(velocity[-1] > 0.0), rate, _at_zero_velocity(velocity, place))
+
+
+def _at_zero_velocity(velocity: Array, row: Array) -> float:
+    """Return a channel (M,) at zero velocity: the mean of the lines through the samples of either direction.
+
+    The lines differ where strokes have different rates and where friction changes its sign.
+    """
+    sides = [velocity > 0.0, velocity < 0.0]
+    if all(np.count_nonzero(side) >= 2 and np.ptp(velocity[side]) > 0.0 for side in sides):
+        return float(np.mean([_line_at_zero(velocity[side], row[side]) for side in sides]))
+    return _line_at_zero(velocity, row)
+
+
+def _line_at_zero(velocity: Array, row: Array) -> float:
+    middle = velocity - velocity.mean()
+    return float(row.mean() - velocity.mean() * (middle @ (row - row.mean())) / (middle @ middle))
 
 
 def _peak(series: TimeSeries, start: int, stop: int) -> tuple[float, float]:

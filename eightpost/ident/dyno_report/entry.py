@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.ident.dyno_report.branches import valve_lag
 from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.ident.dyno_report.slow import SlowFigures, slow_figures
@@ -147,7 +148,7 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
     cycles, lag = cycles_of(series), _lag(series)
-    static = series if isinstance(lag, Unknown) else advanced(series, lag)
+    static = series if isinstance(lag, Unknown) else advanced(series, valve_lag(series, lag))
     at_rest = force_at_rest(series)
     offset = cycles_of(static).offset if isinstance(at_rest, Unknown) else at_rest
     curve = offset if isinstance(offset, Unknown) else curve_of_series(static, cycles, offset)

@@ -16,6 +16,10 @@ from eightpost.signals.filters import derivative, lowpass
 SLOW, GENTLE = 0.010, 0.05
 #: Speed below which the direction of friction is that of the last motion [m/s], after this time at rest [s].
 RESTING, SETTLED = 0.001, 0.5
+#: Time left out on either side of a start or stop, in which the low-passed velocity is not the true one [s].
+BESIDE = 0.1
+#: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
+VARIED = 0.2
 #: Minimum duration of all slow parts together [s], and minimum share of them in each direction.
 ENOUGH, EACH_WAY = 1.0, 0.1
 #: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
@@ -53,6 +57,7 @@ def slow_figures(series: TimeSeries) -> SlowFigures:
     velocity = lowpass(series["velocity"], rate, min(CUTOFF, 0.2 * rate), order=2)
     direction = _direction(velocity, rate)
     used = (np.abs(velocity) <= SLOW) & (np.abs(derivative(velocity, rate)) <= GENTLE) & (direction != 0.0)
+    used &= ~_near_changes(np.abs(velocity) > RESTING, round(BESIDE * rate))
     duration = float(np.count_nonzero(used)) / rate
     if duration < ENOUGH:
         none = Unknown(f"less than {ENOUGH:g} s of the record is slower than {1e3 * SLOW:.0f} mm/s and {GENTLE:g} m/s2")
@@ -75,6 +80,15 @@ def _direction(velocity: Array, rate: float) -> Array:
     return np.asarray(direction)
 
 
+def _near_changes(flags: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
+    """Return which samples (N,) are within a width of a change of the flags (N,)."""
+    changes = np.flatnonzero(np.diff(flags.astype(np.int8)) != 0)
+    edges = np.zeros(flags.size + 1, dtype=np.intp)
+    np.add.at(edges, np.maximum(changes + 1 - width, 0), 1)
+    np.add.at(edges, np.minimum(changes + 1 + width, flags.size), -1)
+    return np.asarray(np.cumsum(edges)[:-1] > 0)
+
+
 def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
@@ -88,7 +102,10 @@ def _fitted(
     position = _position(series, used)
     if not isinstance(position, Unknown):
         columns.append(position)
-    if np.count_nonzero(np.abs(velocity[used]) > RESTING) >= 0.1 * force.size:
+    speed = np.abs(velocity[used])
+    moves = np.count_nonzero(speed > RESTING) >= 0.1 * force.size
+    has_one_speed = moves and float(speed.std()) < VARIED * float(speed.mean())
+    if moves and not has_one_speed:
         columns.append(velocity[used])
     design = np.stack(columns, axis=1)
     scale = np.abs(design).max(axis=0)
@@ -98,9 +115,12 @@ def _fitted(
         return SlowFigures(none, none, none, duration, none)
     values = found / scale
     residual = float(np.sqrt(np.mean((design @ values - force) ** 2)))
+    friction: Found = float(values[1])
+    if has_one_speed:
+        friction = Unknown("the slow parts have one speed, at which friction and valves cannot be distinguished")
     if isinstance(position, Unknown):
-        return SlowFigures(position, position, float(values[1]), duration, residual)
-    return SlowFigures(float(values[0]), float(values[2]), float(values[1]), duration, residual)
+        return SlowFigures(position, position, friction, duration, residual)
+    return SlowFigures(float(values[0]), float(values[2]), friction, duration, residual)
 
 
 def _position(series: TimeSeries, used: NDArray[np.bool_]) -> Array | Unknown:

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import Cycles, path_of
+from eightpost.ident.dyno_report.branches import LoopClasses
+from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.rig.cycles import SMALLEST, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import valve_force
 from eightpost.signals import TimeSeries
-from eightpost.signals.filters import derivative, lowpass
 from eightpost.units import convert
 
 Stroke = Literal["compression", "rebound"]
 STROKES: tuple[Stroke, Stroke] = ("compression", "rebound")
 
-#: Number of classes of speed in each stroke, and minimum number of samples of each branch in a class.
-CLASSES, FEWEST_SAMPLES = 40, 3
-#: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
-HARMONICS = 6.0
 #: Number of speeds of a law's curve in each stroke.
 LAW_POINTS = 120
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
@@ -107,17 +101,10 @@ def curve_of_series(series: TimeSeries, cycles: Cycles, offset: float) -> Veloci
         cycles: Cycles of the record.
         offset: Force at zero velocity [N], which is subtracted.
     """
-    velocity, force = series["velocity"], series["force"] - offset
-    rising = _acceleration(series) > 0.0
-    points: list[tuple[float, float]] = []
+    classes = LoopClasses.of(series)
+    speeds, forces = (classes.means(row).mean(axis=0) for row in (series["velocity"], series["force"] - offset))
+    points = list(zip(speeds.tolist(), forces.tolist(), strict=True))
     for sign in (-1.0, 1.0):
-        highest = float((sign * velocity).max())
-        for low, high in pairwise(np.linspace(0.0, max(highest, 0.0), CLASSES + 1).tolist()):
-            inside = (sign * velocity > low) & (sign * velocity <= high)
-            branches = [inside & rising, inside & ~rising]
-            if all(np.count_nonzero(branch) >= FEWEST_SAMPLES for branch in branches):
-                means = [[float(row[branch].mean()) for branch in branches] for row in (velocity, force)]
-                points.append((float(np.mean(means[0])), float(np.mean(means[1]))))
         points = _with_peak(points, cycles, sign, offset)
     if len(points) < FEWEST_POINTS:
         return Unknown("too few samples are on both branches of a loop of force over velocity")
@@ -135,14 +122,6 @@ def _with_peak(
     # The median leaves out the cycles in which the machine starts and stops.
     peak, force = float(np.median(speeds)), sign * float(np.median(forces)) - offset
     return [*(point for point in points if sign * point[0] < peak), (sign * peak, force)]
-
-
-def _acceleration(series: TimeSeries) -> Array:
-    """Return the acceleration (N,) [m/s2], low-passed so that noise does not change its sign."""
-    rate, path = series.sample_rate, path_of(series)
-    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
-    usual = rate / (2.0 * float(np.median(np.diff(turns)))) if len(turns) > 1 else rate  # [Hz]
-    return derivative(lowpass(series["velocity"], rate, min(HARMONICS * usual, 50.0, 0.2 * rate), order=4), rate)
 
 
 def curve_of_table(table: PeakVelocityTable) -> VelocityCurve:
