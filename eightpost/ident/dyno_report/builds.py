@@ -60,7 +60,7 @@ def variants_of(entries: Sequence[Entry]) -> tuple[Variant, ...]:
     for entry in entries:
         build, clicks = entry.setting.build, entry.setting.clicks
         named = [one for one in stated[build] if one is not None]
-        if clicks is None and len(named) == 1:
+        if entry.kind == "law" and clicks is None and len(named) == 1:
             clicks = named[0]
         groups.setdefault((build, clicks), []).append(entry)
     several = {build for build, _ in groups if sum(key[0] == build for key in groups) > 1}
