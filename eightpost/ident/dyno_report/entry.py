@@ -93,7 +93,7 @@ class Entry:
         curve: Mean force over velocity, without `offset` and, of a run, without its lag.
         strokes: Knee and slopes of each stroke.
         offset: Force at zero velocity [N], of a run after its lag is removed.
-        cycles: Cycles of a run, or the reason why there are none.
+        cycles: Cycles of a run, or the reason why they are unknown.
         lag: Lag of force behind velocity [s]; of a law its time constant.
         slow: Gas force and friction.
         warming: Temperature and energy.

@@ -334,16 +334,17 @@ def slope_differences(report: DynoReport) -> list[Block]:
     base = report.reference
     for variant in report.variants[1:]:
         for basis in ("measured", "law"):
-            ours, theirs = representatives(variant, basis), representatives(base, basis)
-            for stroke in STROKES if ours and theirs else ():
-                changes = [_change(ours, theirs, stroke, name) for name in ("knee", "low", "high")]
+            entries, base_entries = representatives(variant, basis), representatives(base, basis)
+            for stroke in STROKES if entries and base_entries else ():
+                changes = [_change(entries, base_entries, stroke, name) for name in ("knee", "low", "high")]
                 rows.append((variant.label, basis, stroke, *changes))
     columns = ("build", "basis", "stroke", "knee [m/s]", "slope below [N.s/m]", "slope above [N.s/m]")
     return explained("", columns, rows)
 
 
-def _change(ours: Sequence[Entry], theirs: Sequence[Entry], stroke: Stroke, name: str) -> Found:
-    means = [mean_of(getattr(entry.strokes[stroke], name) for entry in entries) for entries in (ours, theirs)]
+def _change(entries: Sequence[Entry], base_entries: Sequence[Entry], stroke: Stroke, name: str) -> Found:
+    groups = (entries, base_entries)
+    means = [mean_of(getattr(entry.strokes[stroke], name) for entry in group) for group in groups]
     for mean in means:
         if isinstance(mean, Unknown):
             return mean
