@@ -3,14 +3,16 @@
 import io
 import re
 
+import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
+from eightpost.report.charts import Axis, grid_figure
 from eightpost.report.numbers import Display
 from eightpost.report.page import Section, document, soft
 from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, result_table
-from eightpost.verdict import Verdict
+from eightpost.verdict import Grade, Rule, Verdict
 
 NASTY = "</script><b>[bold]"
 TABLE = ResultTable.of("forces", ["record", "RMS [N]", "unit"], [(NASTY, 4.4482216, "m/s"), ("b", None, "s")])
@@ -44,6 +46,35 @@ def test_a_unit_that_nobody_knows_is_shown_unchanged_and_a_density_is_squared():
     assert (density.unit, density.factor) == ("lbf2/Hz", Display.of("N").factor ** 2)
     assert Display.of("m/s").squared == ("(in/s)²", "(m/s)²")
     assert Amount(1.0, "N").digits == 3
+
+
+def test_many_reasons_are_folded_only_if_the_page_asks_for_it():
+    rule = Rule("r", "a", Grade.LIMITED, condition="c", why="w", remedy="m")
+    verdict = Verdict(rule.reason(f"finding {k}", figure="1", origin="here") for k in range(8))
+    for fold, more in ((0, 0), (8, 0), (3, 5)):
+        html = document("t", verdict, [], fold=fold)
+        assert (f"{more} more findings" in html) == bool(more)
+        assert all(f"finding {k}:" in html for k in range(8))
+
+
+def test_a_ribbon_surrounds_its_line_and_leaves_the_legend_to_it():
+    figure = grid_figure("", 300, [(Axis("v", "m/s"), Axis("F", "N"), "")], 1, gap=(0.1, 0.1))
+    x = np.array([0.0, 1.0, 2.0])
+    figure.ribbon(0, x, x - 1.0, x + 1.0, name="law", color="#000")
+    figure.line(0, x, x, name="law", color="#000")
+    ribbon, line = figure.content()["data"]
+    assert (ribbon["x"], ribbon["y"]) == ([0, 1, 2, 2, 1, 0], [-1, 0, 1, 3, 2, 1])
+    assert (ribbon["showlegend"], line["showlegend"]) == (False, True)
+
+
+def test_the_space_above_a_figure_grows_with_its_legend():
+    tops = []
+    for count in (0, 2, 40):
+        figure = grid_figure("", 300, [(Axis("v"), Axis("F"), "heading")], 1, gap=(0.1, 0.1))
+        for k in range(count):
+            figure.line(0, np.zeros(2), np.zeros(2), name=f"a long name of a build {k}", color="#000")
+        tops.append(figure.content()["layout"]["margin"]["t"])
+    assert tops[0] < tops[1] < tops[2]
 
 
 def test_a_page_without_scripts_escapes_its_texts():

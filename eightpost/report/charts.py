@@ -22,6 +22,9 @@ MEASURED = "#9aa4b1"
 #: Space for axis labels next to a panel and above it [px].
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62, 12, 58, 44
 
+#: Width of a letter and of the key of a line in the legend, height of a row of the legend and of a heading [px].
+_LETTER, _KEY, _ROW, _HEADING = 7.0, 45, 19, 24
+
 _AXIS = {"gridcolor": "#e6e9ee", "zerolinecolor": "#c3cad3", "linecolor": "#b9c1cb", "ticks": "outside", "ticklen": 3,
          "tickcolor": "#b9c1cb", "tickfont": {"size": 10}, "automargin": False}  # fmt: skip
 
@@ -89,11 +92,22 @@ class Figure:
         self._add(panel, x, y, name, mode="markers", marker={"color": color, "size": size})
 
     def marks(
-        self, panel: int, x: Array, y: Array, *, name: str, color: str, symbol: str = "circle", dash: str = "solid"
-    ) -> None:
-        """Draw marks joined by a line."""
-        marker, line = {"color": color, "size": 8, "symbol": symbol}, {"color": color, "width": 1.5, "dash": dash}
+        self, panel: int, x: Array, y: Array, *, name: str, color: str, symbol: str = "circle", dash: str = "solid",
+        size: float = 8,
+    ) -> None:  # fmt: skip
+        """Draw marks of a size [px] joined by a line."""
+        marker, line = {"color": color, "size": size, "symbol": symbol}, {"color": color, "width": 1.5, "dash": dash}
         self._add(panel, x, y, name, mode="lines+markers", marker=marker, line=line)
+
+    def ribbon(self, panel: int, x: Array, low: Array, high: Array, *, name: str, color: str) -> None:
+        """Shade the area between two lines over x (N,); the shade belongs to the lines with the same name."""
+        first = name not in self._named
+        around, edge = np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]])
+        line = {"color": color, "width": 0}
+        self._add(panel, around, edge, name, mode="lines", line=line, fill="toself", opacity=0.25, hoverinfo="skip",
+                  fillcolor=color, showlegend=False)  # fmt: skip
+        if first:
+            self._named.discard(name)
 
     def bubbles(self, panel: int, x: Array, y: Array, values: Array, *, unit: str, greatest: float) -> None:
         """Draw a disc for each value, with area and colour by the value, and the value written above it."""
@@ -131,7 +145,7 @@ class Figure:
         layout: dict[str, Any] = {
             "width": WIDTH,
             "height": self.height,
-            "margin": {"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+            "margin": {"l": _LEFT, "r": _RIGHT, "t": self._top(), "b": _BOTTOM},
             "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top", "font": {"size": 12}},
             "shapes": self._shapes,
             "annotations": [],
@@ -145,6 +159,14 @@ class Figure:
             if panel.title:
                 layout["annotations"].append(_heading(panel))
         return {"data": self._traces, "layout": layout, "units": units}
+
+    def _top(self) -> int:
+        """Return the space above the panels [px]: for a heading, and for the legend in columns of equal width."""
+        names = [name for name in self._named if name]
+        if not names:
+            return _HEADING + 6
+        columns = max(1, int((WIDTH - _LEFT - _RIGHT) // (_LETTER * max(map(len, names)) + _KEY)))
+        return max(_TOP, _ROW * -(-len(names) // columns) + _HEADING + 12)
 
     def _add(self, panel: int, x: Array, y: Array, name: str, **style: Any) -> None:
         x_axis, y_axis = _axes(panel)

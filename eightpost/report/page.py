@@ -116,7 +116,7 @@ class Section:
     blocks: Sequence[Block]
 
 
-def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead: str = "") -> str:
+def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead: str = "", fold: int = 0) -> str:
     """Return the HTML of a document; all texts are escaped, except for Markup.
 
     Args:
@@ -124,6 +124,8 @@ def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead:
         verdict: Verdict at its top.
         sections: Sections in their order.
         lead: Text below the verdict; default none.
+        fold: Number of reasons after which the list is folded; default: it is never folded. A folded list is not
+            printed, so that the sections must contain it.
     """
     figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
     shown = {unit: Display.of(unit) for figure in figures for unit in sorted(figure.units)}
@@ -138,6 +140,7 @@ def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead:
         title=title,
         verdict=verdict,
         lead=lead,
+        fold=fold,
         places=[(section.name, section.heading) for section in sections],
         sections=sections,
         data={"figures": compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode())},

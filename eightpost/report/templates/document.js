@@ -27,10 +27,71 @@ function layout(units, given) {
   return whole;
 }
 
+const NARROW = 760, PANEL = 250, GAP = 62; // width of a small screen, height of a panel and of its axis there [px]
+let stacked = document.body.clientWidth < NARROW; // on paper never
+
+/** Return a layout with its panels one below the other in the width of a small screen. */
+function inOneColumn(whole, figure, width) {
+  const xs = Object.keys(figure.units).filter((axis) => axis.startsWith("x")), { t, b } = whole.margin;
+  const names = new Set(figure.data.filter((one) => one.showlegend).map((one) => one.name));
+  const top = Math.max(t, 19 * names.size + 48), inner = xs.length * (PANEL + GAP) - GAP;
+  const old = xs.map((axis) => [whole["xaxis" + axis.slice(1)].domain, whole["yaxis" + axis.slice(1)].domain]);
+  const one = { ...whole, width, height: top + inner + b, margin: { ...whole.margin, l: 54, r: 6, t: top } };
+  one.legend = { ...whole.legend, orientation: "v" };
+  xs.forEach((axis, k) => {
+    const high = 1 - (k * (PANEL + GAP)) / inner, n = axis.slice(1);
+    one["xaxis" + n] = { ...whole["xaxis" + n], domain: [0, 1] };
+    one["yaxis" + n] = { ...whole["yaxis" + n], domain: [Math.max(0, high - PANEL / inner), high] };
+  });
+  one.annotations = whole.annotations.map((note) => {
+    const k = old.findIndex(([x, y]) => Math.abs((x[0] + x[1]) / 2 - note.x) < 1e-6 && Math.abs(y[1] - note.y) < 1e-6);
+    return k < 0 ? note : { ...note, x: 0.5, y: one["yaxis" + xs[k].slice(1)].domain[1] };
+  });
+  return one;
+}
+
 function draw(place) {
   place.drawn = true;
   const figure = content.figures[Number(place.dataset.figure)];
-  Plotly.react(place, figure.data.map((one) => trace(figure.units, one)), layout(figure.units, figure.layout), SETTINGS);
+  const whole = layout(figure.units, figure.layout);
+  const shown = stacked ? inOneColumn(whole, figure, document.body.clientWidth - 32) : whole;
+  place.style.width = `${shown.width}px`;
+  place.style.height = `${shown.height}px`;
+  Plotly.react(place, figure.data.map((one) => trace(figure.units, one)), shown, SETTINGS);
+}
+
+/** Draw all figures with their panels stacked or not. */
+function drawAll(narrow) {
+  if (narrow === stacked || !content || !window.Plotly) return;
+  stacked = narrow;
+  places.filter((place) => place.drawn).forEach(draw);
+}
+
+/** Copy the cells of a table that are shown, separated by tabs. */
+async function copied(table) {
+  const lines = [...table.rows].map((row) => [...row.cells].map((cell) => cell.innerText.trim()).join("\t"));
+  const text = lines.join("\n").replace(/\u2212/g, "-") + "\n";
+  try {
+    await navigator.clipboard.writeText(text);
+  } catch {
+    const box = document.body.appendChild(document.createElement("textarea"));
+    box.value = text;
+    box.select();
+    document.execCommand("copy");
+    box.remove();
+  }
+}
+
+for (const table of document.querySelectorAll("section .scroll > table")) {
+  const button = document.createElement("button");
+  button.className = "copy";
+  button.textContent = "Copy table";
+  button.addEventListener("click", async () => {
+    await copied(table);
+    button.textContent = "Copied";
+    setTimeout(() => (button.textContent = "Copy table"), 1500);
+  });
+  table.parentElement.before(button);
 }
 
 /** Draw the remaining plots one after the other, so that all of them can be printed. */
@@ -48,7 +109,12 @@ onUnits(() => places.filter((place) => place.drawn).forEach(draw));
 try {
   content = JSON.parse(await textOf("figures"));
   await loadPlotly();
-  window.addEventListener("beforeprint", () => places.filter((place) => !place.drawn).forEach(draw));
+  window.addEventListener("beforeprint", () => {
+    drawAll(false);
+    places.filter((place) => !place.drawn).forEach(draw);
+  });
+  window.addEventListener("afterprint", () => drawAll(document.body.clientWidth < NARROW));
+  window.addEventListener("resize", () => drawAll(document.body.clientWidth < NARROW));
   drawRest();
 } catch (error) {
   fail("The plots", error);

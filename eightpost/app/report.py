@@ -1,0 +1,155 @@
+"""`eightpost report`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost.app.options import COLUMNS, UNITS, Assignment, Quantity, map_option
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from eightpost.ident.dyno_report.corner import CarCorner
+    from eightpost.ident.dyno_report.entry import Entry
+    from eightpost.ident.dyno_report.reading import Reading
+    from eightpost.signals import ChannelMap
+
+
+@click.command()
+@click.argument("files", metavar="DYNO... SHOCK...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE.HTML", default="report.html",
+              show_default=True, help="HTML file to write.")  # fmt: skip
+@click.option("--title", metavar="TEXT", default="Dynamometer report", show_default=True,
+              help="Heading of the page.")  # fmt: skip
+@click.option("--build", "builds", type=Assignment("FILE=NAME"), metavar="FILE=NAME", multiple=True,
+              help="Build of a file; may be repeated. Default: that in the file, else, for a shock, that of the record "
+              "it was fitted to, else the name of the file.")  # fmt: skip
+@click.option("--clicks", type=Assignment("FILE=TEXT"), metavar="FILE=TEXT", multiple=True,
+              help="Settings of the adjusters of a file, e.g. run7.csv='14 from closed'; may be repeated. Default: "
+              "those in the file.")  # fmt: skip
+@click.option("--reference", metavar="BUILD",
+              help="Build that the others are compared with; default: the first one.")  # fmt: skip
+@click.option("--speed", "speeds", type=Quantity("m/s"), metavar="SPEED", multiple=True,
+              help="Speed of the tables, e.g. '5 in/s'; may be repeated. Default: 1, 2, 3, 5, 10, 15 and 20 in/s, as "
+              "far as a curve goes.")  # fmt: skip
+@click.option("--corner-mass", type=Quantity("kg", positive=True), metavar="MASS",
+              help="Sprung mass on the corner of a car, e.g. '306 kg' or '675 lbm', for damping ratios; default: that "
+              "of --car.")  # fmt: skip
+@click.option("--wheel-rate", type=Quantity("N/m", positive=True), metavar="RATE",
+              help="Rate of the suspension at the wheel, e.g. '40 N/mm', for damping ratios; default: that of "
+              "--car.")  # fmt: skip
+@click.option("--motion-ratio", type=click.FloatRange(min=0.0, min_open=True), metavar="0.1..2", default=1.0,
+              show_default=True, help="Damper travel per wheel travel, usually 0.1 to 2.")  # fmt: skip
+@click.option("--car", type=click.Path(path_type=Path), metavar="CAR.TOML",
+              help="Vehicle file (docs/vehicle_file.md) with the masses and wheel rates of the corners; default: "
+              "--corner-mass and --wheel-rate, else damping ratios are unknown.")  # fmt: skip
+@click.option("--corner", "at", type=Assignment("CORNER=BUILD"), metavar="CORNER=BUILD", multiple=True,
+              help="Build at a corner of the car (lf, rf, lr, rr), for the overview of a car's shocks; may be "
+              "repeated.")  # fmt: skip
+@UNITS
+@COLUMNS
+@map_option("docs/signs_and_units.md")
+@click.option("--flip", metavar="[FILE=]CHANNEL", multiple=True,
+              help="Reverse the sign of a channel in a file, or in all of them, e.g. run7.csv=force; may be "
+              "repeated.")  # fmt: skip
+@click.option("--split", is_flag=True,
+              help="Split each record at its pauses and where a sine changes; the parts are runs.")  # fmt: skip
+@click.pass_context
+def report(  # one parameter per option
+    ctx: click.Context,
+    files: tuple[Path, ...],
+    output: Path,
+    title: str,
+    builds: tuple[tuple[str, str], ...],
+    clicks: tuple[tuple[str, str], ...],
+    reference: str | None,
+    speeds: tuple[float, ...],
+    corner_mass: float | None,
+    wheel_rate: float | None,
+    motion_ratio: float,
+    car: Path | None,
+    at: tuple[tuple[str, str], ...],
+    units: tuple[tuple[str, str], ...],
+    columns: tuple[tuple[str, str], ...],
+    channel_map: ChannelMap | None,
+    flip: tuple[str, ...],
+    split: bool,
+) -> None:
+    """Write a page about shocks: their dynamometer records and fitted laws, by build.
+
+    DYNO is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/dyno_files.md). SHOCK is
+    a shock file that `fit` wrote. The page shows force over velocity, displacement and time, knees and slopes, the
+    ratio of rebound to compression, damping ratios, hysteresis, lag, gas force, friction, energy, warming,
+    repeatability, and the differences between builds (docs/dyno_report.md). It is one file that needs no network and
+    can be printed. A figure that a file does not support is unknown, with the reason. The exit code is 1 if the verdict
+    on a record or a shock is "not usable" (docs/verdict.md); the page is written nevertheless.
+
+    \b
+    Examples:
+      eightpost report run1.csv run2.csv shock.json -o report.html
+      eightpost report A.csv A.json B.csv B.json --reference A --corner-mass '306 kg' --wheel-rate '40 N/mm'
+      eightpost report bank/*.json --car car.toml --corner lf=A --corner rf=A --corner lr=B --corner rr=B
+      eightpost report day.csv --split --build day.csv='front 3' --speed '5 in/s' --speed '10 in/s'
+    """
+    from eightpost.app.show import show_verdict
+    from eightpost.ident.dyno_report.builds import dyno_report
+    from eightpost.ident.dyno_report.page import write_report
+    from eightpost.ident.dyno_report.reading import Reading
+    from eightpost.ident.dyno_report.verdict import report_verdict
+    from eightpost.rig.dyno_columns import with_channels
+
+    console = Console(soft_wrap=True, highlight=False)
+    _check_output(output)
+    corners = _corners(car, corner_mass, wheel_rate, motion_ratio)
+    flips: dict[str, tuple[str, ...]] = {}
+    for word in flip:
+        name, _, channel = word.rpartition("=")
+        flips[name] = (*flips.get(name, ()), channel)
+    options = {"channel_map": with_channels(channel_map, dict(columns)), "units": dict(units)}
+    reading = Reading(options, flips, dict(builds), dict(clicks), split)
+    reading.check(files)
+    entries = _read(console, files, reading)
+    made = dyno_report(entries, reference=reference, speeds=speeds, corners=corners, fitted_to=dict(at))
+    with console.status("drawing"):
+        write_report(output, made, title=title)
+    for variant in made.variants:
+        names = ", ".join(f"{entry.name} ({entry.kind})" for entry in variant.entries)
+        console.print(f"{escape(variant.label)}: {escape(names)}")
+    verdict = report_verdict(made.entries)
+    show_verdict(console, verdict)
+    console.print(f"wrote {escape(str(output))}")
+    ctx.exit(0 if verdict.is_acceptable else 1)
+
+
+def _check_output(output: Path) -> None:
+    if output.is_dir():
+        raise InputError(f"{output} is a folder; name a file in it, such as {output / 'report.html'}")
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{output}: a report ends in .html; write -o {output.with_suffix('.html')}")
+
+
+def _corners(
+    car: Path | None, mass: float | None, rate: float | None, motion_ratio: float
+) -> tuple[CarCorner, ...]:  # fmt: skip
+    from eightpost.ident.dyno_report.corner import CarCorner, corners_of_car
+
+    if car is not None:
+        if mass is not None or rate is not None:
+            raise InputError("--car gives mass and wheel rate of every corner; omit --corner-mass and --wheel-rate")
+        return corners_of_car(car, motion_ratio)
+    if (mass is None) != (rate is None):
+        raise InputError("a damping ratio needs both --corner-mass and --wheel-rate")
+    return () if mass is None or rate is None else (CarCorner("corner", mass, rate, motion_ratio),)
+
+
+def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:
+    from eightpost.app.progress import bar
+    from eightpost.ident.dyno_report.reading import read_entries
+
+    with bar(console, "reading", len(files)) as advance:
+        return read_entries(files, reading, advance=advance)

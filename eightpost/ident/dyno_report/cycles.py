@@ -1,0 +1,229 @@
+"""Cycles of a run: peaks of velocity with their forces, force at zero velocity, hysteresis and energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from eightpost.array_types import Array
+from eightpost.ident.dyno_report.found import Found, Unknown
+from eightpost.rig.cycles import SMALLEST, turning_points
+from eightpost.signals import TimeSeries
+from eightpost.signals.filters import lowpass
+
+#: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
+REACHED = 0.03
+#: A peak is the mean of the samples above this share of a half cycle's highest speed.
+PEAK = 0.99
+#: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
+ALIKE, STEADY = 0.1, 0.8
+#: Minimum number of cycles for a mean.
+FEWEST_CYCLES = 2
+
+#: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
+FEWEST_TURNS, SPREAD = 20, 0.3
+
+NO_CYCLE = Unknown("the record has fewer than two whole cycles")
+UNLIKE = Unknown("the motion is not one steady cycle; split a record of several sines into runs (--split)")
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A change of direction.
+
+    Attributes:
+        time: Time at which the velocity is zero [s].
+        force: Force at that time [N].
+        start: Last sample before it beyond the threshold of velocity.
+        stop: First sample after it beyond the threshold.
+        upward: Whether compression follows.
+        acceleration: Acceleration at that time [m/s2].
+        displacement: Displacement at that time [m]; 0 if it was not measured.
+    """
+
+    time: float
+    force: float
+    start: int
+    stop: int
+    upward: bool
+    acceleration: float
+    displacement: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycles:
+    """Cycles of a run.
+
+    Attributes:
+        peak_velocity: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
+        peak_force: Force there (H,) [N].
+        count: Number of whole cycles; of steady ones, those that are alike.
+        is_steady: Whether the cycles have the same stroke and duration.
+        frequency: Mean frequency [Hz].
+        stroke: Mean stroke from one end to the other [m].
+        offset: Mean of the forces at zero velocity at both ends of the stroke [N].
+        width: Force at zero velocity at the compressed end minus that at the extended end [N].
+        energy: Energy dissipated per cycle [J].
+        energy_scatter: Standard deviation of the energy between cycles [J].
+    """
+
+    peak_velocity: Array
+    peak_force: Array
+    count: int
+    is_steady: bool
+    frequency: Found
+    stroke: Found
+    offset: Found
+    width: Found
+    energy: Found
+    energy_scatter: Found
+
+    def peaks(self, sign: float) -> tuple[Array, Array]:
+        """Return peak speeds (J,) [m/s] and force magnitudes (J,) [N], gas included, of one direction."""
+        chosen = sign * self.peak_velocity > 0.0
+        return sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
+
+
+def cycles_of(series: TimeSeries) -> Cycles:
+    """Return the cycles of a record with `velocity` [m/s] and `force` [N]."""
+    crossings = crossings_of(series)
+    peaks = np.array(
+        [_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]
+    ).reshape(-1, 2)  # fmt: skip
+    offset, width = _at_zero(crossings)
+    times = np.array([crossing.time for crossing in crossings if crossing.upward])
+    if times.size < FEWEST_CYCLES + 1:
+        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, NO_CYCLE, NO_CYCLE, offset, width,
+                      NO_CYCLE, NO_CYCLE)  # fmt: skip
+    duration, stroke = np.diff(times), _strokes(series, crossings)
+    alike = (np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE) & (
+        np.abs(duration / np.median(duration) - 1.0) <= ALIKE
+    )
+    if np.count_nonzero(alike) < max(FEWEST_CYCLES, STEADY * alike.size):
+        return Cycles(peaks[:, 0], peaks[:, 1], times.size - 1, False, UNLIKE, UNLIKE, offset, UNLIKE, UNLIKE, UNLIKE)
+    energy = np.diff(np.interp(times, series.time, energy_over_time(series)))[alike]
+    return Cycles(
+        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[alike].mean()),
+        float(stroke[alike].mean()), offset, width, float(energy.mean()), float(energy.std(ddof=1)),
+    )  # fmt: skip
+
+
+def energy_over_time(series: TimeSeries) -> Array:
+    """Return the integral of force times velocity (N,) [J] from the first sample."""
+    return np.asarray(cumulative_trapezoid(series["force"] * series["velocity"], series.time, initial=0))
+
+
+def crossings_of(series: TimeSeries) -> list[Crossing]:
+    """Return the changes of direction between half cycles of at least 2 % of the record's stroke."""
+    path, velocity = path_of(series), series["velocity"]
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    beyond = np.abs(velocity) >= REACHED * float(np.abs(velocity).max())
+    middles = [(a + b) // 2 for a, b in pairwise(turns)]
+    spans = zip(turns, [0, *middles], [*middles, velocity.size - 1], strict=True)
+    found = (_crossing(series, beyond, *span) for span in spans)
+    return [crossing for crossing in found if crossing is not None]
+
+
+def path_of(series: TimeSeries) -> Array:
+    """Return the displacement (N,) [m], low-passed; the integral of the velocity if it was not measured."""
+    if "displacement" in series:
+        path = series["displacement"]
+    else:
+        velocity = series["velocity"]
+        path = cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0)
+    rate = series.sample_rate
+    return lowpass(np.asarray(path), rate, min(50.0, 0.1 * rate), order=2)
+
+
+def _crossing(
+    series: TimeSeries, beyond: NDArray[np.bool_], turn: int, first: int, last: int
+) -> Crossing | None:  # fmt: skip
+    """Return the crossing of zero near a turning point: lines of time and force over the velocities around it.
+
+    Args:
+        series: Record.
+        beyond: Samples (N,) whose speed is beyond the threshold.
+        turn: Sample of the turning point.
+        first: First sample to use.
+        last: Last sample to use.
+    """
+    before, after = np.flatnonzero(beyond[first:turn]), np.flatnonzero(beyond[turn : last + 1])
+    start = first + int(before[-1]) if before.size else first
+    stop = turn + int(after[0]) if after.size else last
+    velocity = series["velocity"][start : stop + 1]
+    if not (velocity[0] * velocity[-1] < 0.0 and velocity.size > 1):
+        return None
+    part = slice(start, stop + 1)
+    place = series["displacement"][part] if "displacement" in series else np.zeros(velocity.size)
+    time = _at_zero_velocity(velocity, series.time[part])
+    rate = float(velocity[-1] - velocity[0]) / float(series.time[stop] - series.time[start])
+    force = _at_zero_velocity(velocity, series["force"][part])
+    return Crossing(time, force, start, stop, bool(velocity[-1] > 0.0), rate, _at_zero_velocity(velocity, place))
+
+
+def _at_zero_velocity(velocity: Array, row: Array) -> float:
+    """Return a channel (M,) at zero velocity: the mean of the lines through the samples of either direction.
+
+    The lines differ where strokes have different rates and where friction changes its sign.
+    """
+    sides = [velocity > 0.0, velocity < 0.0]
+    if all(np.count_nonzero(side) >= 2 and np.ptp(velocity[side]) > 0.0 for side in sides):
+        return float(np.mean([_line_at_zero(velocity[side], row[side]) for side in sides]))
+    return _line_at_zero(velocity, row)
+
+
+def _line_at_zero(velocity: Array, row: Array) -> float:
+    middle = velocity - velocity.mean()
+    return float(row.mean() - velocity.mean() * (middle @ (row - row.mean())) / (middle @ middle))
+
+
+def _peak(series: TimeSeries, start: int, stop: int) -> tuple[float, float]:
+    part = slice(start, stop + 1)
+    velocity, force = series["velocity"][part], series["force"][part]
+    top = np.abs(velocity) >= PEAK * float(np.abs(velocity).max())
+    return float(velocity[top].mean()), float(force[top].mean())
+
+
+def force_at_rest(series: TimeSeries) -> Found:
+    """Return the force at zero velocity and acceleration in the middle of the stroke [N] from the changes of direction.
+
+    A lag adds a force in proportion to the acceleration, with the damping rate of the stroke that ends. A constant, a
+    rate for each stroke and a stiffness are fitted by least squares to the half of the changes of direction with the
+    smallest accelerations, where this proportion holds. The accelerations must differ, as in a random motion.
+    """
+    crossings = crossings_of(series)
+    rates = np.array([crossing.acceleration for crossing in crossings])
+    sizes = [np.abs(rates[rates > 0.0]), np.abs(rates[rates < 0.0])]
+    if any(size.size < FEWEST_TURNS or size.std() < SPREAD * size.mean() for size in sizes):
+        return Unknown("the accelerations at the changes of direction are alike or few")
+    gentle = np.abs(rates) <= np.median(np.abs(rates))
+    crossings, rates = [one for one, chosen in zip(crossings, gentle, strict=True) if chosen], rates[gentle]
+    columns = [np.ones_like(rates), np.maximum(rates, 0.0), np.minimum(rates, 0.0)]
+    if "displacement" in series:
+        path = series["displacement"]
+        columns.append(np.array([one.displacement for one in crossings]) - 0.5 * float(path.max() + path.min()))
+    design = np.stack(columns, axis=1) / np.abs(columns).max(axis=1)
+    found = np.linalg.lstsq(design, np.array([crossing.force for crossing in crossings]), rcond=None)[0]
+    return float(found[0])
+
+
+def _at_zero(crossings: list[Crossing]) -> tuple[Found, Found]:
+    """Return the offset and the width of the loop at zero velocity [N]."""
+    extended = [crossing.force for crossing in crossings if crossing.upward]
+    compressed = [crossing.force for crossing in crossings if not crossing.upward]
+    if not (extended and compressed):
+        none = Unknown("the velocity does not change its sign in both directions")
+        return none, none
+    low, high = float(np.mean(extended)), float(np.mean(compressed))
+    return 0.5 * (low + high), high - low
+
+
+def _strokes(series: TimeSeries, crossings: list[Crossing]) -> Array:
+    """Return the stroke of each whole cycle (C,) [m]: the range of the integral of velocity within it."""
+    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
+    bounds = np.searchsorted(series.time, [crossing.time for crossing in crossings if crossing.upward])
+    return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])
