@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
+from eightpost.ident.exports.shock_table import table_points
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.rig.dyno_test import DynoTest
@@ -138,3 +139,10 @@ def test_the_band_covers_the_curve_of_another_draw(digressive_record):
     both = np.hypot(one.band.half_width, np.interp(one.band.velocity, other.band.velocity, other.band.half_width))
     assert (one.band.half_width > 0.0).all()
     assert np.mean((apart <= both)[inner]) > 0.8
+
+
+def test_a_curve_through_knots_is_exported_as_a_table_within_its_error(knee):
+    law = fit_shock(knee, "lpf1", curve="knots").shock.law
+    velocity, force, error = table_points([law], error=1e-3)
+    assert error <= 1e-3
+    np.testing.assert_allclose(force[0], curve_forces(law.curve, velocity), atol=1e-9)

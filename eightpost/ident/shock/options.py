@@ -82,7 +82,7 @@ class Choices:
 
     @property
     def _needs_polynomials(self) -> str:
-        """Option that only polynomials have, with its value; empty if there is none."""
+        """Name and value of a given option that only polynomials have; empty without one."""
         if self.recipe == "boggs":
             return "the recipe 'boggs'"
         if self.shape in ("free", "passive"):
