@@ -121,6 +121,8 @@ def crossings_of(series: TimeSeries) -> list[Crossing]:
     """Return the changes of direction between half cycles of at least 2 % of the record's stroke."""
     path, velocity = path_of(series), series["velocity"]
     turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    if not turns:
+        return []
     beyond = np.abs(velocity) >= REACHED * float(np.abs(velocity).max())
     middles = [(a + b) // 2 for a, b in pairwise(turns)]
     spans = zip(turns, [0, *middles], [*middles, velocity.size - 1], strict=True)

@@ -13,7 +13,7 @@ from eightpost.array_types import Array
 from eightpost.ident.dyno_report.branches import valve_lag
 from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.ident.dyno_report.slow import SlowFigures, slow_figures
+from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
 from eightpost.ident.dyno_report.velocity_curve import (
     STROKES,
     Stroke,
@@ -25,7 +25,7 @@ from eightpost.ident.dyno_report.velocity_curve import (
     stroke_figures,
 )
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.lag import lag_between
+from eightpost.rig.lag import LONGEST, lag_between
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.rig.temperature import temperature_drift
 from eightpost.shock import Shock, law_title
@@ -176,6 +176,8 @@ def advanced(series: TimeSeries, lag: float) -> TimeSeries:
 def _lag(series: TimeSeries) -> Found:
     force, velocity = series["force"], series["velocity"]
     lag = lag_between(force, velocity, series.sample_rate)
+    if float(np.abs(velocity).max()) <= SLOW or abs(lag) > LONGEST:
+        return Unknown(f"the motion is too slow for a lag, below {1e3 * SLOW:.0f} mm/s or with one above {LONGEST:g} s")
     shift = round(lag * series.sample_rate)
     pairs = (force[max(shift, 0) : force.size + min(shift, 0)], velocity[max(-shift, 0) : force.size - max(shift, 0)])
     correlation = float(np.corrcoef(*pairs)[0, 1])

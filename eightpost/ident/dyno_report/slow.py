@@ -115,6 +115,9 @@ def _fitted(
         return SlowFigures(none, none, none, duration, none)
     values = found / scale
     residual = float(np.sqrt(np.mean((design @ values - force) ** 2)))
+    if values[1] < -residual:
+        none = Unknown("the slow parts give a negative friction, so the shock is not at rest in them")
+        return SlowFigures(none, none, none, duration, residual)
     friction: Found = float(values[1])
     if has_one_speed:
         friction = Unknown("the slow parts have one speed, at which friction and valves cannot be distinguished")

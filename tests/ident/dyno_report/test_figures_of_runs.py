@@ -232,6 +232,17 @@ def test_a_fast_sine_has_no_gas_force_and_one_without_displacement_no_stiffness(
     assert isinstance(without.stiffness, Unknown) and "displacement" in without.stiffness.reason
 
 
+def test_a_negative_friction_is_no_friction():
+    found = slow_figures(slow_record(100.0, 1000.0, -30.0, 0.0, holds=True))
+    assert all(isinstance(one, Unknown) for one in (found.gas_force, found.stiffness, found.friction))
+    assert "negative friction" in found.friction.reason
+
+
+def test_a_record_of_holds_has_no_lag():
+    found = entry(slow_record(100.0, 1000.0, 30.0, 0.0, holds=True))
+    assert isinstance(found.lag, Unknown)
+
+
 def test_a_slow_motion_in_one_direction_does_not_show_friction():
     time = np.arange(6000) / RATE
     series = TimeSeries.from_channels(time, {
