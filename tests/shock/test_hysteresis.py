@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 from math import copysign, sin
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -215,9 +216,14 @@ def test_with_a_time_constant_of_slope_over_stiffness_it_is_close_to_maxwell():
 def test_the_compiled_loop_and_the_compiled_step_are_the_law():
     law, drive = replace(SCALED, port=Port(compression_scale=1.3, rebound_scale=0.8)), [velocity(t) for t in TIMES]
     state, expected = law.start(drive[0]), [law.valve_force(law.start(drive[0]), drive[0])]
-    step, (numbers,) = 1e-3, law_numbers([law])
+    step, numbers = 1e-3, law_numbers([law])
+
+    @numba.njit(error_model="numpy")
+    def compiled_step(numbers, states, before, after):
+        return law_step(numbers[0], states, before, after, 0.0, step)
+
     for start, end in pairwise(drive):
-        moved, force = law_step(numbers, state, start, end, 0.0, step)
+        moved, force = compiled_step(numbers, state, start, end)
         state = law.advance(state, start, end, step)
         assert moved == state
         expected.append(law.valve_force(state, end))
