@@ -20,7 +20,7 @@ REACHED = 0.03
 #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 PEAK = 0.99
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
-ALIKE, STEADY = 0.1, 0.8
+ALIKE, STEADY = 0.1, 0.6
 #: Minimum number of cycles for a mean.
 FEWEST_CYCLES = 2
 
@@ -83,8 +83,13 @@ class Cycles:
     energy_scatter: Found
 
     def peaks(self, sign: float) -> tuple[Array, Array]:
-        """Return peak speeds (J,) [m/s] and force magnitudes (J,) [N], gas included, of one direction."""
+        """Return peak speeds (J,) [m/s] and force magnitudes (J,) [N], gas included, of one direction.
+
+        Of a steady run, the half cycles in which the machine starts and stops are left out.
+        """
         chosen = sign * self.peak_velocity > 0.0
+        if self.is_steady and chosen.any():
+            chosen &= np.abs(sign * self.peak_velocity / np.median(sign * self.peak_velocity[chosen]) - 1.0) <= ALIKE
         return sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
 
 
