@@ -19,9 +19,11 @@ from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
+from eightpost.shock.settings import Axis, Settings, Term
 
 __all__ = [
     "LAWS",
+    "Axis",
     "CurveNumbers",
     "FitParameter",
     "Lpf1",
@@ -31,9 +33,11 @@ __all__ = [
     "Polylinear",
     "Port",
     "Response",
+    "Settings",
     "Shock",
     "ShockLaw",
     "StaticCurve",
+    "Term",
     "Valve",
     "fit_form",
     "fit_parameters",
