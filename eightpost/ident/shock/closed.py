@@ -24,13 +24,14 @@ def projected(model: ForceModel, curve_rows: Array) -> tuple[Array, float]:
     runs = model.runs
     root = np.sqrt(runs.weights)
     columns, target = root[:, None] * np.hstack([curve_rows, model.gas_rows]), root * runs.target
-    gram = columns.T @ columns
+    penalty = np.hstack([model.penalty, np.zeros((len(model.penalty), model.gas.count))])
+    gram = columns.T @ columns + penalty.T @ penalty
     # The basis is orthogonal and a lag changes that little, so the normal equations are accurate, and fast.
     if np.linalg.cond(gram) < 1e10:
         weights = np.linalg.solve(gram, columns.T @ target)
     else:
-        weights = linear_solution(columns, target)
-    return weights, float(np.sum((columns @ weights - target) ** 2))
+        weights = linear_solution(np.vstack([columns, penalty]), np.append(target, np.zeros(len(penalty))))
+    return weights, float(np.sum((columns @ weights - target) ** 2) + np.sum((penalty @ weights) ** 2))
 
 
 def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:

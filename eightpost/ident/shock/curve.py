@@ -6,14 +6,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import theilslopes
 
 from eightpost.array_types import Array
+from eightpost.ident.shock.knots import KnotBasis
 from eightpost.shock import StaticCurve
 from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
 from eightpost.units import convert
 
 # ---- The static curve as a matrix -----------------------------------------------------------------------------------
+
+#: Kind of a curve: the dissertation's polynomials, or rising through knots (`KnotBasis`).
+CurveKind = Literal["polynomial", "knots"]
 
 #: How an outer cubic joins the inner polynomial at the transition.
 Join = Literal["free", "value", "slope", "straight"]
@@ -108,21 +114,30 @@ def _joined(join: Join, sign: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkingBasis:
-    """Orthogonal columns for least squares, and their relation to the curve's coefficients.
+    """Columns for least squares, and their relation to the curve's coefficients.
 
     Attributes:
-        curve: Functions that the columns combine.
-        columns: Orthogonal columns (N, n) of unit root mean square, contiguous in memory.
-        grid: Velocities (J,) [m/s]: evenly spaced, and finer in the blend.
+        curve: Functions that the columns combine, with C coefficients.
+        columns: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a
+            curve through knots one for each slope.
+        grid: Velocities (J,) [m/s]: evenly spaced, and finer in the blend of polynomials.
         grid_columns: Columns (J, n) at the grid's velocities.
-        to_curve: Matrix (23, n): curve coefficients = to_curve @ working coefficients.
+        to_curve: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
+        penalty: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the
+            RMS error over all rows.
     """
 
-    curve: CurveBasis
+    curve: CurveBasis | KnotBasis
     columns: Array
     grid: Array
     grid_columns: Array
     to_curve: Array
+    penalty: Array
+
+    @property
+    def has_knots(self) -> bool:
+        """Whether the curve is one through knots, whose working coefficients must not be negative."""
+        return isinstance(self.curve, KnotBasis)
 
     @property
     def rises(self) -> Array:
@@ -150,7 +165,19 @@ def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBas
     to_curve = scaled_ties @ (directions[kept].T / strength[kept]) * np.sqrt(design.shape[0])
     grid = _grid(basis, float(velocity.min()), float(velocity.max()))
     columns = np.asfortranarray(design @ to_curve)
-    return WorkingBasis(basis, columns, grid, basis.design(grid) @ to_curve, to_curve)
+    return WorkingBasis(basis, columns, grid, basis.design(grid) @ to_curve, to_curve, np.empty((0, to_curve.shape[1])))
+
+
+def knot_basis(velocity: Array, inside: NDArray[np.bool_]) -> WorkingBasis:
+    """Return the basis of a curve through knots at velocities (N,) [m/s], of which those `inside` (N,) are fitted.
+
+    The working coefficients are the slopes times the highest speed [N].
+    """
+    basis = KnotBasis.of(velocity[inside])
+    to_curve = np.eye(basis.count) / basis.speed
+    grid = np.linspace(basis.knots[0], basis.knots[-1], GRID)
+    columns = np.asfortranarray(basis.design(velocity) / basis.speed)
+    return WorkingBasis(basis, columns, grid, basis.design(grid) / basis.speed, to_curve, basis.penalty() @ to_curve)
 
 
 def _grid(basis: CurveBasis, lowest: float, highest: float) -> Array:
@@ -173,11 +200,15 @@ def _curve_coefficients(curve: StaticCurve) -> Array:
 
 def curve_forces(curve: StaticCurve, velocity: Array) -> Array:
     """Return F_s (N,) [N] at damper velocities (N,) [m/s]: `StaticCurve.force` for arrays, straight ends included."""
-    basis = CurveBasis(curve.transition_speed, curve.transition_width)
     fitted = np.clip(velocity, -curve.rebound_speed, curve.compression_speed)
     beyond = velocity - fitted
     slope = np.where(beyond > 0.0, curve.compression_slope, curve.rebound_slope)
-    return np.asarray(basis.design(fitted) @ _curve_coefficients(curve) + slope * beyond, dtype=np.float64)
+    if curve.has_knots:
+        force = CubicHermiteSpline(curve.knot_velocity, curve.knot_force, curve.knot_slope)(fitted)
+    else:
+        basis = CurveBasis(curve.transition_speed, curve.transition_width)
+        force = basis.design(fitted) @ _curve_coefficients(curve)
+    return np.asarray(force + slope * beyond, dtype=np.float64)
 
 
 # ---- Conversion of fitted coefficients to a static curve ------------------------------------------------------------
@@ -192,14 +223,16 @@ _REASONABLE = 2.0
 NOTABLE_FALL = 1e-3
 
 
-def fitted_curve(basis: CurveBasis, coefficients: Array, velocity: Array) -> tuple[StaticCurve, list[str]]:
-    """Return the curve of coefficients (23,) [N] with straight ends, and warnings.
+def fitted_curve(basis: CurveBasis | KnotBasis, coefficients: Array, velocity: Array) -> tuple[StaticCurve, list[str]]:
+    """Return the curve of coefficients (C,) with straight ends, and warnings.
 
     Args:
-        basis: Basis functions with the transition.
+        basis: Basis functions of the curve.
         coefficients: Coefficients in the order of the design.
-        velocity: All velocities (N,) of the fit [m/s]; their range becomes the fitted range.
+        velocity: All velocities (N,) of the fit [m/s]; their range becomes the fitted range of polynomials.
     """
+    if isinstance(basis, KnotBasis):
+        return basis.static_curve(coefficients), []
     highest, lowest = float(velocity.max()), float(velocity.min())
     compression_slope, why_compression = _end_slope(basis, coefficients, highest)
     rebound_slope, why_rebound = _end_slope(basis, coefficients, lowest)
@@ -272,6 +305,9 @@ _LEAST_RISE = 0.01
 #: Distance of a constrained curve from its bounds, as a share of its range of force; it covers rounding.
 _CLEAR = 1e-9
 
+#: The same for the slopes of a curve through knots, times the highest speed [N].
+_CLEAR_SLOPE = 1e-6
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveConstraint:
@@ -296,6 +332,12 @@ class CurveConstraint:
         return self.matrix[self.matrix @ b < self.floor + 2.0 * self.clear]
 
 
+def slope_constraint(basis: WorkingBasis) -> CurveConstraint:
+    """Return the constraint that no slope of a curve through knots is negative."""
+    count = basis.to_curve.shape[1]
+    return CurveConstraint(np.eye(count), np.zeros(count), _CLEAR_SLOPE)
+
+
 def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstraint:
     """Return the constraint that keeps a curve monotone or passive; b is the unconstrained curve."""
     sign = np.where(basis.grid > 0.0, 1.0, -1.0)
@@ -306,6 +348,9 @@ def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstr
 def rising_constraint(basis: WorkingBasis, b: Array) -> CurveConstraint:
     """Return the constraint that makes a curve rise everywhere, by a share of the mean slope of a curve b."""
     slope = max(float(np.sum(basis.rises @ b)), 0.0) / float(np.ptp(basis.grid))
+    if isinstance(basis.curve, KnotBasis):
+        least = _LEAST_RISE * slope * basis.curve.speed
+        return CurveConstraint(np.eye(b.size), np.full(b.size, least), _CLEAR_SLOPE)
     return CurveConstraint(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
 
 

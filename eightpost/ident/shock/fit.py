@@ -12,7 +12,7 @@ from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.curve import Shape
 from eightpost.ident.shock.law_choice import LawChoice, best_law
 from eightpost.ident.shock.law_fit import fit_law, models_for
-from eightpost.ident.shock.options import AUTO, Choices, GasTreatment, LawName, RecipeName
+from eightpost.ident.shock.options import AUTO, Choices, CurveChoice, GasTreatment, LawName, RecipeName
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import Robust, screened_runs
@@ -29,6 +29,7 @@ def fit_shock(
     shape: Shape = "auto",
     order: int | None = None,
     robust: Robust = "auto",
+    curve: CurveChoice = "auto",
     name: str | None = None,
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
@@ -40,11 +41,12 @@ def fit_shock(
         tests: Records of velocity and force, for the gas stiffness also displacement; positive in compression. Several
             runs share curve, law and gas stiffness; each has its own gas offset.
         law: Name in `LAWS`, or `auto` for a choice by cross-validation (`choose_law`).
-        recipe: `joint` or `boggs`; see `Choices` for this and the next four arguments.
+        recipe: `joint` or `boggs`; see `Choices` for this and the next five arguments.
         gas: Treatment of the gas force.
         shape: Constraint on the curve.
         order: Order of the inner polynomial.
         robust: Treatment of outliers.
+        curve: Kind of the static curve.
         name: Name of the shock; default the build, else the file's name.
         segment: Start and end [s] from the record's start; default 1 to 10.
         cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
@@ -54,7 +56,7 @@ def fit_shock(
         ParameterError: The law or an option is unknown, or an option does not suit the record.
         TooShortError: A record has too few samples.
     """
-    choices = Choices(recipe, gas, shape, order, robust)
+    choices = Choices(recipe, gas, shape, order, robust, curve)
     choices.check(law)
     started = time.perf_counter()
     given = [tests] if isinstance(tests, DynoTest) else list(tests)
@@ -86,6 +88,6 @@ def _solved(runs: Runs, law: str, choices: Choices) -> _Solved:
     if choices.recipe == "boggs":
         models, notes = models_for(runs, law, choices)
         return _Solved(Boggs().fit(models), tuple(notes))
-    choice, fitted = best_law(runs, choices) if law == AUTO else (None, fit_law(runs, law, choices))
+    choice, fitted = best_law(runs, choices) if law == AUTO else (None, fit_law(runs, law, choices, choices.curves[0]))
     solution, (samples, notes) = fitted.solution(), fitted.downweighted()
     return _Solved(solution, (*fitted.notes, *notes), samples, choice)

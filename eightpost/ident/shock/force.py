@@ -10,7 +10,7 @@ import numpy as np
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.curve import CurveBasis, Join, WorkingBasis, working_basis
+from eightpost.ident.shock.curve import CurveBasis, CurveKind, Join, WorkingBasis, knot_basis, working_basis
 from eightpost.ident.shock.gas import GasColumns
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import Port, ShockLaw, StaticCurve
@@ -223,6 +223,11 @@ class ForceModel:
         """Curve and gas columns together (N, n + g)."""
         return np.hstack([self.basis.columns, self.gas.columns])
 
+    @property
+    def penalty(self) -> Array:
+        """The rows (P, n) that penalise the curve's coefficients beside the weighted rows; none for polynomials."""
+        return np.asarray(np.sqrt(self.runs.weights.sum()) * self.basis.penalty)
+
     @cached_property
     def gas_rows(self) -> Array:
         """The gas columns at the rows (R, g)."""
@@ -332,23 +337,33 @@ class Models:
         runs: The records.
         gas: Columns of the gas force.
         dynamics: Dynamics of the law.
+        kind: Kind of the curve.
     """
 
     runs: Runs
     gas: GasColumns
     dynamics: Dynamics
+    kind: CurveKind = "polynomial"
     _models: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
 
     def __call__(self, join: Join, order: int) -> ForceModel:
-        """Return the model of a join and an order, computed once; sides with too few samples are straight."""
-        found = self._models.get((join, order))
+        """Return the model of a join and an order, computed once; sides with too few samples are straight.
+
+        A curve through knots has neither: all are the same model.
+        """
+        key: tuple[Join, int] = ("slope", INNER_ORDER) if self.kind == "knots" else (join, order)
+        found = self._models.get(key)
         if found is None:
-            basis = working_basis(self.curve, self.runs.velocity, self._ties(join, order))
-            found = ForceModel(self.runs, basis, self.gas, self.dynamics)
+            found = ForceModel(self.runs, self._basis(*key), self.gas, self.dynamics)
         elif found.runs.weights is not self.runs.weights:
             found = found.weighted(self.runs.weights)
-        self._models[join, order] = found
+        self._models[key] = found
         return found
+
+    def _basis(self, join: Join, order: int) -> WorkingBasis:
+        if self.kind == "knots":
+            return knot_basis(self.runs.velocity, self.runs.inside)
+        return working_basis(self.curve, self.runs.velocity, self._ties(join, order))
 
     def weighted(self, weights: Array) -> Models:
         """Return the models with other weights (R,) of the rows; computed values of their curves are kept."""
@@ -390,6 +405,8 @@ class Models:
     @property
     def changes(self) -> list[str]:
         """A sentence for each side that is straight."""
+        if self.kind == "knots":
+            return []
         return [
             f"straight line instead of the cubic in {side}: {count} samples beyond the transition, "
             f"{FEWEST_OUTER} are needed"

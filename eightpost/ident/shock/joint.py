@@ -227,6 +227,8 @@ class Joint:
     def solution(self, sketch: Sketch) -> Solution:
         """Return a finished sketch as a solution, with a note for each choice that it made."""
         minimum, order = sketch.minimum, sketch.order
+        if sketch.models.kind == "knots":
+            return minimum.solution((_through_knots(minimum.problem.model.basis),))
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
         notes += [] if sketch.is_free else [_JOINED]
         if minimum.is_constrained:
@@ -243,6 +245,8 @@ class Joint:
         return self._shaped(problem.minimum_from(minimum.parameters))
 
     def _order(self, models: Models, tau: float | None) -> int:
+        if models.kind == "knots":  # which have no polynomial
+            return INNER_ORDER
         return self.order or _choose_order(models.runs, models.order_rows(tau))
 
     def _search(self, models: Models, order: int, tau: float | None) -> Sketch:
@@ -328,6 +332,13 @@ def _lag_of(model: ForceModel) -> float | None:
     if isinstance(model.dynamics, NoLag):
         return None
     return float(best_lag(model, model.dynamics.limits.time_constant)[-1])
+
+
+def _through_knots(basis: WorkingBasis) -> str:
+    count = basis.to_curve.shape[0]
+    return (
+        f"the curve rises through {count} knots, dense at low speed, instead of following polynomials (--curve knots)"
+    )
 
 
 def _order_note(order: int, requested: int | None) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import dynamics_for
+from eightpost.ident.shock.curve import CurveKind
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.joint import Joint, Sketch
@@ -22,11 +23,11 @@ from eightpost.shock import LAWS
 _WEIGHINGS = 4
 
 
-def models_for(runs: Runs, law: str, choices: Choices) -> tuple[Models, list[str]]:
+def models_for(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polynomial") -> tuple[Models, list[str]]:
     """Return the force models of a law over runs, and a note on each choice that differs from the dissertation's."""
     gas, gas_notes = gas_columns(runs, choices.gas)
     dynamics = dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate, ceiling=choices.ceiling))
-    models = Models(runs, gas, dynamics)
+    models = Models(runs, gas, dynamics, curve)
     return models, [*dynamics.changes(), *models.changes, *gas_notes]
 
 
@@ -78,9 +79,9 @@ class LawFit:
         return samples, [f"{samples} samples ({100.0 * down / rows:.2g} %) were down-weighted as outliers"]
 
 
-def fit_law(runs: Runs, law: str, choices: Choices) -> LawFit:
-    """Fit a law to runs by the joint recipe."""
-    models, notes = models_for(runs, law, choices)
+def fit_law(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polynomial") -> LawFit:
+    """Fit a law with a kind of curve to runs by the joint recipe."""
+    models, notes = models_for(runs, law, choices, curve)
     joint = Joint(choices.shape, choices.order)
     return LawFit(law, joint, _robust_sketch(joint, models, weights_for(choices.robust)), tuple(notes))
 

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.boggs import Boggs
-from eightpost.ident.shock.curve import Shape
+from eightpost.ident.shock.curve import CurveKind, Shape
 from eightpost.ident.shock.joint import Joint
 from eightpost.ident.shock.robust import Robust
 from eightpost.shock import LAWS
@@ -18,6 +18,7 @@ LawName = str
 AUTO = "auto"
 RecipeName = Literal["joint", "boggs"]
 GasTreatment = Literal["estimate", "included", "subtracted"]
+CurveChoice = Literal["auto", "polynomial", "knots"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,9 @@ class Choices:
         shape: Constraint on the curve: `auto`, `free`, `monotone`, `passive`.
         order: Order of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
         robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
+        curve: Kind of the static curve: `polynomial` (the dissertation's), `knots` (rising, through knots), or `auto`
+            for a choice by cross-validation. With `boggs`, or an option that only polynomials have (a `shape` of `free`
+            or `passive`, an `order`), `auto` is `polynomial`.
     """
 
     recipe: RecipeName = "joint"
@@ -39,6 +43,7 @@ class Choices:
     shape: Shape = "auto"
     order: int | None = None
     robust: Robust = "auto"
+    curve: CurveChoice = "auto"
 
     def check(self, law: str) -> None:
         """Check that all options are known.
@@ -52,6 +57,7 @@ class Choices:
             ("gas treatment", self.gas, get_args(GasTreatment)),
             ("shape", self.shape, get_args(Shape)),
             ("robust", self.robust, get_args(Robust)),
+            ("curve", self.curve, get_args(CurveChoice)),
         )
         for what, value, choices in options:
             if value not in choices:
@@ -60,6 +66,24 @@ class Choices:
             raise ParameterError("recipe 'boggs' fits one law, not 'auto': name a law, or use the recipe 'joint'")
         if self.order is not None and not 1 <= self.order <= INNER_ORDER:
             raise ParameterError(f"the order of the inner polynomial must be 1 to {INNER_ORDER}, not {self.order!r}")
+        if self.curve == "knots" and (why := self._needs_polynomials):
+            raise ParameterError(f"a curve through knots cannot be fitted with {why}; omit that, or use 'polynomial'")
+
+    @property
+    def curves(self) -> tuple[CurveKind, ...]:
+        """Kinds of curve to compare, or the only one."""
+        if self.curve != "auto":
+            return (self.curve,)
+        return ("polynomial",) if self._needs_polynomials else ("polynomial", "knots")
+
+    @property
+    def _needs_polynomials(self) -> str:
+        """Option that only polynomials have, with its value; empty if there is none."""
+        if self.recipe == "boggs":
+            return "the recipe 'boggs'"
+        if self.shape in ("free", "passive"):
+            return f"the shape {self.shape!r}: it always rises"
+        return "" if self.order is None else f"an order of the inner polynomial ({self.order})"
 
     @property
     def ceiling(self) -> float:

@@ -197,9 +197,9 @@ def _refitted(basis: CurveBasis, joined: PchipInterpolator, knots: Array) -> Arr
 
 def _curve(basis: CurveBasis, coefficients: Array, joined: PchipInterpolator, fastest: float) -> StaticCurve:
     inner, compression, rebound = split_coefficients(coefficients)
-    slopes = [max(float(joined(end, 1)), 0.0) for end in (fastest, -fastest)]
+    high, low = (max(float(joined(end, 1)), 0.0) for end in (fastest, -fastest))
     return StaticCurve(
-        inner, compression, rebound, basis.transition_speed, basis.transition_width, fastest, fastest, *slopes
+        inner, compression, rebound, basis.transition_speed, basis.transition_width, fastest, fastest, high, low
     )
 
 

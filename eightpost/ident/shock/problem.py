@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import CurveConstraint
+from eightpost.ident.shock.curve import CurveConstraint, slope_constraint
 from eightpost.ident.shock.force import ForceModel, linear_solution
 from eightpost.ident.shock.uncertainty import covariances
 
@@ -163,7 +163,7 @@ _STIFF = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Weighted force error of a model at the rows.
+    """Weighted force error of a model at the rows, followed by the penalties of its curve.
 
     Attributes:
         model: Model of the force.
@@ -176,23 +176,28 @@ class Problem:
     tolerance: float = TOLERANCE
 
     def residual(self, parameters: Array) -> Array:
-        """Return the weighted force error (R,) [N]."""
-        runs = self.model.runs
-        return np.asarray(np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target))
+        """Return the weighted force error and the penalties (R + P,) [N]."""
+        runs, penalty = self.model.runs, self.model.penalty
+        error = np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target)
+        return np.concatenate([error, penalty @ parameters[: self.model.curve_count]])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Return the derivative (R, n + g + k) of `residual`."""
-        return np.asarray(np.sqrt(self.model.runs.weights)[:, None] * self.model.rows_jacobian(parameters))
+        """Return the derivative (R + P, n + g + k) of `residual`."""
+        penalty, slopes = self.model.penalty, self.model.rows_jacobian(parameters)
+        rest = np.zeros((len(penalty), slopes.shape[1] - penalty.shape[1]))
+        return np.vstack([np.sqrt(self.model.runs.weights)[:, None] * slopes, np.hstack([penalty, rest])])
 
     def at(self, parameters: Array, status: str) -> Minimum:
         """Return given parameters as a minimum, without a search."""
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
     def minimum_from(self, start: Array) -> Minimum:
-        """Optimise all parameters from a start (n + g + k,), without constraints on the curve.
+        """Optimise all parameters from a start (n + g + k,); only a curve through knots is constrained, to rise.
 
-        A linear problem is solved directly.
+        A linear problem without constraint is solved directly.
         """
+        if self.model.basis.has_knots:
+            return self.constrained_minimum(slope_constraint(self.model.basis), start)
         if not self.model.dynamics.names and not self.model.gas.size:
             columns, root = np.hstack([self.model.curve_rows(), self.model.gas_rows]), np.sqrt(self.model.runs.weights)
             solution = linear_solution(root[:, None] * columns, root * self.model.runs.target)
@@ -235,7 +240,7 @@ class Minimum:
     Attributes:
         problem: Problem that was minimised.
         parameters: Parameters (n + g + k,) at the minimum.
-        residual: Residual at the minimum [N].
+        residual: Residual (R + P,) at the minimum, with penalties [N].
         jacobian: Jacobian of the residual at the minimum.
         converged: Whether it is a minimum.
         status: Description of how the search ended.
@@ -250,7 +255,7 @@ class Minimum:
 
     @property
     def cost(self) -> float:
-        """Sum of squares of the force error at the rows [N2]."""
+        """Sum of squares of the force error at the rows and of the penalties [N2]."""
         return float(self.residual @ self.residual)
 
     @property
@@ -266,7 +271,8 @@ class Minimum:
     def solution(self, notes: tuple[str, ...]) -> Solution:
         """Return the solution with notes."""
         model = self.problem.model
-        spread = covariances(np.vstack([self.jacobian, self._stiff()]), self.residual, model.runs)
+        error = self.residual[: model.runs.target.size]
+        spread = covariances(np.vstack([self.jacobian, self._stiff()]), error, model.runs)
         return Solution(model, self.parameters, spread, self.converged, self.status, notes)
 
     def _active_rows(self) -> Array:

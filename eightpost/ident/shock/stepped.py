@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import WorkingBasis, split_coefficients
 from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.ident.shock.knots import KnotBasis
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, StaticCurve, Valve, fit_parameters
 from eightpost.shock.compiled import compiled_loop, stepped_force
 
@@ -236,6 +237,8 @@ class SteppedLaw(Dynamics):
 
 def _numbers(model: ForceModel, b: Array) -> CurveNumbers:
     """Return the curve of b; beyond the velocities of the record it continues with a chord of its last part."""
+    if isinstance(model.basis.curve, KnotBasis):
+        return model.basis.curve.static_curve(model.basis.to_curve @ b).numbers()
     inner, compression, rebound = split_coefficients(model.basis.to_curve @ b)
     force, grid = model.basis.grid_columns @ b, model.basis.grid
     last = max(grid.size // 50, 1)

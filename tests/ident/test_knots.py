@@ -1,0 +1,106 @@
+"""A curve through knots rises everywhere, is linear in its slopes, and fits where polynomials do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from eightpost.errors import ParameterError
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.knots import KnotBasis
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import LAWS, Lpf1
+
+slopes_13 = arrays(np.float64, 13, elements=st.floats(0.0, 1e5, allow_subnormal=False))
+RANGE = np.array([-0.8, 1.1])
+
+
+@given(slopes_13, arrays(np.float64, 20, elements=st.floats(-2.0, 2.0)))
+def test_the_matrix_times_the_slopes_is_the_curve_of_the_shock_file_beyond_the_knots_too(slopes, velocity):
+    basis = KnotBasis.of(RANGE)
+    curve = basis.static_curve(slopes)
+    found, size = basis.design(velocity) @ slopes, 1e-12 * (1.0 + slopes.max())
+    np.testing.assert_allclose(found, [curve.force(v) for v in velocity.tolist()], rtol=1e-11, atol=size)
+    np.testing.assert_allclose(found, curve_forces(curve, velocity), rtol=1e-11, atol=size)
+
+
+@given(slopes_13)
+def test_the_force_rises_wherever_no_slope_is_negative(slopes):
+    force = KnotBasis.of(RANGE).design(np.linspace(-1.5, 1.5, 501)) @ slopes
+    assert np.diff(force).min() >= -1e-12 * (1.0 + np.ptp(force))
+
+
+@pytest.mark.parametrize("cells", [1, 3, 6, 7, 12])
+def test_any_number_of_cells_becomes_the_25_knots_of_a_shock_without_a_change_of_the_curve(cells):
+    basis = KnotBasis.of(RANGE, cells=cells)
+    slopes = np.random.default_rng(cells).uniform(0.0, 5000.0, basis.count)
+    velocity, force, slope = basis.subdivided(slopes)
+    assert velocity.size == force.size == slope.size == 25
+    assert set(basis.knots) <= set(velocity.tolist())
+    np.testing.assert_allclose(force, basis.design(velocity) @ slopes, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def knee(law_record, rising):
+    """A record of a valve that opens abruptly at 0.05 m/s, behind a lag; a polynomial of order 15 cannot follow it."""
+    basis = KnotBasis((-1.2, -0.3, -0.06, -0.05, 0.0, 0.05, 0.06, 0.3, 1.2))
+    slopes = np.array([900.0, 1000.0, 1100.0, 18000.0, 20000.0, 18000.0, 1200.0, 900.0, 800.0])
+    return law_record(Lpf1(basis.static_curve(slopes), 1.5e-3), 1)
+
+
+def test_an_abrupt_knee_is_fitted_better_than_with_polynomials(knee):
+    errors = {curve: fit_shock(knee, "lpf1", curve=curve).percent for curve in ("polynomial", "knots")}
+    assert errors["knots"] < 0.6 * errors["polynomial"]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law_is_fitted_with_a_curve_through_knots_that_rises(law, digressive_record):
+    fit = fit_shock(digressive_record(1), law, curve="knots")
+    curve = fit.shock.law.curve
+    assert fit.converged
+    assert curve.has_knots
+    assert curve.falls_at() is None
+    assert min(curve.knot_slope) >= 0.0
+    assert fit.percent < {"polylinear": 10.0}.get(law, 3.0)
+    assert any("knots" in change for change in fit.changes)
+
+
+def test_the_lag_is_found_with_either_curve(digressive_record):
+    found = {
+        curve: fit_shock(digressive_record(1), "lpf1", curve=curve).parameter("time_constant").value
+        for curve in ("polynomial", "knots")
+    }
+    assert found["knots"] == pytest.approx(1.7e-3, rel=0.02)
+    assert abs(found["knots"] - 1.7e-3) <= abs(found["polynomial"] - 1.7e-3) + 2e-5
+
+
+def test_speeds_without_data_are_bridged_and_not_invented(digressive_record):
+    test = digressive_record(1)
+    speed = np.abs(test.series["velocity"])
+    fit = fit_shock(test, "polylinear", curve="knots")
+    gap = (speed > 0.25) & (speed < 0.5)
+    assert gap.any()
+    holed = DynoTest(test.series.at(np.flatnonzero(~gap)))
+    found = fit_shock(holed, "polylinear", curve="knots").shock.law.curve
+    velocity = np.linspace(-0.5, 0.5, 101)
+    both = [curve_forces(curve, velocity) for curve in (found, fit.shock.law.curve)]
+    assert np.abs(both[0] - both[1]).max() < 0.1 * np.abs(both[1]).max()
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"shape": "free"}, "free"),
+        ({"shape": "passive"}, "passive"),
+        ({"order": 7}, "order"),
+        ({"recipe": "boggs"}, "boggs"),
+    ],
+)
+def test_options_of_polynomials_are_rejected_with_knots(digressive_record, options, word):
+    with pytest.raises(ParameterError, match=word):
+        fit_shock(digressive_record(1), "lpf1", curve="knots", **options)
+    assert not fit_shock(digressive_record(1), "lpf1", **options).shock.law.curve.has_knots
