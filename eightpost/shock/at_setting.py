@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
@@ -11,7 +9,7 @@ from typing import Any
 
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.settings import Axis, Settings
+from eightpost.shock.settings import Axis, Settings, is_tested
 from eightpost.verdict import Grade, Reason, Rule
 
 # ---- Where a setting is, relative to the measured ones --------------------------------------------------------------
@@ -36,39 +34,11 @@ class Beyond:
 
 def settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:
     """Return the axes on which a setting (a value per axis) is outside the measured settings."""
-    found = []
-    for axis, value in zip(settings.axes, setting, strict=True):
-        if distance := axis.beyond(value):
-            nodes = axis.nodes
-            last = 0.0 if len(nodes) < 2 else nodes[1] - nodes[0] if value < nodes[0] else nodes[-1] - nodes[-2]
-            found.append(Beyond(axis, value, distance, distance / last if last else float("inf")))
-    return tuple(found)
-
-
-def is_tested(settings: Settings, setting: Sequence[float]) -> bool:
-    """Return whether all measured neighbours of a setting were measured in this combination of the adjusters.
-
-    If only one adjuster differs from the reference, its own measurements suffice. An effect of one adjuster on that of
-    another is known only where both were changed.
-    """
-    corners = itertools.product(*(_neighbours(axis, value) for axis, value in zip(settings.axes, setting, strict=True)))
-    tested = set(settings.tested)
-    return all(corner in tested for corner in corners)
-
-
-def _neighbours(axis: Axis, value: float) -> tuple[float, ...]:
-    """Return the measured settings next to a value: one at a node or beyond the nodes, else two."""
-    if value in axis.nodes:
-        return (value,)
-    j = _interval(axis, value)
-    if axis.beyond(value):
-        return (axis.nodes[0] if value < axis.nodes[0] else axis.nodes[-1],)
-    return axis.nodes[j : j + 2]
-
-
-def _interval(axis: Axis, value: float) -> int:
-    """Return the number of the interval between nodes that contains a value, or of the nearest one."""
-    return min(max(bisect_right(axis.nodes, value) - 1, 0), max(len(axis.nodes) - 2, 0))
+    return tuple(
+        Beyond(axis, value, axis.beyond(value), axis.intervals_beyond(value))
+        for axis, value in zip(settings.axes, setting, strict=True)
+        if axis.beyond(value)
+    )
 
 
 # ---- The verdict on a setting ---------------------------------------------------------------------------------------
@@ -195,7 +165,7 @@ def _force_on_axis(settings: Settings, law: ShockLaw, number: int, value: float)
 
 def _scatter(settings: Settings, number: int, value: float) -> tuple[float, ...]:
     """Return the largest half-width (25,) [N] of the measurements next to a value of one axis."""
-    near = _neighbours(settings.axes[number], value)
+    near = settings.axes[number].neighbours(value)
     rows = [row for at, row in zip(settings.tested, settings.half_width, strict=True) if at[number] in near]
     return tuple(max(column) for column in zip(*(rows or settings.half_width), strict=True))
 
@@ -205,7 +175,7 @@ def _interpolation_error(axis: Axis, curves: Mapping[float, Sequence[float]], va
     nodes = axis.nodes
     if value in nodes or len(nodes) == 1:
         return [0.0] * KNOTS
-    j = _interval(axis, value)
+    j = axis.interval(value)
     width = nodes[j + 1] - nodes[j]
     w = (value - nodes[j]) / width
     # Within the interval the error is like 4 w (1 - w); beyond, it grows with the distance.

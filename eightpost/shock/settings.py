@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import exp, isfinite, prod
+from math import exp, inf, isfinite, prod
 from typing import Any
 
 from .curve import KNOTS, StaticCurve
@@ -135,6 +135,27 @@ class Axis:
     def beyond(self, value: float) -> float:
         """Return the distance of a value from the measured settings; 0 inside."""
         return max(self.nodes[0] - value, value - self.nodes[-1], 0.0)
+
+    def interval(self, value: float) -> int:
+        """Return the number of the interval between nodes that contains a value, or of the nearest one."""
+        return min(max(bisect_right(self.nodes, value) - 1, 0), max(len(self.nodes) - 2, 0))
+
+    def intervals_beyond(self, value: float) -> float:
+        """Return the distance from the measured settings in multiples of the nearest interval between them."""
+        distance = self.beyond(value)
+        if distance == 0.0 or len(self.nodes) < 2:
+            return 0.0 if distance == 0.0 else inf
+        j = self.interval(value)
+        return distance / (self.nodes[j + 1] - self.nodes[j])
+
+    def neighbours(self, value: float) -> tuple[float, ...]:
+        """Return the measured settings next to a value: one at a node or beyond the nodes, else two."""
+        if self.beyond(value):
+            return (self.nodes[0] if value < self.nodes[0] else self.nodes[-1],)
+        if value in self.nodes:
+            return (value,)
+        j = self.interval(value)
+        return self.nodes[j : j + 2]
 
     def choices(self) -> tuple[float, ...]:
         """Return all possible settings of an adjuster with clicks: within its stops, or else as far as measured."""
@@ -275,6 +296,16 @@ def curve_with_slopes(curve: StaticCurve, deviations: tuple[float, ...]) -> Stat
         compression_slope=max(curve.compression_slope + deviations[-1], 0.0),
         rebound_slope=max(curve.rebound_slope + deviations[0], 0.0),
     )
+
+
+def is_tested(settings: Settings, setting: Sequence[float]) -> bool:
+    """Return whether all measured neighbours of a setting were measured in this combination of the adjusters.
+
+    If only one adjuster differs from the reference, its own measurements suffice. An effect of one adjuster on that of
+    another is known only where both were changed.
+    """
+    corners = itertools.product(*(axis.neighbours(value) for axis, value in zip(settings.axes, setting, strict=True)))
+    return all(corner in settings.tested for corner in corners)
 
 
 def setting_of(settings: Settings, values: Mapping[str, float]) -> tuple[float, ...]:

@@ -17,9 +17,9 @@ from eightpost.errors import FileFormatError, InputError, MissingUnitError, Para
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.shock import Axis, Settings, Shock, read_shock
-from eightpost.shock.at_setting import force_half_width, is_tested, setting_text
+from eightpost.shock.at_setting import force_half_width, setting_text
 from eightpost.shock.curve import KNOTS
-from eightpost.shock.settings import node_weights, setting_of
+from eightpost.shock.settings import is_tested, node_weights, setting_of
 from eightpost.signals import read_record
 from eightpost.signals.raw_record import letters_of
 
