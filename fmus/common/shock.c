@@ -3,6 +3,7 @@
 
 #include "curve.h"
 #include "elementary.h"
+#include "settings.h"
 
 /* Largest change of damper velocity [m/s] over which F_s is treated as linear, and the maximum number of pieces in a step, as in
  * eightpost/shock/law.py. */
@@ -95,7 +96,13 @@ static double follow(const Parameters *p, LagFactors *kept, double lagged, doubl
 
 size_t model_work_size(void)
 {
-    return KEPT * sizeof(LagFactors);
+    return settings_size() + KEPT * sizeof(LagFactors);
+}
+
+/* The factors of a lag that are kept; parameters at a setting come before them. */
+static LagFactors *kept_factors(void *work)
+{
+    return (LagFactors *)(void *)((unsigned char *)work + settings_size());
 }
 
 static int are_zeros(const double *numbers)
@@ -167,26 +174,28 @@ int model_warns(const Values *v, Message *why)
 int model_start(Memory *memory, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
-    (void)work;
+    const Parameters *p = parameters_in_use(memory, work);
     (void)why;
     const double f = static_force(p, s->velocity);
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return respond(s, p, f, f);
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double velocity = memory->state[0]; /* velocity of s->static_force */
-    double f = from[0] == velocity && !memory->stale ? s->static_force : static_force(p, from[0]);
+    const int is_known = from[0] == velocity && !memory->stale && TEMPERATURE_INPUT < 0;
+    double f = is_known ? s->static_force : static_force(p, from[0]);
     (void)why;
-    const double lagged = follow(p, (LagFactors *)work, s->lagged_force, from[0], s->velocity, h, &f);
+    const double lagged = follow(p, kept_factors(work), s->lagged_force, from[0], s->velocity, h, &f);
     if (!respond(s, p, lagged, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return 1;
 }
 
@@ -207,41 +216,69 @@ double *model_state(Memory *memory, int k)
 int model_evaluate(Memory *memory, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double f = static_force(p, s->velocity);
-    (void)work;
     (void)why;
     if (!respond(s, p, CONTINUOUS_STATES > 0 ? s->lagged_force : f, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return 1;
 }
 
 void model_derivatives(const Memory *memory, void *work, double *rates)
 {
     const Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
-    (void)work;
+    const Parameters *p = parameters_in_use(memory, work);
     for (int k = 0; k < CONTINUOUS_STATES; k++) { /* there is one, or none */
         rates[k] = law_rate(p, s->lagged_force, p->motion_ratio * memory->state[0], s->static_force).value;
     }
 }
+
+#if defined(HAS_SETTINGS) && defined(HAS_TEMPERATURE_INPUT)
+/* Half of the change of temperature [K] over which a difference replaces the derivatives. */
+static const double WARMER = 0.01;
+
+/* Adds the changes of the force and of the derivatives for a change of the temperature [K]. */
+static void add_warming(const Memory *memory, double change, double *outputs, double *rates)
+{
+    double force[2], rate[2];
+    for (int side = 0; side < 2; side++) {
+        Memory other = *memory;
+        Signals *s = &other.values.named.signals;
+        double setting[AXES];
+        s->temperature += side == 0 ? -WARMER : WARMER;
+        read_setting(&other.values, setting);
+        const Parameters p = parameters_at(&memory->values.named.parameters, setting);
+        const double f = static_force(&p, s->velocity);
+        (void)respond(s, &p, CONTINUOUS_STATES > 0 ? s->lagged_force : f, f);
+        force[side] = s->force;
+        rate[side] = law_rate(&p, s->lagged_force, p.motion_ratio * s->velocity, f).value;
+    }
+    outputs[0] += (force[1] - force[0]) / (2.0 * WARMER) * change;
+    for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
+        rates[k] += (rate[1] - rate[0]) / (2.0 * WARMER) * change;
+    }
+}
+#endif
 
 /* F_lag changes by states[0], and not with the inputs. */
 void model_tangent(const Memory *memory, void *work, const double *inputs, const double *states, double *outputs,
                    double *rates)
 {
     const Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double r = p->motion_ratio, v = r * s->velocity, f = static_force(p, s->velocity);
     const double f_slope = valve_slope(p, v), alpha = law_lag_weight(p, f), moved = states == NULL ? 0.0 : states[0];
     const double by_velocity = (1.0 - alpha) * f_slope + law_lag_weight_slope(p, f) * f_slope * (s->lagged_force - f);
-    (void)work;
     outputs[0] = r * r * (by_velocity + seal_slope(p, v)) * inputs[0] + r * r * p->gas_stiffness * inputs[1] +
                  r * alpha * moved; /* force is the only output */
     for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
         const Rate rate = law_rate(p, s->lagged_force, v, f);
         rates[k] = rate.by_lagged * moved + (rate.by_velocity + rate.by_static * f_slope) * r * inputs[0];
     }
+#if defined(HAS_SETTINGS) && defined(HAS_TEMPERATURE_INPUT)
+    add_warming(memory, inputs[TEMPERATURE_INPUT], outputs, rates);
+#endif
 }
