@@ -38,7 +38,10 @@ def with_settings(interface: Interface, settings: Settings, *, temperature_input
         interface,
         variables=(*interface.variables, *added),
         direct={name: (*names, *inputs) for name, names in interface.direct.items()},
-        initial={name: (*names, *known) for name, names in interface.initial.items()},
+        initial={
+            name: names if name in interface.derivatives else (*names, *known)  # which are zero in equilibrium
+            for name, names in interface.initial.items()
+        },
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -10,6 +11,9 @@ from rich.markup import escape
 
 from eightpost.app.options import Assignment, Quantity
 from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.settings.clicks import Level
 
 
 @click.command()
@@ -24,6 +28,9 @@ from eightpost.errors import InputError
 @click.option("--speeds", nargs=2, type=Quantity("m/s"), metavar="LOW HIGH",
               help="Lowest and highest speed that count, e.g. '0 m/s' '0.2 m/s'; default: all measured "
               "speeds.")  # fmt: skip
+@click.option("--level", type=click.Choice(["free", "kept"]), default="free", show_default=True,
+              help="Treatment of a constant force over all speeds, such as gas force. free: it does not count as an "
+              "error. kept: it counts.")  # fmt: skip
 @click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True,
               help="Number of settings to list.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path),
@@ -34,13 +41,14 @@ def clicks(  # one parameter per option
     fix: tuple[tuple[str, str], ...],
     temperature: float | None,
     speeds: tuple[float, float] | None,
+    level: Level,
     count: int,
     plot: Path | None,
 ) -> None:
     """Find the clicks at which a shock comes closest to a target curve.
 
     SHOCK is a shock file of `eightpost settings`. All combinations of whole clicks are compared with the target. The
-    list shows the remaining error in each range of speeds, and which settings cannot be told apart.
+    list shows the remaining error in each range of speeds, and which settings are equal within the band of the model.
 
     \b
     Examples:
@@ -57,7 +65,7 @@ def clicks(  # one parameter per option
     fixed = {name: _number(name, text) for name, text in fix}
     if temperature is not None:
         fixed["temperature"] = temperature
-    answer = best_clicks(shock, target, fixed=fixed, speeds=speeds, count=count)
+    answer = best_clicks(shock, target, fixed=fixed, speeds=speeds, level=level, count=count)
     console.print(answer_table(answer))
     for note in answer.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)

@@ -23,7 +23,7 @@ class Beyond:
         axis: Axis.
         value: Setting.
         distance: Distance from the nearest measured setting.
-        intervals: The same, in multiples of the nearest interval between measured settings; infinite if there is none.
+        intervals: The same, in multiples of the nearest interval between measured settings; infinite without one.
     """
 
     axis: Axis

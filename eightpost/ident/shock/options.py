@@ -78,7 +78,7 @@ class Choices:
 
     @property
     def _needs_polynomials(self) -> str:
-        """Option that only polynomials have, with its value; empty if there is none."""
+        """Option that only polynomials have, with its value; otherwise empty."""
         if self.recipe == "boggs":
             return "the recipe 'boggs'"
         if self.shape in ("free", "passive"):

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from eightpost.signals import read_record
 from eightpost.signals.raw_record import letters_of
 
 # ---- The target -----------------------------------------------------------------------------------------------------
+
+#: Whether a constant force over all speeds is left out of the errors, or counts.
+Level = Literal["free", "kept"]
 
 #: Names of the columns of a curve, in lower case letters.
 _COLUMNS = {
@@ -139,7 +143,7 @@ class ClickChoice:
         percent: The same, in percent of the RMS of the target.
         ranges: Errors over ranges of speed.
         is_tested: Whether the combination of the adjusters was measured.
-        is_same: Whether it cannot be told from the best setting: they differ by less than the band of the curve.
+        is_same: Whether its curve is within the band of the best setting.
     """
 
     setting: tuple[float, ...]
@@ -185,6 +189,7 @@ def best_clicks(
     shock: Shock,
     target: TargetCurve,
     *,
+    level: Level = "free",
     fixed: Mapping[str, float] | None = None,
     speeds: tuple[float, float] | None = None,
     count: int = 5,
@@ -197,6 +202,7 @@ def best_clicks(
     Args:
         shock: Shock with settings.
         target: Curve to reach.
+        level: `free`: a constant force over all speeds, such as gas force, does not count as an error; `kept`: it does.
         fixed: Settings by name of an axis that are not searched; the temperature is at its reference by default.
         speeds: Lowest and highest speed that count [m/s]; default all.
         count: Number of settings to return.
@@ -215,9 +221,11 @@ def best_clicks(
         raise InputError(f"{target.name}: none of its speeds is among those of shock {shock.name!r} that count")
     left_out = int(target.velocity.size - used.sum())
     notes = list(target.notes)
+    if level == "free":
+        notes.append("a constant force is left out of the errors (--level free): adjusters hardly change it, gas does")
     if left_out:
         notes.append(f"{left_out} of {target.velocity.size} points of the target are beyond the speeds that count")
-    search = _Search.of(shock, TargetCurve(target.name, target.velocity[used], target.force[used]), fixed or {})
+    search = _Search.of(shock, TargetCurve(target.name, target.velocity[used], target.force[used]), fixed or {}, level)
     is_exhaustive = search.combinations <= MOST_COMBINATIONS
     found = search.all_settings(count) if is_exhaustive else search.in_turn(count)
     if not is_exhaustive:
@@ -232,11 +240,12 @@ class _Search:
 
     Attributes:
         shock: Shock.
-        settings: Its settings.
+        settings: Effect of the adjusters on the shock.
         target: Curve to reach.
         values: Possible values of each axis.
         design: Matrix (M, 25) from slopes at the knots to forces at the target's velocities.
         weight: Weight (M,) of each velocity; they sum to 1.
+        level: Treatment of a constant force; see `best_clicks`.
     """
 
     shock: Shock
@@ -245,9 +254,10 @@ class _Search:
     values: tuple[tuple[float, ...], ...]
     design: Array
     weight: Array
+    level: Level
 
     @classmethod
-    def of(cls, shock: Shock, target: TargetCurve, fixed: Mapping[str, float]) -> _Search:
+    def of(cls, shock: Shock, target: TargetCurve, fixed: Mapping[str, float], level: Level) -> _Search:
         settings = shock.settings
         assert settings is not None
         try:
@@ -262,7 +272,7 @@ class _Search:
         width = np.abs(np.gradient(velocity)) if velocity.size > 1 else np.ones(1)
         width = np.maximum(width, 1e-9)
         basis = KnotBasis(shock.law.curve.knot_velocity)
-        return cls(shock, settings, target, values, basis.design(velocity), width / width.sum())
+        return cls(shock, settings, target, values, basis.design(velocity), width / width.sum(), level)
 
     @property
     def combinations(self) -> int:
@@ -270,7 +280,7 @@ class _Search:
         return prod(len(values) for values in self.values)
 
     def forces(self, settings: Sequence[tuple[float, ...]]) -> Array:
-        """Return the forces (S, M) [N] of settings (S) at the target's velocities."""
+        """Return the forces (S, M) [N] of settings (S) at the target's velocities, at the target's level if it is free."""
         slopes = np.tile(np.array(self.shock.law.curve.knot_slope), (len(settings), 1))
         columns = [np.array(column) for column in zip(*settings, strict=True)]
         weights = {
@@ -281,7 +291,10 @@ class _Search:
             for name in term.axes:  # the last axis varies fastest
                 share = (share[:, :, None] * weights[name][:, None, :]).reshape(len(settings), -1)
             slopes += share @ np.array(term.deviations)[:, :KNOTS]
-        return np.asarray(np.maximum(slopes, 0.0) @ self.design.T)
+        forces = np.maximum(slopes, 0.0) @ self.design.T
+        if self.level == "free":
+            forces += ((self.target.force - forces) @ self.weight)[:, None]
+        return np.asarray(forces)
 
     def _weights(self, axis: Axis, column: Array) -> Array:
         found, places = np.unique(column, return_inverse=True)

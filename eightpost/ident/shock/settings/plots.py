@@ -57,7 +57,7 @@ def answer_table(answer: ClickAnswer) -> Table:
 def _note(is_tested: bool, is_same: bool) -> str:
     notes = [
         *([] if is_tested else ["untested combination"]),
-        *(["not distinguishable from the first"] if is_same else []),
+        *(["within the band of the first"] if is_same else []),
     ]
     return ", ".join(notes)
 

@@ -192,7 +192,7 @@ def _knot_forces(velocity: Array, slopes: Array) -> Array:
 
 
 def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
-    """Return the law at the reference setting: that of its files, or of the effects if there are none."""
+    """Return the law at the reference setting: that of its files, or without files that of the effects."""
     reference = tuple(axis.reference for axis in axes)
     own = [number for number, group in enumerate(groups) if group.setting == reference]
     law = joint.law(own[0] if own else 0)

@@ -23,7 +23,7 @@ class Effects:
     Attributes:
         reference: Values (P,) at the reference setting.
         terms: Changes with the settings.
-        left: What the terms do not describe (G, P), for each measured setting; 0 except in scattered tests.
+        left: Remainder (G, P) that the terms do not describe, for each measured setting; 0 except in scattered tests.
     """
 
     reference: Array
