@@ -112,7 +112,7 @@ def setting_text(settings: Settings, setting: Sequence[float]) -> str:
 #: Error of the interpolation in the middle between two settings, as a multiple of the error with which a straight line
 #: between its neighbours predicts a measured setting (the larger of the two). Calibrated on random shocks so that the
 #: band covers 95 % (benchmarks/settings.py).
-_CURVATURE = 1.0
+_CURVATURE = 0.5
 
 #: The same as a share of the difference between the two curves; it counts alone where there are only two settings.
 _DIFFERENCE = 0.02
@@ -164,10 +164,23 @@ def _force_on_axis(settings: Settings, law: ShockLaw, number: int, value: float)
 
 
 def _scatter(settings: Settings, number: int, value: float) -> tuple[float, ...]:
-    """Return the largest half-width (25,) [N] of the measurements next to a value of one axis."""
-    near = settings.axes[number].neighbours(value)
-    rows = [row for at, row in zip(settings.tested, settings.half_width, strict=True) if at[number] in near]
-    return tuple(max(column) for column in zip(*(rows or settings.half_width), strict=True))
+    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them."""
+    axis = settings.axes[number]
+    near = axis.neighbours(value)
+    low, high = _scatter_at(settings, number, near[0]), _scatter_at(settings, number, near[-1])
+    share = 0.0 if len(near) == 1 else (value - near[0]) / (near[1] - near[0])
+    return tuple((1.0 - share) * a + share * b for a, b in zip(low, high, strict=True))
+
+
+def _scatter_at(settings: Settings, number: int, node: float) -> tuple[float, ...]:
+    """Return the half-width (25,) [N] at a node with the other axes at their reference, or the largest at the node."""
+    reference = list(settings.reference)
+    reference[number] = node
+    rows = dict(zip(settings.tested, settings.half_width, strict=True))
+    if tuple(reference) in rows:
+        return rows[tuple(reference)]
+    there = [row for at, row in rows.items() if at[number] == node]
+    return tuple(max(column) for column in zip(*(there or settings.half_width), strict=True))
 
 
 def _interpolation_error(axis: Axis, curves: Mapping[float, Sequence[float]], value: float) -> list[float]:

@@ -280,7 +280,7 @@ class _Search:
         return prod(len(values) for values in self.values)
 
     def forces(self, settings: Sequence[tuple[float, ...]]) -> Array:
-        """Return the forces (S, M) [N] of settings (S) at the target's velocities, at the target's level if it is free."""
+        """Return the forces (S, M) [N] of settings (S) at the target's velocities; a free level is the target's."""
         slopes = np.tile(np.array(self.shock.law.curve.knot_slope), (len(settings), 1))
         columns = [np.array(column) for column in zip(*settings, strict=True)]
         weights = {

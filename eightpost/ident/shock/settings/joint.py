@@ -26,6 +26,10 @@ from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
 
+#: A slope times the highest speed is at its constraint within this share of the force's standard deviation; in the
+#: covariance, a violation of the constraint by 1 N then counts like a force error of this many N everywhere.
+_AT_CONSTRAINT, _STIFF = 1e-3, 10.0
+
 #: A law's own parameters differ from setting to setting only if this lowers the sum of squares by this share.
 _WORTHWHILE = 0.05
 
@@ -118,6 +122,13 @@ class JointModel:
             matrices.append(matrix)
             floors.append(constraint.floor + constraint.clear)
         return Inequalities(np.vstack(matrices), np.concatenate(floors)).and_bounds(*self.bounds())
+
+    def active_rows(self, x: Array) -> Array:
+        """Return rows that fix x in the directions of its active constraints, for its covariance."""
+        inequalities = self.inequalities(x)
+        size = np.linalg.norm(inequalities.matrix, axis=1)
+        touched = inequalities.room(x) < _AT_CONSTRAINT * self.runs.deviation * size
+        return np.asarray(_STIFF * np.sqrt(self.runs.target.size) * inequalities.matrix[touched])
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest x."""
@@ -215,7 +226,7 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
         fitted, more = _with_own_parameters(fitted, choices)
         notes += more
     model, x, converged, status = fitted
-    spread = covariances(model.jacobian(x), model.error(x), model.runs)
+    spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
     return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
 
 

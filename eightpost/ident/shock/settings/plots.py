@@ -151,6 +151,7 @@ def _forces(panel: Axes, shock: Shock, number: int, axis: Axis) -> None:
             panel.plot(list(axis.nodes), force[at], "o", color=color, markersize=4.0)
     panel.set_title("force at speeds, compression above and rebound below")
     _decorate(panel, _title(axis), _FORCE)
+    panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
 
 
 def _title(axis: Axis) -> str:
