@@ -111,6 +111,9 @@ _CHUNK, _STARTS = 20_000, 24
 #: Ends of the speed ranges [m/s] of the stated errors.
 SPEEDS = (0.05, 0.15, 0.4)
 
+#: Share of the mean square error above which a constant force is most of it.
+_MOSTLY = 0.7
+
 #: Deviation that counts as reached besides the band of the model, as a share of the target's largest force.
 _TOLERANCE = 0.02
 
@@ -189,7 +192,7 @@ def best_clicks(
     shock: Shock,
     target: TargetCurve,
     *,
-    level: Level = "free",
+    level: Level = "kept",
     fixed: Mapping[str, float] | None = None,
     speeds: tuple[float, float] | None = None,
     count: int = 5,
@@ -202,7 +205,7 @@ def best_clicks(
     Args:
         shock: Shock with settings.
         target: Curve to reach.
-        level: `free`: a constant force over all speeds, such as gas force, does not count as an error; `kept`: it does.
+        level: `kept`: all errors count; `free`: a constant force over all speeds, such as gas force, does not.
         fixed: Settings by name of an axis that are not searched; the temperature is at its reference by default.
         speeds: Lowest and highest speed that count [m/s]; default all.
         count: Number of settings to return.
@@ -221,8 +224,6 @@ def best_clicks(
         raise InputError(f"{target.name}: none of its speeds is among those of shock {shock.name!r} that count")
     left_out = int(target.velocity.size - used.sum())
     notes = list(target.notes)
-    if level == "free":
-        notes.append("a constant force is left out of the errors (--level free): adjusters hardly change it, gas does")
     if left_out:
         notes.append(f"{left_out} of {target.velocity.size} points of the target are beyond the speeds that count")
     search = _Search.of(shock, TargetCurve(target.name, target.velocity[used], target.force[used]), fixed or {}, level)
@@ -231,6 +232,7 @@ def best_clicks(
     if not is_exhaustive:
         notes.append(f"the {search.combinations} combinations were searched adjuster by adjuster, not all of them")
     choices = tuple(search.choice(setting, found[0]) for setting in found)
+    notes += search.level_note(found[0])
     return ClickAnswer(choices, search.combinations, is_exhaustive, tuple(search.unreachable(found[0])), tuple(notes))
 
 
@@ -348,6 +350,17 @@ class _Search:
             is_tested(self.settings, setting),
             bool((np.abs(force - of_best) <= self._band(best)).all()),
         )
+
+    def level_note(self, best: tuple[float, ...]) -> list[str]:
+        """Return a note if most of the best setting's error is a constant force."""
+        error = self.forces([best])[0] - self.target.force
+        level, square = float(error @ self.weight), float(error**2 @ self.weight)
+        if self.level == "free" or level**2 < _MOSTLY * square or abs(level) < 0.01 * np.abs(self.target.force).max():
+            return []
+        return [
+            f"most of the error is a constant force of {level:+.0f} N in compression and rebound, as of a gas force; "
+            "--level free leaves it out"
+        ]
 
     def _band(self, setting: tuple[float, ...]) -> Array:
         """Return the half-width (M,) [N] of the model's band at the target's velocities."""
