@@ -29,8 +29,8 @@ if TYPE_CHECKING:
               help="Lowest and highest speed that count, e.g. '0 m/s' '0.2 m/s'; default: all measured "
               "speeds.")  # fmt: skip
 @click.option("--level", type=click.Choice(["free", "kept"]), default="kept", show_default=True,
-              help="Treatment of a constant force over all speeds, such as gas force. kept: it counts as an error. free: "
-              "it does not.")  # fmt: skip
+              help="Treatment of a constant force over all speeds, such as gas force. kept: it counts as an error. "
+              "free: it does not.")  # fmt: skip
 @click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True,
               help="Number of settings to list.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path),

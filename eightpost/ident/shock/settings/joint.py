@@ -215,7 +215,11 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     """
     choices = replace(choices, curve="knots")
     hardest = max(groups, key=lambda runs: runs.deviation)
-    choice, first = best_law(hardest, choices) if law == AUTO else (None, fit_law(hardest, law, choices, "knots"))
+    choice: LawChoice | None = None
+    if law == AUTO:
+        choice, first, _ = best_law(hardest, choices)
+    else:
+        first = fit_law(hardest, law, choices, "knots")
     minimum = first.sketch.minimum
     theta = minimum.problem.model.split(minimum.parameters)[2]
     gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
