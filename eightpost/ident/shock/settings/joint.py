@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import projected
 from eightpost.ident.shock.curve import WorkingBasis, rising_constraint, slope_constraint
 from eightpost.ident.shock.force import Dynamics, ForceModel
@@ -21,7 +22,7 @@ from eightpost.ident.shock.problem import TOLERANCE, Inequalities, Solution, con
 from eightpost.ident.shock.robust import weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import covariances, quantile, standard_error
-from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
+from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_form, fit_parameters, own_parameters
 
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
@@ -217,9 +218,13 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     hardest = max(groups, key=lambda runs: runs.deviation)
     choice: LawChoice | None = None
     if law == AUTO:
-        choice, first, _ = best_law(hardest, choices)
-    else:
-        first = fit_law(hardest, law, choices, "knots")
+        choice, *_ = best_law(hardest, choices, [name for name in LAWS if _is_fitted(name)])
+        law = choice.law
+    elif not _is_fitted(law):
+        raise ParameterError(
+            f"law {law!r} cannot be fitted over settings; use one of {', '.join(filter(_is_fitted, LAWS))}"
+        )
+    first = fit_law(hardest, law, choices, "knots")
     minimum = first.sketch.minimum
     theta = minimum.problem.model.split(minimum.parameters)[2]
     gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
@@ -232,6 +237,13 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     model, x, converged, status = fitted
     spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
     return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
+
+
+def _is_fitted(law: str) -> bool:
+    """Return whether a law can be fitted over settings: it is not fitted by a recipe of its own."""
+    return fit_form(LAWS[law]) in ("no lag", "lag", "fading lag", "series spring", "stepped") and bool(
+        own_parameters(LAWS[law]) == tuple(parameter.name for parameter in fit_parameters(LAWS[law]))
+    )
 
 
 _Search = tuple[JointModel, Array, bool, str]
