@@ -21,6 +21,7 @@ from builder.native.toolchain import PLATFORMS, Zig, this_platform
 from cosim import FmuComponent
 from eightpost.shock import (
     LAWS,
+    Hysteresis,
     Lpf1,
     Lpnl2,
     Polylinear,
@@ -100,6 +101,12 @@ def _knot_curve() -> StaticCurve:
     return StaticCurve.through_knots(*(tuple(one.tolist()) for one in (velocity, force - force[12], slope)))
 
 
+def _hysteresis(port: Port) -> Hysteresis:
+    curve = _knot_curve()
+    lagged = tuple(0.6 * slope for slope in curve.knot_slope)
+    return Hysteresis(curve, lagged, (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01, port=port)
+
+
 @pytest.fixture(scope="session")
 def knots() -> dict[str, float]:
     """A curve through knots as parameters of a shock FMU."""
@@ -118,6 +125,7 @@ def shocks() -> dict[str, Shock]:
         "polylinear": Polylinear(_curve(), port=port),
         "lpf1": Lpf1(_curve(), 0.0013),
         "lpnl2": Lpnl2(_curve(), 0.0013, 800.0, 1600.0, port=port),
+        "hysteresis": _hysteresis(port),
     }
     for name, law in LAWS.items():
         if name not in laws:

@@ -17,10 +17,10 @@ from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
 from builder.documents.validity import combined_member
-from builder.fmu.interface import Interface, friction_ports, source_folder
+from builder.fmu.interface import Interface, friction_ports, own_value, source_folder
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
-from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve
+from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve, own_parameters
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, ports_of
 from eightpost.wiring import Wire
@@ -45,7 +45,7 @@ def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
     scalars = {name.removeprefix("curve."): value for name, value in values.items() if name.startswith("curve.")}
     curve = {f.name: lists.get(f.name, scalars.get(f.name)) for f in dataclasses.fields(StaticCurve)}
     port = Port(**{f.name: values[f.name] for f in dataclasses.fields(Port)})
-    own = {f.name: values[f.name] for f in dataclasses.fields(law) if f.name not in ("curve", "port")}
+    own = {name: own_value(law, name, values) for name in own_parameters(law)}
     return law(curve=StaticCurve(**curve), port=port, **own)  # type: ignore[arg-type]
 
 
@@ -189,7 +189,7 @@ class _Run:
         self._take_vehicle(fed)
         for name, law in self._laws.items():
             velocity, displacement = self._fed(name, u, self._now)
-            self._lagged[name] = law.static_force(velocity)
+            self._lagged[name] = law.start(velocity)
             self._now[f"{name}.force"] = law.response(self._lagged[name], velocity, displacement).force
         return np.array([self._now[f"{name}.force"] for name in self._laws])
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-from eightpost.shock import Shock
+from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
 
@@ -144,6 +144,15 @@ class Interface:
         )
 
 
+def own_value(law: type[ShockLaw], name: str, values: Mapping[str, float]) -> float | tuple[float, ...]:
+    """Return one of a law's own parameters, given the values of an FMU's variables; a tuple has several."""
+    sizes: Mapping[str, int] = getattr(law_module(law), "SIZES", {})
+    if name not in sizes:
+        return values[name]
+    prefix = name if f"{name}[1]" in values else f"curve.{name}"
+    return tuple(values[f"{prefix}[{k + 1}]"] for k in range(sizes[name]))
+
+
 def shock_interface(shock: Shock) -> Interface:
     """Return the interface of a shock FMU; the shock's parameters are the start values."""
     table = read_table(f"shock_{shock.law_name}")
@@ -154,6 +163,7 @@ def shock_interface(shock: Shock) -> Interface:
     if shock.law.curve.has_knots:
         idle |= {v.name for v in variables if _POLYNOMIALS.match(v.name)}
         variables = tuple(replace(v, minimum=_LEAST_SPEED) if v.name == _LAST_KNOT else v for v in variables)
+    idle |= {v.name for v in variables if v.name.partition("[")[0] in idle}
     parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
     inputs = tuple(v.name for v in variables if v.causality == "input")
     starts = _start_dependencies(table["start_dependencies"], [v for v in variables if v.name not in idle])

@@ -5,9 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from builder.fmu.interface import Interface
-from builder.native.tables import c_array, c_number
+from builder.native.tables import c_array
 from eightpost.shock import Settings, ShockLaw
 from eightpost.shock.curve import KNOTS
+
+#: The lagged part of a law keeps its share of the slope at each knot, as in settings.py.
+_LAGGED = """    for (int k = 0; k < KNOTS; k++) {
+        const double before = given->curve_knot_slope[k], slope = now->curve_knot_slope[k];
+        const double part = before > 0.0 ? now->lagged_slope[k] * (slope / before) : 0.0;
+        now->lagged_slope[k] = part < slope ? part : slope;
+    }
+    if (now->lagged_slope[0] > now->curve_rebound_slope) {
+        now->lagged_slope[0] = now->curve_rebound_slope;
+    }
+    if (now->lagged_slope[KNOTS - 1] > now->curve_compression_slope) {
+        now->lagged_slope[KNOTS - 1] = now->curve_compression_slope;
+    }""".splitlines()
 
 
 def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> str:
@@ -96,13 +109,7 @@ def _scalings(settings: Settings, law: ShockLaw) -> Iterator[str]:
         for place in places:
             yield f"    now->{place} *= exponential(logarithms[{k}]);"
     if hasattr(law, "lagged_slope"):
-        yield "    for (int k = 0; k < KNOTS; k++) {"
-        yield "        const double before = given->curve_knot_slope[k];"
-        yield (
-            "        now->lagged_slope[k] = before > 0.0 ? now->lagged_slope[k] * (now->curve_knot_slope[k] / before) "
-            f": {c_number(0.0)};"
-        )
-        yield "    }"
+        yield from _LAGGED
     else:
         yield "    (void)given;"
         if not settings.parameters:

@@ -133,6 +133,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "",
         f'#define MODEL_IDENTIFIER "{identifier}"',
         f'#define MODEL_GUID "{{{guid}}}"',
+        *(["#define SEVERAL_STATES"] if interface.kind.startswith("shock_") and len(interface.states) > 1 else []),
         *_setting_switches(interface),
         "",
         "enum {",

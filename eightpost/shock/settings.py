@@ -259,12 +259,17 @@ class Settings:
         }
         curve = curve_with_slopes(law.curve, deviations[:KNOTS])
         if hasattr(law, "lagged_slope"):  # the lagged part keeps its share of the curve at each knot
-            own["lagged_slope"] = tuple(
-                part * (now / before) if before > 0.0 else 0.0
-                for part, now, before in zip(law.lagged_slope, curve.knot_slope, law.curve.knot_slope, strict=True)
-            )
+            own["lagged_slope"] = _lagged_slope(law, curve)
         port = replace(law.port, gas_preload=law.port.gas_preload + deviations[-1])
         return replace(law, curve=curve, port=port, **own)
+
+
+def _lagged_slope(law: Any, curve: StaticCurve) -> tuple[float, ...]:
+    """Return the slopes of the lagged part of a law on another curve, never above those of the curve."""
+    shares = zip(law.lagged_slope, curve.knot_slope, law.curve.knot_slope, strict=True)
+    found = [min(part * (now / before), now) if before > 0.0 else 0.0 for part, now, before in shares]
+    found[0], found[-1] = min(found[0], curve.rebound_slope), min(found[-1], curve.compression_slope)
+    return tuple(found)
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -26,6 +26,11 @@
 #undef model_evaluate
 #undef model_derivatives
 #undef model_tangent
+#undef law_start
+#undef law_state
+#undef law_advance
+#undef law_force
+#undef law_slopes
 #undef law_lag_weight
 #undef law_lag_weight_slope
 #undef law_advance_lag
@@ -49,6 +54,11 @@
 #define model_evaluate fmi2FullName(OF_PART(model_evaluate))
 #define model_derivatives fmi2FullName(OF_PART(model_derivatives))
 #define model_tangent fmi2FullName(OF_PART(model_tangent))
+#define law_start fmi2FullName(OF_PART(law_start))
+#define law_state fmi2FullName(OF_PART(law_state))
+#define law_advance fmi2FullName(OF_PART(law_advance))
+#define law_force fmi2FullName(OF_PART(law_force))
+#define law_slopes fmi2FullName(OF_PART(law_slopes))
 #define law_lag_weight fmi2FullName(OF_PART(law_lag_weight))
 #define law_lag_weight_slope fmi2FullName(OF_PART(law_lag_weight_slope))
 #define law_advance_lag fmi2FullName(OF_PART(law_advance_lag))

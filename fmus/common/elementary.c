@@ -1,4 +1,4 @@
-/* exp, expm1, tanh, sin and cos by argument reduction and Taylor series, to a few roundings. */
+/* exp, expm1, tanh, log, sin and cos by argument reduction and Taylor series, to a few roundings. */
 #include "elementary.h"
 
 #include <stdint.h>
@@ -16,7 +16,7 @@ static const double EXPONENTIAL[] = {
     1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
     1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
 };
-enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], CIRCULAR_TERMS = 9 };
+enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], CIRCULAR_TERMS = 9, LOGARITHM_TERMS = 10 };
 
 /* 2^k for -1022 <= k <= 1023. */
 static double power_of_two(int k)
@@ -85,6 +85,25 @@ double hyperbolic_tangent(double x)
         result = rise / (rise + 2.0);
     }
     return x < 0.0 ? -result : result;
+}
+
+/* x = 2^k m with m from sqrt(1/2) to sqrt(2): k ln 2 + 2 artanh s, s = (m - 1) / (m + 1). */
+double logarithm(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    int k = (int)(bits >> 52) - 1023;
+    double m = x * power_of_two(k < 1023 ? -k : -1022) * (k < 1023 ? 1.0 : 0.5);
+    if (m > 0x1.6a09e667f3bcdp0) {
+        m *= 0.5;
+        k++;
+    }
+    const double s = (m - 1.0) / (m + 1.0), square = s * s;
+    double sum = 0.0;
+    for (int term = LOGARITHM_TERMS; term >= 1; term--) {
+        sum = square * (1.0 / (double)(2 * term + 1) + sum);
+    }
+    return (double)k * LN2_HIGH + ((double)k * LN2_LOW + (2.0 * s + 2.0 * s * sum));
 }
 
 /* sin r and cos r for |r| <= pi/4. */

@@ -7,6 +7,7 @@
 double exponential(double x);
 double exponential_minus_1(double x);
 double hyperbolic_tangent(double x);
+double logarithm(double x); /* of a normal positive number */
 void sine_and_cosine(double x, double *sine, double *cosine);
 
 static inline int is_finite(double x)

@@ -13,6 +13,61 @@ enum { MOST_PIECES = 1000 };
 /* Number of piece counts whose factors are kept: a step of one piece is often followed by one of two or three. */
 enum { KEPT = 4 };
 
+/* ---- A law with one state, in the form of a law with several -------------------------------------------------------------- */
+
+#ifndef SEVERAL_STATES
+static State law_start(const Parameters *p, double velocity, double static_force)
+{
+    const State state = {{static_force}};
+    (void)p;
+    (void)velocity;
+    return state;
+}
+
+static double *law_state(Signals *s, int k)
+{
+    (void)k;
+    return &s->lagged_force;
+}
+
+static void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piece *piece)
+{
+    state->at[0] = law_advance_lag(p, kept, state->at[0], piece);
+}
+
+static double law_force(const Parameters *p, const State *state, double velocity, double static_force)
+{
+    (void)p;
+    (void)velocity;
+    (void)static_force;
+    return state->at[0];
+}
+
+static Slopes law_slopes(const Parameters *p, const State *state, double velocity, double static_force)
+{
+    const double slope = valve_slope(p, velocity), alpha = law_lag_weight(p, static_force), lagged = state->at[0];
+    const Rate rate = law_rate(p, lagged, velocity, static_force);
+    const Slopes slopes = {
+        .force_by_velocity = (1.0 - alpha) * slope + law_lag_weight_slope(p, static_force) * slope * (lagged - static_force),
+        .force_by_state = {alpha},
+        .rate = {rate.value},
+        .rate_by_velocity = {rate.by_velocity + rate.by_static * slope},
+        .rate_by_state = {rate.by_lagged},
+    };
+    return slopes;
+}
+#endif
+
+static State state_of(const Signals *s)
+{
+    Signals copy = *s;
+    State state;
+    for (int k = 0; k < STATE_COUNT; k++) {
+        state.at[k] = *law_state(&copy, k);
+    }
+    return state;
+}
+
 /* ---- The port ------------------------------------------------------------------------------------------------------- */
 
 /* F_s [N] at a port velocity [m/s]. */
@@ -37,16 +92,19 @@ static double gas_force(const Parameters *p, double displacement)
     return p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
 }
 
-/* F = r (alpha F_lag + (1 - alpha) F_s + seal + gas), and the other outputs; 0, without any change, if the result is not
- * finite. */
-static int respond(Signals *s, const Parameters *p, double lagged, double f)
+/* F = r (alpha F_lag + (1 - alpha) F_s + seal + gas), the other outputs and the states; 0, without any change, if the result is
+ * not finite. */
+static int respond(Signals *s, const Parameters *p, const State *state, double f)
 {
-    const double v = p->motion_ratio * s->velocity;
+    const double v = p->motion_ratio * s->velocity, lagged = law_force(p, state, v, f);
     const double alpha = law_lag_weight(p, f);
     const double dissipative = alpha * lagged + (1.0 - alpha) * f + seal_force(p, v);
     const double force = p->motion_ratio * (dissipative + gas_force(p, s->displacement)), power = dissipative * v;
     if (!is_finite(force) || !is_finite(power)) {
         return 0;
+    }
+    for (int k = 0; k < STATE_COUNT; k++) {
+        *law_state(s, k) = state->at[k];
     }
     s->force = force;
     s->static_force = f;
@@ -68,35 +126,35 @@ static int pieces(const Parameters *p, double start, double end)
     return count < MOST_PIECES ? (int)count + 1 : MOST_PIECES;
 }
 
-/* Returns F_lag and F_s at the end of the piece. */
-static double follow_piece(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
+/* Returns the states and F_s at the end of the piece. */
+static void follow_piece(const Parameters *p, LagFactors *kept, State *state, double start, double end, double h, double *f)
 {
     const double v = p->motion_ratio * end;
     const Piece piece = {p->motion_ratio * start, *f, v, end == start ? *f : valve_force(p, v), h};
     *f = piece.static_end;
-    return law_advance_lag(p, kept, lagged, &piece);
+    law_advance(p, kept, state, &piece);
 }
 
-/* Returns F_lag and F_s at the end of the step; F_s at its start is given. */
-static double follow(const Parameters *p, LagFactors *kept, double lagged, double start, double end, double h, double *f)
+/* Returns the states and F_s at the end of the step; F_s at its start is given. */
+static void follow(const Parameters *p, LagFactors *kept, State *state, double start, double end, double h, double *f)
 {
     const int count = pieces(p, start, end);
     const double part = count == 1 ? h : h / (double)count;
     double before = start;
-    LagFactors *factors = &kept[(count < KEPT ? count : KEPT) - 1];
+    LagFactors *factors = &kept[STATE_COUNT * ((count < KEPT ? count : KEPT) - 1)];
     for (int k = 1; k < count; k++) {
         const double velocity = start + (end - start) * ((double)k / (double)count);
-        lagged = follow_piece(p, factors, lagged, before, velocity, part, f);
+        follow_piece(p, factors, state, before, velocity, part, f);
         before = velocity;
     }
-    return follow_piece(p, factors, lagged, before, end, part, f);
+    follow_piece(p, factors, state, before, end, part, f);
 }
 
 /* ---- Functions declared in component.h: start and steps --------------------------------------------------------------- */
 
 size_t model_work_size(void)
 {
-    return settings_size() + KEPT * sizeof(LagFactors);
+    return settings_size() + KEPT * STATE_COUNT * sizeof(LagFactors);
 }
 
 /* The factors of a lag that are kept; parameters at a setting come before them. */
@@ -177,9 +235,10 @@ int model_start(Memory *memory, void *work, Message *why)
     const Parameters *p = parameters_in_use(memory, work);
     (void)why;
     const double f = static_force(p, s->velocity);
+    const State state = law_start(p, p->motion_ratio * s->velocity, f);
     memory->state[0] = s->velocity;
     report_setting(memory, work);
-    return respond(s, p, f, f);
+    return respond(s, p, &state, f);
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
@@ -190,8 +249,9 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     const int is_known = from[0] == velocity && !memory->stale && TEMPERATURE_INPUT < 0;
     double f = is_known ? s->static_force : static_force(p, from[0]);
     (void)why;
-    const double lagged = follow(p, kept_factors(work), s->lagged_force, from[0], s->velocity, h, &f);
-    if (!respond(s, p, lagged, f)) {
+    State state = state_of(s);
+    follow(p, kept_factors(work), &state, from[0], s->velocity, h, &f);
+    if (!respond(s, p, &state, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
@@ -205,12 +265,11 @@ double model_output(const Memory *memory, int output)
     return memory->values.at[INPUTS + output];
 }
 
-/* ---- Model exchange: F_lag is the continuous state ------------------------------------------------------------------ */
+/* ---- Model exchange: the law's states are the continuous states ------------------------------------------------------ */
 
 double *model_state(Memory *memory, int k)
 {
-    (void)k;
-    return &memory->values.named.signals.lagged_force;
+    return law_state(&memory->values.named.signals, k);
 }
 
 int model_evaluate(Memory *memory, void *work, Message *why)
@@ -219,7 +278,8 @@ int model_evaluate(Memory *memory, void *work, Message *why)
     const Parameters *p = parameters_in_use(memory, work);
     const double f = static_force(p, s->velocity);
     (void)why;
-    if (!respond(s, p, CONTINUOUS_STATES > 0 ? s->lagged_force : f, f)) {
+    const State state = CONTINUOUS_STATES > 0 ? state_of(s) : law_start(p, p->motion_ratio * s->velocity, f);
+    if (!respond(s, p, &state, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
@@ -231,8 +291,10 @@ void model_derivatives(const Memory *memory, void *work, double *rates)
 {
     const Signals *s = &memory->values.named.signals;
     const Parameters *p = parameters_in_use(memory, work);
-    for (int k = 0; k < CONTINUOUS_STATES; k++) { /* there is one, or none */
-        rates[k] = law_rate(p, s->lagged_force, p->motion_ratio * memory->state[0], s->static_force).value;
+    const State state = state_of(s);
+    const Slopes slopes = law_slopes(p, &state, p->motion_ratio * memory->state[0], s->static_force);
+    for (int k = 0; k < CONTINUOUS_STATES; k++) {
+        rates[k] = slopes.rate[k];
     }
 }
 
@@ -243,7 +305,8 @@ static const double WARMER = 0.01;
 /* Adds the changes of the force and of the derivatives for a change of the temperature [K]. */
 static void add_warming(const Memory *memory, double change, double *outputs, double *rates)
 {
-    double force[2], rate[2];
+    double force[2];
+    Slopes slopes[2];
     for (int side = 0; side < 2; side++) {
         Memory other = *memory;
         Signals *s = &other.values.named.signals;
@@ -252,31 +315,35 @@ static void add_warming(const Memory *memory, double change, double *outputs, do
         read_setting(&other.values, setting);
         const Parameters p = parameters_at(&memory->values.named.parameters, setting);
         const double f = static_force(&p, s->velocity);
-        (void)respond(s, &p, CONTINUOUS_STATES > 0 ? s->lagged_force : f, f);
+        const State state = CONTINUOUS_STATES > 0 ? state_of(s) : law_start(&p, p.motion_ratio * s->velocity, f);
+        slopes[side] = law_slopes(&p, &state, p.motion_ratio * s->velocity, f);
+        (void)respond(s, &p, &state, f);
         force[side] = s->force;
-        rate[side] = law_rate(&p, s->lagged_force, p.motion_ratio * s->velocity, f).value;
     }
     outputs[0] += (force[1] - force[0]) / (2.0 * WARMER) * change;
     for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
-        rates[k] += (rate[1] - rate[0]) / (2.0 * WARMER) * change;
+        rates[k] += (slopes[1].rate[k] - slopes[0].rate[k]) / (2.0 * WARMER) * change;
     }
 }
 #endif
 
-/* F_lag changes by states[0], and not with the inputs. */
+/* The states change by `states`, and not with the inputs. */
 void model_tangent(const Memory *memory, void *work, const double *inputs, const double *states, double *outputs,
                    double *rates)
 {
     const Signals *s = &memory->values.named.signals;
     const Parameters *p = parameters_in_use(memory, work);
     const double r = p->motion_ratio, v = r * s->velocity, f = static_force(p, s->velocity);
-    const double f_slope = valve_slope(p, v), alpha = law_lag_weight(p, f), moved = states == NULL ? 0.0 : states[0];
-    const double by_velocity = (1.0 - alpha) * f_slope + law_lag_weight_slope(p, f) * f_slope * (s->lagged_force - f);
-    outputs[0] = r * r * (by_velocity + seal_slope(p, v)) * inputs[0] + r * r * p->gas_stiffness * inputs[1] +
-                 r * alpha * moved; /* force is the only output */
+    const State state = state_of(s);
+    const Slopes slopes = law_slopes(p, &state, v, f);
+    /* force is the only output */
+    outputs[0] = r * r * (slopes.force_by_velocity + seal_slope(p, v)) * inputs[0] + r * r * p->gas_stiffness * inputs[1];
+    for (int k = 0; k < STATE_COUNT; k++) {
+        outputs[0] += r * slopes.force_by_state[k] * (states == NULL || k >= CONTINUOUS_STATES ? 0.0 : states[k]);
+    }
     for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
-        const Rate rate = law_rate(p, s->lagged_force, v, f);
-        rates[k] = rate.by_lagged * moved + (rate.by_velocity + rate.by_static * f_slope) * r * inputs[0];
+        const double moved = states == NULL ? 0.0 : states[k];
+        rates[k] = slopes.rate_by_state[k] * moved + slopes.rate_by_velocity[k] * r * inputs[0];
     }
 #if defined(HAS_SETTINGS) && defined(HAS_TEMPERATURE_INPUT)
     add_warming(memory, inputs[TEMPERATURE_INPUT], outputs, rates);

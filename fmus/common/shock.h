@@ -20,6 +20,11 @@ typedef struct {
 double law_lag_weight(const Parameters *p, double static_force);
 /* d alpha / d F_s [1/N]. */
 double law_lag_weight_slope(const Parameters *p, double static_force);
+/* The reason why the law's own parameters contradict each other, or NULL. */
+const char *law_refuses(const Parameters *p);
+
+/* ---- A law with one state, F_lag ------------------------------------------------------------------------------------- */
+
 /* dF_lag/dt [N/s], and its partial derivatives by F_lag [1/s], damper velocity [N/m] and F_s [1/s]. */
 typedef struct {
     double value, by_lagged, by_velocity, by_static;
@@ -29,7 +34,31 @@ typedef struct {
 double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece);
 /* dF_lag/dt at F_lag [N], a damper velocity [m/s] and its F_s [N]: the equation that law_advance_lag solves. */
 Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force);
-/* The reason why the law's own parameters contradict each other, or NULL. */
-const char *law_refuses(const Parameters *p);
+
+/* ---- A law with several states, which are continuous states of interface.toml ------------------------------------------ */
+
+enum { STATE_COUNT = CONTINUOUS_STATES > 1 ? CONTINUOUS_STATES : 1 };
+
+typedef struct {
+    double at[STATE_COUNT];
+} State;
+
+/* Derivatives of the valve force F_v and of the rate of each state, which does not depend on the other states. */
+typedef struct {
+    double force_by_velocity, force_by_state[STATE_COUNT];
+    double rate[STATE_COUNT], rate_by_velocity[STATE_COUNT], rate_by_state[STATE_COUNT];
+} Slopes;
+
+#ifdef SEVERAL_STATES
+/* The states of steady motion at a damper velocity [m/s] and its F_s [N]. */
+State law_start(const Parameters *p, double velocity, double static_force);
+/* The variable that is state k. */
+double *law_state(Signals *s, int k);
+/* The states after a piece; STATE_COUNT factors are kept. */
+void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piece *piece);
+/* F_v [N] at a damper velocity [m/s] and its F_s [N]. */
+double law_force(const Parameters *p, const State *state, double velocity, double static_force);
+Slopes law_slopes(const Parameters *p, const State *state, double velocity, double static_force);
+#endif
 
 #endif

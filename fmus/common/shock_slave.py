@@ -16,11 +16,14 @@ _OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_p
 
 
 class ShockSlave(TableSlave):
-    """Slave that steps a law with its inputs held; the lagged force is the only state and is itself a variable."""
+    """Slave that steps a law with its inputs held; the law's states are themselves variables."""
 
     def __init__(self, **kwargs):
         super().__init__(f"{__name__}.json", **kwargs)
-        self.law_class = getattr(import_module(f"{__name__}_law.{self.model['law']}"), self.model["class"])
+        module = import_module(f"{__name__}_law.{self.model['law']}")
+        self.law_class = getattr(module, self.model["class"])
+        self.states = getattr(module, "STATES", ("lagged_force",))
+        self.sizes = getattr(module, "SIZES", {})
         self.settings = self._settings(self.model["settings"]) if "settings" in self.model else None
         self.own_parameters = [name for name in self.law_class.__dataclass_fields__ if name not in ("curve", "port")]
 
@@ -28,7 +31,7 @@ class ShockSlave(TableSlave):
         self.law = self.law_class(
             curve=StaticCurve(**self._group("curve", StaticCurve)),
             port=Port(**{name: self.values[name] for name in Port.__slots__}),
-            **{name: self.values[name] for name in self.own_parameters},
+            **{name: self._own(name) for name in self.own_parameters},
         )
         if self.settings is not None:
             self._set_law()
@@ -40,13 +43,14 @@ class ShockSlave(TableSlave):
             )
 
     def initialise(self):
-        self._respond(self.law.static_force(self.values["velocity"]))
+        self._respond(self.law.start(self.values["velocity"]))
 
     def advance(self, step):
         if self.settings is not None and self._setting() != self.setting:  # the temperature may be an input
             self.refresh()
-        velocity = self.values["velocity"]
-        self._respond(self.law.follow(self.values["lagged_force"], velocity, velocity, step))
+        velocity, states = self.values["velocity"], [self.values[name] for name in self.states]
+        state = states[0] if len(states) == 1 else tuple(states)
+        self._respond(self.law.follow(state, velocity, velocity, step))
 
     def _settings(self, table):
         module = import_module(f"{__name__}_law.settings")
@@ -69,10 +73,17 @@ class ShockSlave(TableSlave):
         )
         self.values["untested_settings"] = 0.0 if self.is_tested(self.settings, self.setting) else 1.0
 
-    def _respond(self, lagged):
-        response = self.law.response(lagged, self.values["velocity"], self.values["displacement"])
+    def _respond(self, state):
+        response = self.law.response(state, self.values["velocity"], self.values["displacement"])
+        self.values.update(zip(self.states, [state] if len(self.states) == 1 else state, strict=True))
         for name in _OUTPUTS:
             self.values[name] = getattr(response, name)
+
+    def _own(self, name):
+        if name not in self.sizes:
+            return self.values[name]
+        prefix = name if f"{name}[1]" in self.values else f"curve.{name}"
+        return tuple(self.values[f"{prefix}[{k + 1}]"] for k in range(self.sizes[name]))
 
     def _group(self, prefix, kind):
         sizes = {name: sum(key.startswith(f"{prefix}.{name}[") for key in self.values) for name in kind.__slots__}

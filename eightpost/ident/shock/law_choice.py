@@ -22,7 +22,7 @@ from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import LAWS, law_title, own_parameters, step_nanoseconds
+from eightpost.shock import FITTED_LAWS, LAWS, law_title, own_parameters, step_nanoseconds
 
 #: A law is the same as a simpler one if its residual is at most this share below or above that of the simpler law: its
 #: own parameters are without effect then, and it cannot be better on other records.
@@ -136,7 +136,7 @@ def _curve_json(score: LawScore) -> dict[str, Any]:
 
 def choose_law(
     tests: DynoTest | Sequence[DynoTest],
-    laws: Iterable[str] = tuple(LAWS),
+    laws: Iterable[str] = FITTED_LAWS,
     *,
     choices: Choices | None = None,
     segment: tuple[float, float] | None = None,
@@ -174,13 +174,14 @@ def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
     """Return the laws to compare, if they and the options are known."""
     compared = tuple(laws)
     choices.check(AUTO)
-    if not compared or not set(compared) <= set(LAWS):
-        raise ParameterError(f"laws to compare must be among {', '.join(LAWS)}, not {', '.join(compared) or 'none'}")
+    if not compared or not set(compared) <= set(FITTED_LAWS):
+        known = ", ".join(FITTED_LAWS)
+        raise ParameterError(f"laws to compare must be among {known}, not {', '.join(compared) or 'none'}")
     return compared
 
 
 def best_law(
-    runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)
+    runs: Runs, choices: Choices, laws: Iterable[str] = FITTED_LAWS
 ) -> tuple[LawChoice, LawFit, CurveComparison]:
     """Return the comparison of laws over prepared runs, the fit of the chosen law, and the comparison of its curves.
 

@@ -10,7 +10,7 @@ from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.curve import CurveKind, Shape
 from eightpost.ident.shock.joint import Joint
 from eightpost.ident.shock.robust import Robust
-from eightpost.shock import LAWS
+from eightpost.shock import FITTED_LAWS, LAWS
 from eightpost.shock.curve import INNER_ORDER
 
 #: A name in `LAWS`; `AUTO` in its place chooses one by cross-validation.
@@ -49,7 +49,7 @@ class Choices:
         """Check that all options are known.
 
         Raises:
-            ParameterError: An option or the law is unknown.
+            ParameterError: An option or the law is unknown, or the law cannot be fitted.
         """
         options = (
             ("law", law, (*LAWS, AUTO)),
@@ -62,6 +62,8 @@ class Choices:
         for what, value, choices in options:
             if value not in choices:
                 raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
+        if law not in (*FITTED_LAWS, AUTO):
+            raise ParameterError(f"law {law!r} cannot be fitted yet; choose one of {', '.join((*FITTED_LAWS, AUTO))}")
         if law == AUTO and self.recipe == "boggs":
             raise ParameterError("recipe 'boggs' fits one law, not 'auto': name a law, or use the recipe 'joint'")
         if self.order is not None and not 1 <= self.order <= INNER_ORDER:

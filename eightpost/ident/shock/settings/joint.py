@@ -22,7 +22,14 @@ from eightpost.ident.shock.problem import TOLERANCE, Inequalities, Solution, con
 from eightpost.ident.shock.robust import weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import covariances, quantile, standard_error
-from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_form, fit_parameters, own_parameters
+from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_parameters, own_parameters
+
+#: Laws that can be fitted: their parameters are numbers with bounds of their own.
+_OVER_SETTINGS = tuple(
+    name for name, law in LAWS.items() if own_parameters(law) == tuple(p.name for p in fit_parameters(law))
+)
+    name for name, law in LAWS.items() if own_parameters(law) == tuple(p.name for p in fit_parameters(law))
+)
 
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
@@ -218,12 +225,11 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     hardest = max(groups, key=lambda runs: runs.deviation)
     choice: LawChoice | None = None
     if law == AUTO:
-        choice, *_ = best_law(hardest, choices, [name for name in LAWS if _is_fitted(name)])
+        choice, *_ = best_law(hardest, choices, _OVER_SETTINGS)
         law = choice.law
-    elif not _is_fitted(law):
-        raise ParameterError(
-            f"law {law!r} cannot be fitted over settings; use one of {', '.join(filter(_is_fitted, LAWS))}"
-        )
+    elif law not in _OVER_SETTINGS:
+        known = ", ".join(_OVER_SETTINGS)
+        raise ParameterError(f"law {law!r} is fitted by a recipe of its own, not over settings; use one of {known}")
     first = fit_law(hardest, law, choices, "knots")
     minimum = first.sketch.minimum
     theta = minimum.problem.model.split(minimum.parameters)[2]
@@ -237,13 +243,6 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     model, x, converged, status = fitted
     spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
     return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
-
-
-def _is_fitted(law: str) -> bool:
-    """Return whether a law can be fitted over settings: it is not fitted by a recipe of its own."""
-    return fit_form(LAWS[law]) in ("no lag", "lag", "fading lag", "series spring", "stepped") and bool(
-        own_parameters(LAWS[law]) == tuple(parameter.name for parameter in fit_parameters(LAWS[law]))
-    )
 
 
 _Search = tuple[JointModel, Array, bool, str]
