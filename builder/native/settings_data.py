@@ -12,14 +12,14 @@ from eightpost.shock.curve import KNOTS
 #: The lagged part of a law keeps its share of the slope at each knot, as in settings.py.
 _LAGGED = """    for (int k = 0; k < KNOTS; k++) {
         const double before = given->curve_knot_slope[k], slope = now->curve_knot_slope[k];
-        const double part = before > 0.0 ? now->lagged_slope[k] * (slope / before) : 0.0;
-        now->lagged_slope[k] = part < slope ? part : slope;
+        const double part = before > 0.0 ? now->curve_lagged_slope[k] * (slope / before) : 0.0;
+        now->curve_lagged_slope[k] = part < slope ? part : slope;
     }
-    if (now->lagged_slope[0] > now->curve_rebound_slope) {
-        now->lagged_slope[0] = now->curve_rebound_slope;
+    if (now->curve_lagged_slope[0] > now->curve_rebound_slope) {
+        now->curve_lagged_slope[0] = now->curve_rebound_slope;
     }
-    if (now->lagged_slope[KNOTS - 1] > now->curve_compression_slope) {
-        now->lagged_slope[KNOTS - 1] = now->curve_compression_slope;
+    if (now->curve_lagged_slope[KNOTS - 1] > now->curve_compression_slope) {
+        now->curve_lagged_slope[KNOTS - 1] = now->curve_compression_slope;
     }""".splitlines()
 
 

@@ -28,8 +28,6 @@ from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_parameters, 
 _OVER_SETTINGS = tuple(
     name for name, law in LAWS.items() if own_parameters(law) == tuple(p.name for p in fit_parameters(law))
 )
-    name for name, law in LAWS.items() if own_parameters(law) == tuple(p.name for p in fit_parameters(law))
-)
 
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
