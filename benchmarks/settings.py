@@ -1,6 +1,7 @@
 """Prediction of a setting that was not measured: random virtual shocks with five files, fitted on four.
 
     python -m benchmarks.settings --shocks 40
+    python -m benchmarks.settings --map      # curves of a damper's maker over two adjusters, needs EIGHTPOST_DATA
 
 Each shock has random shims, jets and either a rebound bleed or a preload of the shims as its adjuster. It is tested at
 five settings with a random motion. Each inner file is left out once; the model of the other four predicts its record
@@ -11,6 +12,8 @@ because it is gas force. The coverage is the share of knots at which the left-ou
 from __future__ import annotations
 
 import argparse
+import csv
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +32,7 @@ from eightpost.rig.dynamometer import Actuator, measure
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Axis, Shock
+from eightpost.shock.settings import node_weights
 
 #: Clicks from full hard, and length [s] and rate [Hz] of the records.
 MOST, DURATION, RATE = 28, 10.0, 1000.0
@@ -174,12 +178,60 @@ def measured_rows(shocks: int, seed: int) -> list[Row]:
     return rows
 
 
+# ---- Curves of a maker over two adjusters ---------------------------------------------------------------------------
+
+#: Curves of a racing damper, digitised from its maker's plots; in the folder of measured data.
+MAP = Path("ohlins") / "ohlins_vendor_FV_curves_digitised.csv"
+
+
+def map_rows(folder: Path) -> Iterator[tuple[str, float, float, float]]:
+    """Yield adjuster and setting, and the errors of a left-out curve [%]: model, straight line, nearest setting."""
+    curves: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    with (folder / MAP).open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            curves.setdefault((row["side"], row["setting"]), []).append((float(row["v_mm_s"]), float(row["F_N"])))
+    speed = np.linspace(0.0, 240.0, 61)
+    for side in ("comp", "reb"):
+        for adjuster, names in (("HS", [f"LS0_HS{k}" for k in range(5)]),
+                                ("LS", [f"LS{k}_HS4" for k in (0, 2, 4, 6, 10, 15, 25)])):  # fmt: skip
+            nodes = [float(name.partition(adjuster)[2].partition("_")[0]) for name in names]
+            forces = np.array([np.interp(speed, *np.array(curves[side, name]).T) for name in names])
+            for k in range(1, len(nodes) - 1):
+                yield f"{side} {names[k]}", *_left_out(nodes, forces, k)
+
+
+def _left_out(nodes: list[float], forces: Array, k: int) -> tuple[float, float, float]:
+    kept = [i for i in range(len(nodes)) if i != k]
+    weights = node_weights(tuple(nodes[i] for i in kept), nodes[k])
+    share = (nodes[k] - nodes[k - 1]) / (nodes[k + 1] - nodes[k - 1])
+    nearest = min(kept, key=lambda i: abs(nodes[i] - nodes[k]))
+    found = (np.array(weights) @ forces[kept], (1.0 - share) * forces[k - 1] + share * forces[k + 1], forces[nearest])
+    size = float(np.sqrt(np.mean(forces[k] ** 2)))
+    model, line, near = (100.0 * float(np.sqrt(np.mean((force - forces[k]) ** 2))) / size for force in found)
+    return model, line, near
+
+
+def print_map(folder: Path) -> None:
+    """Print the errors of the maker's curves, each predicted by the others."""
+    print("| left-out curve | model, % | straight line, % | nearest setting, % |\n|---|---|---|---|")
+    rows = list(map_rows(folder))
+    for name, *errors in rows:
+        print(f"| {name} | " + " | ".join(f"{error:.1f}" for error in errors) + " |")
+    for what, share in (("worst", 100), ("median", 50)):
+        values = np.percentile([errors for _, *errors in rows], share, axis=0)
+        print(f"| {what} | " + " | ".join(f"{value:.1f}" for value in values) + " |")
+
+
 def main() -> None:
     """Print the distributions, worst cases first."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shocks", type=int, default=40, help="Number of random shocks.")
     parser.add_argument("--seed", type=int, default=1, help="Seed of shocks, motions and noise.")
+    parser.add_argument("--map", action="store_true", help="Evaluate the maker's curves in EIGHTPOST_DATA instead.")
     given = parser.parse_args()
+    if given.map:
+        print_map(Path(os.environ["EIGHTPOST_DATA"]))
+        return
     rows = measured_rows(given.shocks, given.seed)
     print("| adjuster | files | figure | worst | 90 % | median |\n|---|---|---|---|---|---|")
     for kind in sorted({row.kind for row in rows}):
