@@ -43,6 +43,8 @@ steps = st.lists(st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.float
 def parameters_of(name, variables):
     """Return values for the parameters that an FMU has."""
     ranges = PARAMETERS | (RISING if name == "maxwell" else {})
+    if name == "hysteresis":  # its curve has knots, which must fit together
+        ranges = {n: s for n, s in ranges.items() if not n.startswith("curve.")}
     return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
 
 
@@ -50,7 +52,7 @@ def law_with(law, values):
     """Return the library's law with the FMU's parameter values."""
     curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
     for name, value in values.items():
-        if name.startswith("curve."):
+        if name.startswith("curve.") and "lagged_slope" not in name:
             field, _, index = name.removeprefix("curve.").rstrip("]").partition("[")
             if index:
                 changed = list(curve[field])
@@ -64,7 +66,7 @@ def law_with(law, values):
 
 
 def run_library(law, moves):
-    lagged, rows = law.static_force(0.0), []
+    lagged, rows = law.start(0.0), []
     for step, velocity, displacement in moves:
         lagged = law.advance(lagged, velocity, velocity, step)
         rows.append(law.response(lagged, velocity, displacement))
@@ -136,10 +138,10 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(python
     fmu, law = python_component(name), shocks[name].law
     for velocity in (0.3, -0.2, 0.05):
         fmu.set(("velocity", "displacement"), (velocity, 0.01))
-        static = law.static_force(velocity)
-        assert fmu.get(("force", "lagged_force")) == [law.response(static, velocity, 0.01).force, static]
+        expected = law.response(law.start(velocity), velocity, 0.01)
+        assert fmu.get(("force", "lagged_force")) == [expected.force, expected.lagged_force]
     fmu.end_initialization()
-    assert fmu.get(("lagged_force",)) == [law.static_force(0.05)]
+    assert fmu.get(("lagged_force",)) == [law.valve_force(law.start(0.05), 0.05)]
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -110,7 +110,7 @@ def elementary(compiler: Callable[..., Path], tmp_path_factory: pytest.TempPathF
     path.with_name("prefix.h").write_bytes(version_files("elementary", 2)["prefix.h"])
     options = [f"-I{path.parent}", "-O1", "-fPIC", "-shared", str(source)]
     library = ctypes.CDLL(str(compiler(source.parent, options, path)))
-    for name in ("exponential", "exponential_minus_1", "hyperbolic_tangent"):
+    for name in ("exponential", "exponential_minus_1", "hyperbolic_tangent", "logarithm"):
         getattr(library, name).argtypes, getattr(library, name).restype = [ctypes.c_double], ctypes.c_double
     pointer = ctypes.POINTER(ctypes.c_double)
     library.sine_and_cosine.argtypes, library.sine_and_cosine.restype = [ctypes.c_double, pointer, pointer], None

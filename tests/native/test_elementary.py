@@ -56,6 +56,13 @@ def test_the_exponential_overflows_to_infinity_and_underflows_to_zero(library):
     assert math.isnan(library.exponential_minus_1(math.nan))
 
 
+def test_the_logarithm_is_accurate_to_a_few_roundings(library):
+    numbers = [x for x in signed((-300, 300), (-1, 1)) if x > 0.0]
+    assert worst(library.logarithm, math.log, [x for x in numbers if x != 1.0]) < 4.0
+    assert worst(library.logarithm, math.log, [1.0 + x for x in signed((-14, -1))]) < 4.0
+    assert library.logarithm(1.0) == 0.0
+
+
 def test_the_hyperbolic_tangent_is_accurate_odd_and_saturates_at_one(library):
     numbers = signed((-300, -3), (-3, 1.5))
     assert worst(library.hyperbolic_tangent, math.tanh, numbers) < 6.0

@@ -343,5 +343,5 @@ def test_the_derivative_attribute_connects_every_state_with_its_derivative(host,
     fmu = host(name)
     for state, rate in zip(fmu.state_names, fmu.derivative_names, strict=True):
         assert rate == f"der({state})"
-        assert re.fullmatch(r"(\w+\.)?(lagged_force|mode\.(real|imaginary)\[\d+\])", state)
+        assert re.fullmatch(r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\])", state)
     assert len(set(fmu.state_names)) == len(fmu.state_names)

@@ -173,6 +173,11 @@ def test_directional_derivatives_between_steps_equal_finite_differences(host, na
         np.testing.assert_allclose(found, differences, rtol=1e-5, atol=1e-4 * (1.0 + np.abs(differences).max()))
 
 
+#: Parameters that are refused if they change alone.
+PARTS_OF_A_CURVE = {f"curve.knot_{of}[{k + 1}]" for of in ("velocity", "force", "slope") for k in range(25)}
+PARTS_OF_A_CURVE |= {"curve.compression_speed", "curve.rebound_speed"}
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_directional_derivatives_in_initialization_equal_finite_differences(host, name):
     fmu = host(name)
@@ -181,7 +186,7 @@ def test_directional_derivatives_in_initialization_equal_finite_differences(host
     (unknown, *_) = fmu.description.initialUnknowns
     output = unknown.variable.name
     for known in unknown.dependencies:
-        if known.type != "Real":
+        if known.type != "Real" or known.name in PARTS_OF_A_CURVE:
             continue
         (value,) = fmu.get(known.name)
         change = 1e-5 * max(abs(value), 1e-2)

@@ -75,4 +75,4 @@ def test_a_file_that_is_missing_or_not_json_is_refused(tmp_path):
 
 
 def test_every_law_has_a_name():
-    assert list(LAWS) == ["polylinear", "lpf1", "maxwell", "lpnl2"]
+    assert list(LAWS) == ["polylinear", "lpf1", "maxwell", "lpnl2", "hysteresis"]
