@@ -26,6 +26,8 @@ VERBS = {
     "dyno": "Test a physical shock on the virtual dynamometer.",
     "inspect": "Show the content of a dynamometer or rig file, and everything suspicious in it.",
     "fit": "Fit a shock law to a dynamometer file.",
+    "settings": "Fit a shock over its adjusters and temperature.",
+    "clicks": "Find the clicks at which a shock comes closest to a target curve.",
     "report": "Write a page about shocks: their dynamometer records and fitted laws, by build.",
     "validate": "Validate fitted shocks or an identified vehicle on held-out records.",
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",

@@ -22,10 +22,12 @@ from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
+from eightpost.shock.settings import Axis, Settings, Term
 
 __all__ = [
     "FITTED_LAWS",
     "LAWS",
+    "Axis",
     "CurveNumbers",
     "FitParameter",
     "Hysteresis",
@@ -36,9 +38,11 @@ __all__ = [
     "Polylinear",
     "Port",
     "Response",
+    "Settings",
     "Shock",
     "ShockLaw",
     "StaticCurve",
+    "Term",
     "Valve",
     "fit_form",
     "fit_parameters",
