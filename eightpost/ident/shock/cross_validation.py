@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.runs import Runs
 
 #: Number of contiguous blocks of a record, of which each is left out once.
@@ -115,7 +115,7 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
-def held_out_errors(fit: LawFit, left_out: Iterable[LeftOut], counted: Array) -> HeldOut:
+def held_out_errors(fit: FittedLaw, left_out: Iterable[LeftOut], counted: Array) -> HeldOut:
     """Return the errors of a law on what is left out.
 
     Args:

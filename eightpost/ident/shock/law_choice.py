@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.cross_validation import HeldOut, held_out_errors, left_out_blocks, left_out_runs
-from eightpost.ident.shock.law_fit import LawFit, fit_law
+from eightpost.ident.shock.fitted_law import FittedLaw
+from eightpost.ident.shock.law_fit import fit_law
 from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
@@ -167,7 +168,7 @@ def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
     return compared
 
 
-def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) -> tuple[LawChoice, LawFit]:
+def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) -> tuple[LawChoice, FittedLaw]:
     """Return the comparison of laws over prepared runs, and the fit of the chosen law.
 
     Raises:
@@ -185,9 +186,9 @@ def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) ->
     return choice, fits[choice.law]
 
 
-def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, LawFit], dict[str, str]]:
+def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, FittedLaw], dict[str, str]]:
     """Return the fits by law, and the cause of trouble of each law that rejects the record."""
-    fits: dict[str, LawFit] = {}
+    fits: dict[str, FittedLaw] = {}
     troubles: dict[str, str] = {}
     for law in laws:
         try:
@@ -197,7 +198,7 @@ def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, 
     return fits, troubles
 
 
-def _scores(fits: Iterable[LawFit], counted: Array) -> Iterator[LawScore]:
+def _scores(fits: Iterable[FittedLaw], counted: Array) -> Iterator[LawScore]:
     """Yield the score of each law; one with the same fit as a simpler law is not cross-validated."""
     known: list[LawScore] = []
     for fit in sorted(fits, key=lambda one: len(own_parameters(LAWS[one.law]))):
@@ -216,8 +217,8 @@ def _is_same_fit(percent: float, simpler: float) -> bool:
     return (1.0 - below) * simpler <= percent <= (1.0 + above) * simpler
 
 
-def _without_errors(fit: LawFit, counted: Array) -> LawScore:
-    residual, kind = fit.sketch.error, LAWS[fit.law]
+def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
+    residual, kind = fit.error, LAWS[fit.law]
     return LawScore(
         law=fit.law,
         blocks=None,
@@ -230,7 +231,7 @@ def _without_errors(fit: LawFit, counted: Array) -> LawScore:
     )
 
 
-def _cross_validated(fit: LawFit, score: LawScore, counted: Array) -> LawScore:
+def _cross_validated(fit: FittedLaw, score: LawScore, counted: Array) -> LawScore:
     try:
         blocks = held_out_errors(fit, left_out_blocks(fit.runs), counted)
         across = left_out_runs(fit.runs)
