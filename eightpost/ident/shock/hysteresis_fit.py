@@ -76,7 +76,7 @@ class HysteresisFit(FittedLaw):
     @property
     def parameter_count(self) -> int:
         """Number of fitted parameters: curve, gas force and the law's own."""
-        return int(self.found.end.linear.size + self.found.end.states.size)
+        return int(self.found.end.linear.size + self.found.end.parameters.size)
 
     @property
     def has_converged(self) -> bool:
@@ -89,16 +89,16 @@ class HysteresisFit(FittedLaw):
         The fit uses a thinned record, the simulation the whole one.
         """
         thin = Projection(self.model.weighted(weights), is_thin=True)
-        end = _search(thin, self.found.end.states, _REFIT).end
-        return self.found.end.problem.rows(end.states, end.linear)
+        end = _search(thin, self.found.end.parameters, _REFIT).end
+        return self.found.end.problem.rows(end.parameters, end.linear)
 
     def solution(self) -> Solution:
         """Return the solution with its covariance."""
         end, model = self.found.end, self.model
         to_linear, to_states = _coordinates(model)
-        parameters = np.linalg.solve(np.vstack([to_linear, to_states]), np.append(end.linear, end.states))
+        parameters = np.linalg.solve(np.vstack([to_linear, to_states]), np.append(end.linear, end.parameters))
         low, high = end.problem.dynamics.state_bounds()
-        at_bound = (end.states <= low) | (end.states >= high)
+        at_bound = (end.parameters <= low) | (end.parameters >= high)
         stiff = _STIFF * np.sqrt(model.runs.target.size)
         root = np.sqrt(model.runs.weights)
         jacobian = np.vstack(
@@ -140,7 +140,7 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> HysteresisFit:
     without = HysteresisFit(law, tuple(notes), _robust(_without_stop, model, weigh), "")
     if runs.has_one_speed:
         return replace(without, stop_note="no stop: the test has a single speed, where a stop cannot be distinguished")
-    start = without.found.end.states
+    start = without.found.end.parameters
     model = replace(model, dynamics=dynamics.with_stop()).weighted(without.runs.weights)
     stopped = HysteresisFit(law, tuple(notes), _robust(lambda thin: _with_stop(thin, start), model, weigh), "")
     return _better(without, stopped)
@@ -169,7 +169,7 @@ def _search(problem: Projection, start: Array, effort: tuple[float, int]) -> Fou
 def _best(problem: Projection, starts: list[Array]) -> Found:
     """Return the best minimum from some starts, of which the best are followed."""
     rough = sorted((_search(problem, start, _ROUGH) for start in starts), key=lambda found: found.cost)
-    ends = [_search(problem, found.end.states, _FINE) for found in rough[:_FOLLOWED]]
+    ends = [_search(problem, found.end.parameters, _FINE) for found in rough[:_FOLLOWED]]
     return min(ends, key=lambda found: found.cost)
 
 
@@ -199,5 +199,5 @@ def _robust(
         if nearly_equal(weights, model.runs.weights):
             break
         model = model.weighted(weights)
-        found = _search(Projection(model, is_thin=True), found.end.states, _FINE)
-    return _search(Projection(model, is_thin=False), found.end.states, _FINE)
+        found = _search(Projection(model, is_thin=True), found.end.parameters, _FINE)
+    return _search(Projection(model, is_thin=False), found.end.parameters, _FINE)

@@ -9,7 +9,7 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
 from eightpost.ident.shock.knots import KnotBasis
-from eightpost.ident.shock.lagged_states import followed
+from eightpost.ident.shock.lagged_states import States
 from eightpost.shock import Port, ShockLaw, StaticCurve
 from eightpost.shock.curve import KNOTS
 
@@ -115,8 +115,8 @@ class LaggedVelocity(Dynamics):
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = f0(v) + f1(u) + ks e."""
         slopes, stop = self.forces(theta)
-        states = followed(model.runs, knots_of(model), self.states(theta))
-        return model.static(b - slopes) + states.columns(knots_of(model)) @ np.append(slopes, stop)
+        states = States(model.runs, knots_of(model), self.states(theta))
+        return model.static(b - slopes) + states.columns() @ np.append(slopes, stop)
 
     def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F at the rows."""
@@ -124,9 +124,9 @@ class LaggedVelocity(Dynamics):
 
     def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
         """Return the derivatives of F at the rows by the curve (R, 25) and by theta (R, k)."""
-        states, knots, static = followed(model.runs, knots_of(model), self.states(theta)), knots_of(model), model.curve_rows()
-        columns = model.runs.rows(states.columns(knots).T).T
-        by_states = model.runs.rows(states.derivatives(knots, *self.forces(theta)).T).T
+        states, static = States(model.runs, knots_of(model), self.states(theta)), model.curve_rows()
+        columns = model.runs.rows(states.columns().T).T
+        by_states = model.runs.rows(states.derivatives(*self.forces(theta)).T).T
         own = (columns[:, :KNOTS] - static, by_states[:, :NODES], columns[:, KNOTS:], by_states[:, NODES:])
         return static, np.hstack(own)
 

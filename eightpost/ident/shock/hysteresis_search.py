@@ -19,9 +19,12 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity, knots_of
 from eightpost.ident.shock.knots import RIDGE
-from eightpost.ident.shock.lagged_states import States, followed
+from eightpost.ident.shock.lagged_states import States
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock.curve import KNOTS
+
+#: Lowest rate of a thinned record [Hz].
+_THIN_RATE = 400.0
 
 #: Penalty on changes of slope times V in the outer cells, as a share of the RMS force error, and number of these cells
 #: on each side: few samples determine the slope with which the curve continues beyond them.
@@ -67,14 +70,12 @@ class Projection:
 
     def at(self, parameters: Array) -> Projected:
         """Return the projection at parameters of the states (3,) or (5,)."""
-        runs, knots, states = self._runs, knots_of(self.model), self._states(parameters)
+        states = self._states(parameters)
         columns = self._columns(states)
         weighted = self.model.runs.weights[:, None] * columns
         gram = weighted.T @ columns + self.penalty.T @ self.penalty
-        linear = _non_negative(gram, weighted.T @ self.model.runs.target, self._is_free)
-        slopes, stop = linear[KNOTS : 2 * KNOTS], linear[2 * KNOTS : self._own]
-        by_states = runs.rows(states.derivatives(knots, slopes, stop).T).T
-        return Projected(self, parameters, linear, columns, gram, by_states)
+        linear = _non_negative(gram, weighted.T @ self.model.runs.target, self.is_free)
+        return Projected(self, states, linear, columns, gram)
 
     def rows(self, parameters: Array, linear: Array) -> Array:
         """Return the force at the rows (R,) [N] for given parameters of the states (s,) and linear parameters (n,)."""
@@ -84,7 +85,7 @@ class Projection:
     def penalty(self) -> Array:
         """The rows (P, n) that penalise the linear parameters beside the weighted rows."""
         outer = np.diff(np.eye(KNOTS), axis=0)[[*range(_OUTER), *range(KNOTS - 1 - _OUTER, KNOTS - 1)]]
-        slopes, stop = np.vstack([self.model.basis.penalty, _STRAIGHT * outer]), RIDGE * np.eye(self._own - 2 * KNOTS)
+        slopes, stop = np.vstack([self.model.basis.penalty, _STRAIGHT * outer]), RIDGE * np.eye(self.own_count - 2 * KNOTS)
         rows = block_diag(slopes, slopes, stop, np.zeros((0, self.model.gas.count)))
         return np.asarray(np.sqrt(self.model.runs.weights.sum()) * rows)
 
@@ -94,31 +95,31 @@ class Projection:
         changes = np.diff(np.eye(NODES, 2 * self.dynamics.has_stop + NODES), axis=0)
         return np.asarray(np.sqrt(self.model.runs.weights.sum()) * _EVEN * self.model.runs.deviation * changes)
 
-    @property
-    def _runs(self) -> Runs:
-        return self.model.coarse.runs if self.is_thin else self.model.runs
+    @cached_property
+    def motion(self) -> Runs:
+        """The runs over which the states are computed."""
+        return _thinned(self.model.runs) if self.is_thin else self.model.runs
 
     def _states(self, parameters: Array) -> States:
-        return followed(self._runs, knots_of(self.model), parameters, is_fine=not self.is_thin)
+        return States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
 
     def _columns(self, states: States) -> Array:
-        own = self._runs.rows(states.columns(knots_of(self.model)).T).T
-        return np.hstack([self._static_rows, own, self.model.gas_rows])
+        return np.hstack([self._static_rows, self.motion.rows(states.columns().T).T, self.model.gas_rows])
 
     @cached_property
     def _static_rows(self) -> Array:
         return self.model.curve_rows()
 
     @cached_property
-    def _own(self) -> int:
+    def own_count(self) -> int:
         """Number of linear parameters without those of the gas force."""
         return 2 * KNOTS + self.dynamics.has_stop
 
     @cached_property
-    def _is_free(self) -> NDArray[np.bool_]:
+    def is_free(self) -> NDArray[np.bool_]:
         """Whether each linear parameter (n,) may be negative: the offsets of the runs."""
-        is_free = np.zeros(self._own + self.model.gas.count, dtype=bool)
-        is_free[self._own : self._own + self.model.gas.offsets] = True
+        is_free = np.zeros(self.own_count + self.model.gas.count, dtype=bool)
+        is_free[self.own_count : self.own_count + self.model.gas.offsets] = True
         return is_free
 
 
@@ -128,19 +129,28 @@ class Projected:
 
     Attributes:
         problem: Problem that was minimised.
-        states: Parameters of the states (s,).
+        states: States.
         linear: Linear parameters (n,) [N].
         columns: Columns (R, n) at the rows.
         gram: Matrix (n, n) of the normal equations, with penalties.
-        by_states: Derivatives of the force at the rows (R, s) by the parameters of the states [N].
     """
 
     problem: Projection
-    states: Array
+    states: States
     linear: Array
     columns: Array
     gram: Array
-    by_states: Array
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters of the states (s,)."""
+        return self.states.parameters
+
+    @cached_property
+    def by_states(self) -> Array:
+        """Derivatives of the force at the rows (R, s) by the parameters of the states [N]."""
+        slopes, stop = self.linear[KNOTS : 2 * KNOTS], self.linear[2 * KNOTS : self.problem.own_count]
+        return self.problem.motion.rows(self.states.derivatives(slopes, stop).T).T
 
     @cached_property
     def error(self) -> Array:
@@ -150,13 +160,13 @@ class Projected:
     @cached_property
     def cost(self) -> float:
         """Sum of squares of the weighted force error and of the penalties [N2]."""
-        penalties = np.append(self.problem.penalty @ self.linear, self.problem.unevenness @ self.states)
+        penalties = np.append(self.problem.penalty @ self.linear, self.problem.unevenness @ self.parameters)
         return float(self.problem.model.runs.weights @ self.error**2 + penalties @ penalties)
 
     @cached_property
     def is_fixed(self) -> NDArray[np.bool_]:
         """Whether each linear parameter (n,) is at its bound, zero."""
-        return (self.linear <= 0.0) & ~self.problem._is_free
+        return (self.linear <= 0.0) & ~self.problem.is_free
 
     @cached_property
     def normal_equations(self) -> tuple[Array, Array]:
@@ -170,7 +180,14 @@ class Projected:
         gram = gram + _REGULAR * float(np.diag(gram).max()) * np.eye(len(gram))
         uneven = self.problem.unevenness
         matrix = weighted.T @ self.by_states - across @ np.linalg.solve(gram, across.T) + uneven.T @ uneven
-        return matrix, -weighted.T @ self.error - uneven.T @ (uneven @ self.states)
+        return matrix, -weighted.T @ self.error - uneven.T @ (uneven @ self.parameters)
+
+
+def _thinned(runs: Runs) -> Runs:
+    """Return runs thinned to the lowest rate at which the states are accurate enough for a search, at the same rows."""
+    every = [f.every for f in runs.filters]
+    shared = [k for k in range(1, min(every) + 1) if all(e % k == 0 for e in every)]
+    return runs.thinned(max((k for k in shared if runs.rate / k >= _THIN_RATE), default=1))[0]
 
 
 def _non_negative(gram: Array, towards: Array, is_free: NDArray[np.bool_]) -> Array:
@@ -223,8 +240,8 @@ def minimum_from(problem: Projection, start: Array, *, tolerance: float, evaluat
     low, high = problem.dynamics.state_bounds()
     here, damping, rise = problem.at(np.clip(start, low, high)), _DAMPING, _CHANGE
     for count in range(2, evaluations + 1):
-        after = np.clip(here.states + _step(here, low, high, damping), low, high)
-        if np.abs(after - here.states).max() < _SMALL:
+        after = np.clip(here.parameters + _step(here, low, high, damping), low, high)
+        if np.abs(after - here.parameters).max() < _SMALL:
             return Found(here, True, f"No further step is better. {count} evaluations.")
         there = problem.at(after)
         gain = here.cost - there.cost
@@ -242,7 +259,7 @@ def minimum_from(problem: Projection, start: Array, *, tolerance: float, evaluat
 def _step(here: Projected, low: Array, high: Array, damping: float) -> Array:
     """Return a damped step (s,); parameters at a bound that would leave it stay."""
     matrix, right = here.normal_equations
-    stays = ((here.states <= low) & (right < 0.0)) | ((here.states >= high) & (right > 0.0))
+    stays = ((here.parameters <= low) & (right < 0.0)) | ((here.parameters >= high) & (right > 0.0))
     size = np.diag(matrix).copy()
     size = np.maximum(size, 1e-10 * size.max() + np.finfo(float).tiny)
     matrix = matrix + damping * np.diag(size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from math import exp, expm1, inf
 from typing import Any
 
@@ -20,67 +20,61 @@ from eightpost.shock.law import MOST_PIECES, STRAIGHT
 _STEP = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class States:
-    """States over all N samples of the runs, and their derivatives by their parameters.
+    """States over all N samples of runs, as a function of their parameters.
 
     Attributes:
-        velocity: Lagged velocity u (N,) [m/s].
-        by_logarithms: Derivatives of u by ln tau at the nodes (3, N) [m/s].
-        travel: Travel of the stop over its yield travel (1, N) [1]; (0, N) without a stop.
-        by_stop: Derivatives of that by the logarithms of yield travel and time constant (2, N) [1]; else (0, N).
-    """
-
-    velocity: Array
-    by_logarithms: Array
-    travel: Array
-    by_stop: Array
-
-    def columns(self, basis: KnotBasis) -> Array:
-        """Return the columns (N, K) of f1, and that of the stop if there is one: their weights are forces [N]."""
-        return np.hstack([basis.design(self.velocity) / basis.speed, self.travel.T])
-
-    def derivatives(self, basis: KnotBasis, slopes: Array, stop: Array) -> Array:
-        """Return the derivatives of the force (N, 3) or (N, 5) [N] by the parameters of the states.
-
-        Args:
-            basis: Basis of f1.
-            slopes: Slopes (K,) of f1 times the highest speed of the basis [N].
-            stop: Force of the stop at its yield travel (1,) [N]; (0,) without a stop.
-        """
-        slope = np.interp(self.velocity, basis.knots, slopes / basis.speed)
-        return np.vstack([slope * self.by_logarithms, float(stop.sum()) * self.by_stop]).T
-
-
-def followed(runs: Runs, basis: KnotBasis, parameters: Array, *, is_fine: bool = True) -> States:
-    """Return the states over runs.
-
-    Args:
         runs: Records.
         basis: Basis of the curve, whose range determines the nodes of ln tau.
         parameters: ln tau at the nodes (3,), then ln of yield travel and time constant if there is a stop.
         is_fine: Whether intervals with a large change of velocity are divided, as in the law.
     """
-    nodes = (0.5 * basis.knots[0], 0.0, 0.5 * basis.knots[-1])
-    pairs = [(np.ascontiguousarray(runs.velocity[part]), p.step) for p, part in zip(runs.prepared, runs.parts, strict=True)]
 
-    def lagged(logarithms: Array) -> Array:
-        return np.concatenate([_lagged_velocity(v, step, logarithms, nodes, is_fine=is_fine) for v, step in pairs])
+    runs: Runs
+    basis: KnotBasis
+    parameters: Array
+    is_fine: bool = True
 
-    def travel(logarithms: Array) -> Array:
-        limit, time = np.exp(logarithms).tolist()
-        return np.concatenate([_stop_travel(v, step, limit, time) for v, step in pairs]) / limit
+    @cached_property
+    def velocity(self) -> Array:
+        """Lagged velocity u (N,) [m/s]."""
+        return self._lagged(self.parameters[:3])
 
-    taus, stop = parameters[:3], parameters[3:]
-    velocity, none = lagged(taus), np.empty((0, runs.velocity.size))
-    return States(
-        velocity,
-        np.array([lagged(taus + step) - velocity for step in _STEP * np.eye(3)]) / _STEP,
-        travel(stop)[None] if stop.size else none,
-        np.array([travel(stop + step) - travel(stop - step) for step in _STEP * np.eye(2)]) / (2.0 * _STEP)
-        if stop.size
-        else none,
-    )
+    def columns(self) -> Array:
+        """Return the columns (N, K) of f1, and that of the stop if there is one: their weights are forces [N]."""
+        found = self.basis.design(self.velocity) / self.basis.speed
+        return np.column_stack([found, self._travel(self.parameters[3:])]) if self.parameters.size > 3 else found
+
+    def derivatives(self, slopes: Array, stop: Array) -> Array:
+        """Return the derivatives of the force (N, s) [N] by the parameters.
+
+        Args:
+            slopes: Slopes (K,) of f1 times the highest speed of the basis [N].
+            stop: Force of the stop at its yield travel (1,) [N]; (0,) without a stop.
+        """
+        steps = _STEP * np.eye(self.parameters.size)
+        slope = np.interp(self.velocity, self.basis.knots, slopes / self.basis.speed)
+        lagged = [slope * (self._lagged(self.parameters[:3] + step[:3]) - self.velocity) for step in steps[:3]]
+        taken = [self._travel(self.parameters[3:] + step[3:]) for step in steps[3:]]
+        stopped = [stop * (travel - self._travel(self.parameters[3:])) for travel in taken]
+        return np.array([*lagged, *stopped]).T / _STEP
+
+    def _lagged(self, logarithms: Array) -> Array:
+        nodes = (0.5 * self.basis.knots[0], 0.0, 0.5 * self.basis.knots[-1])
+        return np.concatenate(
+            [_lagged_velocity(v, step, logarithms, nodes, is_fine=self.is_fine) for v, step in self._motions]
+        )
+
+    def _travel(self, logarithms: Array) -> Array:
+        """Return the travel of the stop over its yield travel (N,) [1]."""
+        limit, time_constant = np.exp(logarithms).tolist()
+        return np.concatenate([_stop_travel(v, step, limit, time_constant) for v, step in self._motions]) / limit
+
+    @property
+    def _motions(self) -> list[tuple[Array, float]]:
+        pairs = zip(self.runs.prepared, self.runs.parts, strict=True)
+        return [(np.ascontiguousarray(self.runs.velocity[part]), p.step) for p, part in pairs]
 
 
 # ---- One record -----------------------------------------------------------------------------------------------------
