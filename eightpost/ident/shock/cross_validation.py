@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +27,9 @@ _GAP, _GAP_SHARE = 0.3, 0.02
 
 #: Number of pieces of a left-out block or run whose errors are counted one by one.
 PIECES = 4
+
+#: Errors that differ by less than this share count as equal: the fits are not more accurate.
+TIE = 1e-3
 
 #: Maximum number of fits that leave out runs; with more runs, several are left out together.
 _MOST_FITS = 8
@@ -74,6 +78,11 @@ class HeldOut:
         mean = float(np.mean(self.pieces))
         return 0.0 if mean == 0.0 else 50.0 * _standard_error(np.array(self.pieces)) / float(np.sqrt(mean))
 
+    def is_as_good_as(self, best: HeldOut) -> bool:
+        """Return whether the errors are within one standard error, or within `TIE`, of those of the best."""
+        excess, error = self.excess_over(best)
+        return excess <= error or self.percent <= (1.0 + TIE) * best.percent
+
     def excess_over(self, other: HeldOut) -> tuple[float, float]:
         """Return the mean excess of the mean square errors over those of another law [1], and its standard error.
 
@@ -115,26 +124,52 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
-def held_out_errors(fit: FittedLaw, left_out: Iterable[LeftOut], counted: Array) -> HeldOut:
-    """Return the errors of a law on what is left out.
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """A fitted law and its predictions of parts that are left out, each computed once when it is needed.
 
-    Args:
+    Attributes:
         fit: Fit to all records, from which the fits without a part start.
-        left_out: Parts to leave out, one after the other.
-        counted: Weights (R,) of the rows in the errors, such as 0 for outliers.
     """
-    pieces: list[float] = []
-    raw: list[float] = []
-    for part in left_out:
-        force = fit.refitted_rows(fit.runs.weights * part.kept)
-        for rows in part.parts:
-            measured, predicted, weights = fit.runs.target[rows], force[rows], counted[rows]
-            variance = max(_deviation(measured, weights) ** 2, 1e-300)
-            error = predicted - measured
-            raw += _mean_squares(error - np.average(error, weights=weights) * part.is_whole, weights, variance)
-            error = _without_level(predicted, measured, weights) if part.is_whole else error
-            pieces += _mean_squares(error, weights, variance)
-    return HeldOut(tuple(pieces), tuple(raw))
+
+    fit: FittedLaw
+
+    def blocks(self, counted: Array) -> HeldOut:
+        """Return the errors on quarters of the records, with weights (R,) of the rows, such as 0 for outliers."""
+        return self._errors(self._blocks, counted)
+
+    def runs(self, counted: Array) -> HeldOut | None:
+        """Return the errors on whole runs, with weights (R,) of the rows; None if there is only one run."""
+        return self._errors(self._runs, counted) if self._runs else None
+
+    def decisive(self, counted: Array) -> HeldOut:
+        """Return the errors that decide, on whole runs if there are several."""
+        return self.runs(counted) or self.blocks(counted)
+
+    @cached_property
+    def _blocks(self) -> list[tuple[LeftOut, Array]]:
+        return self._predicted(left_out_blocks(self.fit.runs))
+
+    @cached_property
+    def _runs(self) -> list[tuple[LeftOut, Array]]:
+        return self._predicted(left_out_runs(self.fit.runs))
+
+    def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
+        """Return each part with the force (R,) [N] of a fit without it."""
+        return [(part, self.fit.refitted_rows(self.fit.runs.weights * part.kept)) for part in left_out]
+
+    def _errors(self, predicted: Iterable[tuple[LeftOut, Array]], counted: Array) -> HeldOut:
+        pieces: list[float] = []
+        raw: list[float] = []
+        for part, force in predicted:
+            for rows in part.parts:
+                measured, here, weights = self.fit.runs.target[rows], force[rows], counted[rows]
+                variance = max(_deviation(measured, weights) ** 2, 1e-300)
+                error = here - measured
+                raw += _mean_squares(error - np.average(error, weights=weights) * part.is_whole, weights, variance)
+                error = _without_level(here, measured, weights) if part.is_whole else error
+                pieces += _mean_squares(error, weights, variance)
+        return HeldOut(tuple(pieces), tuple(raw))
 
 
 def _mean_squares(error: Array, weights: Array, variance: float) -> list[float]:

@@ -10,8 +10,9 @@ from threadpoolctl import threadpool_limits
 
 from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.curve import Shape
+from eightpost.ident.shock.curve_choice import fit_with_best_curve
 from eightpost.ident.shock.law_choice import LawChoice, best_law
-from eightpost.ident.shock.law_fit import fit_law, models_for
+from eightpost.ident.shock.law_fit import models_for
 from eightpost.ident.shock.options import AUTO, Choices, CurveChoice, GasTreatment, LawName, RecipeName
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
@@ -88,6 +89,10 @@ def _solved(runs: Runs, law: str, choices: Choices) -> _Solved:
     if choices.recipe == "boggs":
         models, notes = models_for(runs, law, choices)
         return _Solved(Boggs().fit(models), tuple(notes))
-    choice, fitted = best_law(runs, choices) if law == AUTO else (None, fit_law(runs, law, choices, choices.curves[0]))
+    if law == AUTO:
+        choice, fitted, curve = best_law(runs, choices)
+    else:
+        choice, (fitted, curve) = None, fit_with_best_curve(runs, law, choices)
     solution, (samples, notes) = fitted.solution(), fitted.downweighted()
-    return _Solved(solution, (*fitted.notes, *notes), samples, choice)
+    reasons = [curve.reason] if curve.reason else []
+    return _Solved(solution, (*reasons, *fitted.notes, *notes), samples, choice)

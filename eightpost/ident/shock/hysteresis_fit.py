@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.cross_validation import HeldOut, held_out_errors, left_out_blocks, left_out_runs
+from eightpost.ident.shock.cross_validation import CrossValidation
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import ForceModel, limits_for
@@ -38,6 +38,8 @@ _ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-7, 40)
 
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
+
+_ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
 
 #: In the covariance, a parameter at its bound is fixed: a change by 1 N counts like a force error of this many N.
 _STIFF = 10.0
@@ -131,34 +133,43 @@ def _coordinates(model: ForceModel) -> tuple[Array, Array]:
 # ---- The fit --------------------------------------------------------------------------------------------------------
 
 
-def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> HysteresisFit:
-    """Fit the law `hysteresis` to runs."""
+def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
+    """Return the fit of the law `hysteresis` to runs, ready for cross-validation.
+
+    It has a stop if the runs can show one, and if that predicts left-out parts better by more than a standard error.
+
+    Raises:
+        ParameterError: An option does not suit the law.
+    """
+    choices.check(law)
     gas, notes = gas_columns(runs, choices.gas)
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     dynamics = LaggedVelocity.of(LAWS[law], limits, runs.rate)
     model, weigh = ForceModel(runs, knot_basis(runs.velocity, runs.inside), gas, dynamics), weights_for(choices.robust)
-    without = HysteresisFit(law, tuple(notes), _robust(_without_stop, model, weigh), "")
+    found = _robust(_without_stop, model, weigh)
     if runs.has_one_speed:
-        return replace(without, stop_note="no stop: the test has a single speed, where a stop cannot be distinguished")
-    start = without.found.end.parameters
-    model = replace(model, dynamics=dynamics.with_stop()).weighted(without.runs.weights)
-    stopped = HysteresisFit(law, tuple(notes), _robust(lambda thin: _with_stop(thin, start), model, weigh), "")
-    return _better(without, stopped)
+        return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))
+    model = replace(model, dynamics=dynamics.with_stop()).weighted(found.end.problem.model.runs.weights)
+    stopped = _robust(lambda thin: _with_stop(thin, found.end.parameters), model, weigh)
+    return _better(*(CrossValidation(HysteresisFit(law, tuple(notes), one, "")) for one in (found, stopped)))
 
 
-def _better(without: HysteresisFit, stopped: HysteresisFit) -> HysteresisFit:
+def _better(without: CrossValidation, stopped: CrossValidation) -> CrossValidation:
     """Return the fit with a stop if its held-out error is lower by more than one standard error, else the other."""
-    counted = np.maximum(without.runs.weights, stopped.runs.weights)
-    held, other = (_held_out(fit, counted) for fit in (without, stopped))
-    excess, error = held.excess_over(other)
-    figures = f"the held-out error is {other.percent:.3g} % with a stop and {held.percent:.3g} % without"
-    if excess > error and stopped.has_converged:
-        return replace(stopped, stop_note=f"the law has a stop: {figures}")
-    return replace(without, stop_note=f"no stop: {figures}, not lower by more than one standard error")
+    counted = np.maximum(without.fit.runs.weights, stopped.fit.runs.weights)
+    held, other = without.decisive(counted), stopped.decisive(counted)
+    figures = f"held-out error {other.percent:.3g} % with a stop, {held.percent:.3g} % without"
+    if stopped.fit.has_converged and not held.is_as_good_as(other):
+        return _with_note(stopped, f"the law has a stop: {figures}")
+    return _with_note(without, f"the law has no stop: {figures}; one standard error is not exceeded")
 
 
-def _held_out(fit: HysteresisFit, counted: Array) -> HeldOut:
-    return held_out_errors(fit, left_out_runs(fit.runs) or left_out_blocks(fit.runs), counted)
+def _with_note(found: CrossValidation, note: str) -> CrossValidation:
+    """Return a fit with its note on the stop; computed predictions are kept."""
+    assert isinstance(found.fit, HysteresisFit)
+    other = CrossValidation(replace(found.fit, stop_note=note))
+    other.__dict__.update({name: value for name, value in found.__dict__.items() if name != "fit"})
+    return other
 
 
 def _search(problem: Projection, start: Array, effort: tuple[float, int]) -> Found:

@@ -15,21 +15,22 @@ from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.cross_validation import HeldOut, held_out_errors, left_out_blocks, left_out_runs
+from eightpost.ident.shock.cross_validation import CrossValidation, HeldOut
+from eightpost.ident.shock.curve_choice import CurveChooser, CurveComparison
 from eightpost.ident.shock.fitted_law import FittedLaw
-from eightpost.ident.shock.law_fit import fit_law
 from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, law_title, own_parameters, step_nanoseconds
 
-#: Errors that differ by less than this share count as equal: the fits are not more accurate.
-TIE = 1e-3
-
 #: A law is the same as a simpler one if its residual is at most this share below or above that of the simpler law: its
 #: own parameters are without effect then, and it cannot be better on other records.
 _SAME_FIT = (3e-3, 2e-2)
+
+
+#: A fitted law with the comparison of its curves.
+_Fitted = tuple[CrossValidation, CurveComparison]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class LawScore:
         parameters: Number of all fitted parameters, with curve and gas force.
         step_nanoseconds: Time of a step of the native FMU [ns], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
+        curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
     """
 
     law: str
@@ -55,6 +57,7 @@ class LawScore:
     parameters: int
     step_nanoseconds: float | None
     trouble: str = ""
+    curve: CurveComparison | None = None
 
     @property
     def held_out(self) -> HeldOut:
@@ -113,6 +116,7 @@ def _json_of(score: LawScore) -> dict[str, Any]:
         return {"trouble": score.trouble}
     held = score.held_out
     return {
+        **_curve_json(score),
         "held_out_percent": held.percent,
         "standard_error_percent": held.spread,
         "held_out_with_level_percent": held.raw_percent,
@@ -121,6 +125,13 @@ def _json_of(score: LawScore) -> dict[str, Any]:
         "parameters": score.parameters,
         "step_nanoseconds": score.step_nanoseconds,
     }
+
+
+def _curve_json(score: LawScore) -> dict[str, Any]:
+    if score.curve is None:
+        return {}
+    compared = {kind: held.percent for kind, held in score.curve.errors.items()}
+    return {"curve": score.curve.kind} | ({"held_out_by_curve_percent": compared} if compared else {})
 
 
 def choose_law(
@@ -168,8 +179,10 @@ def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
     return compared
 
 
-def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) -> tuple[LawChoice, FittedLaw]:
-    """Return the comparison of laws over prepared runs, and the fit of the chosen law.
+def best_law(
+    runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)
+) -> tuple[LawChoice, FittedLaw, CurveComparison]:
+    """Return the comparison of laws over prepared runs, the fit of the chosen law, and the comparison of its curves.
 
     Raises:
         ParameterError: No law could be fitted.
@@ -179,37 +192,39 @@ def best_law(runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)) ->
         whys = "; ".join(f"{law_title(law)}: {why}" for law, why in troubles.items())
         raise ParameterError(f"no law could be fitted to this record ({whys}); check the record (eightpost inspect)")
     # A sample that any law explains is no outlier; such a sample must not count in favour of the others.
-    counted = np.max([fit.runs.weights for fit in fits.values()], axis=0)
+    counted = np.max([found.fit.runs.weights for found, _ in fits.values()], axis=0)
     scores = list(_scores(fits.values(), counted))
     scores += [_excluded(law, why) for law, why in troubles.items()]
     choice = chosen_law(scores)
-    return choice, fits[choice.law]
+    found, curve = fits[choice.law]
+    return choice, found.fit, curve
 
 
-def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, FittedLaw], dict[str, str]]:
+def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, _Fitted], dict[str, str]]:
     """Return the fits by law, and the cause of trouble of each law that rejects the record."""
-    fits: dict[str, FittedLaw] = {}
+    fits: dict[str, _Fitted] = {}
     troubles: dict[str, str] = {}
+    fit_with_curve = CurveChooser(runs, choices)
     for law in laws:
         try:
-            fits[law] = fit_law(runs, law, choices)
+            fits[law] = fit_with_curve(law)
         except ValueError as error:  # raised by laws and fits that reject the data
             troubles[law] = str(error)
     return fits, troubles
 
 
-def _scores(fits: Iterable[FittedLaw], counted: Array) -> Iterator[LawScore]:
+def _scores(fits: Iterable[_Fitted], counted: Array) -> Iterator[LawScore]:
     """Yield the score of each law; one with the same fit as a simpler law is not cross-validated."""
     known: list[LawScore] = []
-    for fit in sorted(fits, key=lambda one: len(own_parameters(LAWS[one.law]))):
-        plain = _without_errors(fit, counted)
+    for found, curve in sorted(fits, key=lambda one: len(own_parameters(LAWS[one[0].fit.law]))):
+        plain = replace(_without_errors(found.fit, counted), curve=curve)
         simpler = [one for one in known if one.own_parameters < plain.own_parameters]
         equal = [one for one in simpler if _is_same_fit(plain.fit_percent, one.fit_percent)]
         known.append(plain)
         if equal:
             yield replace(plain, trouble=f"same fit as {law_title(equal[0].law)}: not cross-validated")
         else:
-            yield _cross_validated(fit, plain, counted)
+            yield _cross_validated(found, plain, counted)
 
 
 def _is_same_fit(percent: float, simpler: float) -> bool:
@@ -231,11 +246,9 @@ def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
     )
 
 
-def _cross_validated(fit: FittedLaw, score: LawScore, counted: Array) -> LawScore:
+def _cross_validated(found: CrossValidation, score: LawScore, counted: Array) -> LawScore:
     try:
-        blocks = held_out_errors(fit, left_out_blocks(fit.runs), counted)
-        across = left_out_runs(fit.runs)
-        runs = held_out_errors(fit, across, counted) if across else None
+        blocks, runs = found.blocks(counted), found.runs(counted)
     except ValueError as error:  # raised by laws and fits that reject a part of the data
         return replace(score, trouble=f"a part of the record cannot be fitted: {error}")
     return replace(score, blocks=blocks, runs=runs)
@@ -260,15 +273,10 @@ def chosen_law(scores: Sequence[LawScore]) -> LawChoice:
         raise ParameterError("no law could be fitted to parts of this record; fit a law by its name")
     eligible = [score for score in scored if not score.trouble] or scored
     best = min(eligible, key=lambda score: score.held_out.percent)
-    equal = [score for score in eligible if _is_as_good(score.held_out, best.held_out)]
+    equal = [score for score in eligible if score.held_out.is_as_good_as(best.held_out)]
     chosen = min(equal, key=lambda score: (score.own_parameters, score.held_out.percent))
     ordered = sorted(scores, key=lambda score: (score.own_parameters, score.law))
     return LawChoice(tuple(ordered), chosen.law, best.law, _reason(chosen, best))
-
-
-def _is_as_good(held: HeldOut, best: HeldOut) -> bool:
-    excess, error = held.excess_over(best)
-    return excess <= error or held.percent <= (1.0 + TIE) * best.percent
 
 
 def _reason(chosen: LawScore, best: LawScore) -> str:

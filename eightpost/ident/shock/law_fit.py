@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import CurveKind
@@ -18,7 +16,7 @@ from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
-from eightpost.shock import LAWS, fit_form
+from eightpost.shock import LAWS
 
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
@@ -73,13 +71,8 @@ class LawFit(FittedLaw):
         return self.joint.refitted_rows(self.sketch, weights)
 
 
-def fit_law(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polynomial") -> FittedLaw:
-    """Fit a law with a kind of curve to runs by the joint recipe, or by the recipe of its own that its form has."""
-    if fit_form(LAWS[law]) == "lagged velocity":
-        # The compiler takes a second to load.
-        from eightpost.ident.shock.hysteresis_fit import fit_hysteresis  # noqa: PLC0415
-
-        return fit_hysteresis(runs, law, choices)
+def fit_law(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polynomial") -> LawFit:
+    """Fit a law with a kind of curve to runs by the joint recipe."""
     models, notes = models_for(runs, law, choices, curve)
     joint = Joint(choices.shape, choices.order)
     return LawFit(law, tuple(notes), joint, _robust_sketch(joint, models, weights_for(choices.robust)))
