@@ -85,7 +85,10 @@ class Projection:
     def penalty(self) -> Array:
         """The rows (P, n) that penalise the linear parameters beside the weighted rows."""
         outer = np.diff(np.eye(KNOTS), axis=0)[[*range(_OUTER), *range(KNOTS - 1 - _OUTER, KNOTS - 1)]]
-        slopes, stop = np.vstack([self.model.basis.penalty, _STRAIGHT * outer]), RIDGE * np.eye(self.own_count - 2 * KNOTS)
+        slopes, stop = (
+            np.vstack([self.model.basis.penalty, _STRAIGHT * outer]),
+            RIDGE * np.eye(self.own_count - 2 * KNOTS),
+        )
         rows = block_diag(slopes, slopes, stop, np.zeros((0, self.model.gas.count)))
         return np.asarray(np.sqrt(self.model.runs.weights.sum()) * rows)
 

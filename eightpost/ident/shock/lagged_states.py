@@ -80,7 +80,9 @@ class States:
 # ---- One record -----------------------------------------------------------------------------------------------------
 
 
-def _lagged_velocity(velocity: Array, step: float, logarithms: Array, nodes: tuple[float, ...], *, is_fine: bool) -> Array:
+def _lagged_velocity(
+    velocity: Array, step: float, logarithms: Array, nodes: tuple[float, ...], *, is_fine: bool
+) -> Array:
     """Return the lagged velocity (N,) [m/s] of a record; it starts at the velocity.
 
     Args:
