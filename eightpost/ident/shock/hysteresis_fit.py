@@ -34,7 +34,7 @@ _FOLLOWED = 2
 
 #: Tolerance and maximum number of evaluations: of a first search from each start, of a search to the minimum, and of a
 #: fit to a part of the record, which must not end near its start, the fit to everything.
-_ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-7, 40)
+_ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
 
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
