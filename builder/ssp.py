@@ -17,6 +17,7 @@ from pathlib import Path
 
 from builder.check.description import Variable
 from builder.check.description3 import read_description
+from builder.documents import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, InputError, WiringError
@@ -244,10 +245,12 @@ def _setup(component: str, values: Mapping[str, Value], fmu: _Fmu) -> ET.Element
 
 
 def _tunable(fmu: _Fmu) -> dict[str, Value]:
+    """Return the start values of the tunable parameters, except those of a shock's curve."""
     return {
         v.name: float(v.start)
         for v in fmu.variables.values()
         if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real" and v.start is not None
+        if not v.name.startswith(SECRET)
     }
 
 

@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import settings
@@ -89,6 +90,24 @@ def _curve() -> StaticCurve:
         compression_slope=3000.0,
         rebound_slope=3500.0,
     )
+
+
+def _knot_curve() -> StaticCurve:
+    """A curve of the same size through knots, with quadratic cells and different noses on both sides."""
+    velocity = np.array([-1.1, 1.2])[np.repeat([0, 1], [12, 13])] * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+    slope = 1500.0 + 5000.0 / (1.0 + (velocity / np.where(velocity > 0.0, 0.12, 0.09)) ** 2) + 400.0 * velocity
+    force = np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))))
+    return StaticCurve.through_knots(*(tuple(one.tolist()) for one in (velocity, force - force[12], slope)))
+
+
+@pytest.fixture(scope="session")
+def knots() -> dict[str, float]:
+    """A curve through knots as parameters of a shock FMU."""
+    curve = _knot_curve()
+    fields = ("compression_speed", "rebound_speed", "compression_slope", "rebound_slope")
+    arrays = ("knot_velocity", "knot_force", "knot_slope")
+    values = {f"curve.{name}": getattr(curve, name) for name in fields}
+    return values | {f"curve.{name}[{k + 1}]": one for name in arrays for k, one in enumerate(getattr(curve, name))}
 
 
 @pytest.fixture(scope="session")

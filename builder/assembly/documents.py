@@ -189,7 +189,7 @@ class _Run:
         self._take_vehicle(fed)
         for name, law in self._laws.items():
             velocity, displacement = self._fed(name, u, self._now)
-            self._lagged[name] = law.static_force(velocity)
+            self._lagged[name] = law.start(velocity)
             self._now[f"{name}.force"] = law.response(self._lagged[name], velocity, displacement).force
         return np.array([self._now[f"{name}.force"] for name in self._laws])
 

@@ -33,6 +33,11 @@ result = simulate_fmu("{identifier}.fmu", stop_time=1.0, output_interval=1e-3)</
 step size is allowed.</p>
 """
 
+_CURVE = (
+    "Fixed parameters can be set until initialization ends. The knots can be set at any time: set all that "
+    "change before the next step. Without knots (all velocities 0) the curve is that of the polynomials."
+)
+
 _CONNECT = """<p><code>terminalsAndIcons/terminalsAndIcons.xml</code> groups the variables of each port into a terminal,
 so that tools which support terminals connect a shock and a vehicle in one step: {ports}. To connect them manually,
 connect velocity and displacement from the vehicle to the shock and force from the shock to the vehicle, without a
@@ -92,9 +97,7 @@ def _variables(interface: Interface) -> list[Section]:
     sections = [Section(heading, _table(variables)) for heading, variables in kinds.items() if variables]
     if curve := [v for v in interface.variables if _is_curve(v)]:
         html = folded(f"{len(curve)} variables", _table(curve))
-        sections.insert(
-            3, Section("Curve", paragraph("Fixed parameters: they can be set until initialization ends.") + html)
-        )
+        sections.insert(3, Section("Curve", paragraph(_CURVE) + html))
     return sections
 
 

@@ -131,8 +131,11 @@ def _label_curve(axes: Axes) -> None:
 
 
 def _static(law: ShockLaw, velocity: Array) -> Array:
-    """Return the port force [N] after the lag has settled, (K,)."""
-    return np.array([law.response(law.static_force(v), v, 0.0).force for v in velocity.tolist()])
+    """Return the port force [N] of the static curve and the seals, (K,)."""
+    port = law.port
+    return np.array(
+        [port.motion_ratio * (law.static_force(v) + port.seal_force(port.motion_ratio * v)) for v in velocity.tolist()]
+    )
 
 
 def _loop(law: ShockLaw, amplitude: float) -> tuple[Array, Array]:
@@ -140,7 +143,7 @@ def _loop(law: ShockLaw, amplitude: float) -> tuple[Array, Array]:
     steps = 800
     time = np.arange(2 * steps + 1) / (steps * LOOP_FREQUENCY)
     velocity = amplitude * np.sin(2.0 * np.pi * LOOP_FREQUENCY * time)
-    lagged, forces = law.static_force(0.0), []
+    lagged, forces = law.start(0.0), []
     for before, after in zip(velocity[:-1].tolist(), velocity[1:].tolist(), strict=True):
         lagged = law.follow(lagged, before, after, float(time[1]))
         forces.append(law.response(lagged, after, 0.0).force)

@@ -139,7 +139,7 @@ def _shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
     `outputs` are names of `eightpost.shock.Response`.
     """
     u = rounded(_shock_inputs(shock.law))
-    lagged = shock.law.static_force(u[0, 0])
+    lagged = shock.law.start(u[0, 0])
     rows = [shock.law.response(lagged, u[0, 0], u[0, 1])]
     for velocity, displacement in u[:-1].tolist():
         lagged = shock.law.follow(lagged, velocity, velocity, STEP)

@@ -16,6 +16,7 @@ import numpy as np
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.shock import Shock
+from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
 
 # ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
@@ -53,6 +54,14 @@ _KEYS = {
 
 #: Name of a vehicle's continuous states: `mode.real[1]`, `mode.imaginary[1]`, in an assembly `<vehicle>.mode.real[1]`.
 _MODE = re.compile(r"(?:\w+\.)?mode\.(?:real|imaginary)\[\d+\]")
+
+
+#: Parameters of a curve that have no effect if it has knots.
+_POLYNOMIALS = re.compile(r"curve\.(?:inner\[|compression\[|rebound\[|transition_)")
+
+#: Where the last knot is not at 0, a curve has knots. An FMU that is built with knots does not accept to lose them, so
+#: that it never depends on the polynomials.
+_LAST_KNOT, _LEAST_SPEED = f"curve.knot_velocity[{KNOTS}]", 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,9 +151,12 @@ def shock_interface(shock: Shock) -> Interface:
     variables = tuple(v for row in rows for v in _sized_variables(row, shock.law))
     # The start is an equilibrium, so parameters that only affect how the lag develops have no influence on it.
     idle = {row["name"] for row in table["variable"] if not row.get("at_start", True)}
+    if shock.law.curve.has_knots:
+        idle |= {v.name for v in variables if _POLYNOMIALS.match(v.name)}
+        variables = tuple(replace(v, minimum=_LEAST_SPEED) if v.name == _LAST_KNOT else v for v in variables)
     parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
     inputs = tuple(v.name for v in variables if v.causality == "input")
-    starts = _start_dependencies(table["start_dependencies"], variables)
+    starts = _start_dependencies(table["start_dependencies"], [v for v in variables if v.name not in idle])
     interface = Interface(
         kind=table["interface"],
         version=table["version"],

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from builder.documents.reference import SECRET
 from builder.fmu.interface import Interface, Variable
 from eightpost import units
 
@@ -86,7 +87,7 @@ BUMP = (
 
 
 def shock_controls(interface: Interface) -> tuple[Control, ...]:
-    """Return a control for each parameter of a shock that may be changed at any time."""
+    """Return a control for each parameter of a shock that may be changed at any time, except those of its curve."""
     return tuple(_controls(interface))
 
 
@@ -97,7 +98,8 @@ def to_json(controls: tuple[Control, ...]) -> list[dict[str, Any]]:
 
 def _controls(interface: Interface) -> Iterator[Control]:
     for variable in interface.variables:
-        if variable.causality == "parameter" and variable.variability == "tunable" and variable.type == "Real":
+        is_tunable = variable.causality == "parameter" and variable.variability == "tunable"
+        if is_tunable and variable.type == "Real" and not variable.name.startswith(SECRET):
             start = float(variable.start or 0.0)
             yield Control.of(variable.name, variable.description, variable.unit or "1", _limits(variable, start), start)
 

@@ -146,13 +146,15 @@ def read_dyno_tests(
 ) -> tuple[DynoTest, ...]:
     """Read and check all tables of a shock dynamometer file; see read_dyno_test for arguments and errors.
 
-    Conditions in a preamble apply to its table and to the following tables, until another preamble changes them. Times
-    that continue from one table to the next are not changed. `split_runs` splits a table into runs.
+    Tables without force and motion are left out if others have them. Conditions in a preamble apply to its table and to
+    the following tables, until another preamble changes them. Times that continue from one table to the next are not
+    changed. `split_runs` splits a table into runs.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
     known = DynoConditions()
     tests = []
-    for record in read_records(path):
+    records = read_records(path)
+    for record in [r for r in records if _has_channels(dyno_map(r, channel_map))] or records:
         known = conditions_from(record.preamble)[0].over(known)
         tests.append(reading.test(record, (conditions or DynoConditions()).over(known)))
     return tuple(tests)
@@ -192,6 +194,11 @@ class _Reading:
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
         return replace(test, reasons=reasons).judged()
+
+
+def _has_channels(mapping: ChannelMap) -> bool:
+    found = set(mapping.channels)
+    return mapping.time is not None and "force" in found and bool(found & {"velocity", "displacement"})
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:

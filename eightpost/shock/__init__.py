@@ -1,9 +1,11 @@
-"""Shock laws (chapter 3): Polylinear, LPF1, LPNL2, Maxwell. Force over velocity, positive in compression, SI units."""
+"""Shock laws (chapter 3 and more). Force over velocity, positive in compression, SI units."""
 
 from eightpost.shock.curve import CurveNumbers, StaticCurve
 from eightpost.shock.file import Shock, read_shock, write_shock
+from eightpost.shock.hysteresis import Hysteresis
 from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
 from eightpost.shock.laws import (
+    FITTED_LAWS,
     LAWS,
     fit_form,
     fit_parameters,
@@ -12,6 +14,7 @@ from eightpost.shock.laws import (
     law_title,
     own_parameters,
     own_values,
+    state_names,
     step_nanoseconds,
 )
 from eightpost.shock.lpf1 import Lpf1
@@ -21,9 +24,11 @@ from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
 
 __all__ = [
+    "FITTED_LAWS",
     "LAWS",
     "CurveNumbers",
     "FitParameter",
+    "Hysteresis",
     "Lpf1",
     "Lpnl2",
     "Maxwell",
@@ -43,6 +48,7 @@ __all__ = [
     "own_parameters",
     "own_values",
     "read_shock",
+    "state_names",
     "step_nanoseconds",
     "write_shock",
 ]

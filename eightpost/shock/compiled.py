@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from math import tanh
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, cast
 
 import numpy as np
@@ -24,7 +24,7 @@ from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER, CurveNumbers
 from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
-from eightpost.shock.laws import LAWS, law_module, own_parameters, own_values
+from eightpost.shock.laws import LAWS, law_module, own_size, own_values, state_names
 from eightpost.shock.port import Port
 
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
@@ -86,23 +86,54 @@ def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Call
 
 
 def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the valve force (N,) [N] of a law for a record; it starts in equilibrium, F_lag = F_s.
+    """Return the valve force (N,) [N] of a law for a record; it starts in steady motion, with one state F_lag = F_s.
 
     Args:
-        law: Class of the law; its file has `advance_core` and `weight_core`.
+        law: Class of the law; its file has `advance_core`, and `weight_core` or `force_core`.
         valve: Curve and scales of the static force.
         own: The law's own parameters, in the order of its fields.
         velocity: Damper velocity (N,) [m/s].
         step: Time (N - 1,) from sample to sample [s].
     """
     force = np.empty(velocity.size)
-    machine(law)(valve, own, np.ascontiguousarray(velocity), step, force)
+    numbers: Any = (valve, own)
+    if len(state_names(law)) > 1:  # in long tuples, machine code takes long to find a value
+        port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
+        numbers = (_records([(law, port, tuple(valve.curve), own)]),)  # type: ignore[arg-type]
+    machine(law)(*numbers, np.ascontiguousarray(velocity), step, force)
     return force
 
 
 @cache
 def machine(law: type[ShockLaw]) -> Callable[..., None]:
     """Return the compiled loop of a law."""
+    return _machine_of_one_state(law) if len(state_names(law)) == 1 else _machine_of_states(law)
+
+
+def _machine_of_states(law: type[ShockLaw]) -> Callable[..., None]:
+    module = law_module(law)
+    start_core, advance_core, force_core = module.start_core, module.advance_core, module.force_core
+    number = _number_of(_registered(start_core, advance_core, force_core, valve_force))
+
+    def loop(numbers: Any, velocity: Any, step: Any, force: Any) -> None:
+        if number == 0:
+            return
+        port, own = numbers[0].port, numbers[0].own
+        valve = Valve(numbers[0].curve, port.compression_scale, port.rebound_scale)
+        before = valve_force(valve, velocity[0])
+        states = start_core(velocity[0], before, own, valve)
+        force[0] = force_core(states, velocity[0], before, own, valve)
+        for n in range(1, velocity.size):
+            after = valve_force(valve, velocity[n])
+            piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
+            states = advance_core(states, piece, own, valve)
+            force[n] = force_core(states, velocity[n], after, own, valve)
+            before = after
+
+    return compiled_loop(loop)
+
+
+def _machine_of_one_state(law: type[ShockLaw]) -> Callable[..., None]:
     module = law_module(law)
     advance_core, weight_core = module.advance_core, module.weight_core
     # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
@@ -137,34 +168,44 @@ LAW_NUMBERS = np.dtype(
         ("kind", "i8"),
         ("port", [(f.name, "f8") for f in dataclasses.fields(Port)]),
         ("curve", _CURVE),
-        ("own", "f8", (max(1, *(len(own_parameters(law)) for law in LAWS.values())),)),
+        ("own", "f8", (max(1, *(own_size(law) for law in LAWS.values())),)),
     ]
 )
 
 
+#: Number of states with which `law_step` works.
+MOST_STATES = 2
+assert max(len(state_names(law)) for law in LAWS.values()) <= MOST_STATES
+
+
 def law_numbers(laws: Sequence[ShockLaw]) -> np.ndarray[Any, np.dtype[np.void]]:
     """Return laws as records (S,) of `LAW_NUMBERS`."""
+    return _records([(type(law), law.port, tuple(law.curve.numbers()), own_values(law)) for law in laws])
+
+
+def _records(
+    laws: Sequence[tuple[type[ShockLaw], Port, tuple[Any, ...], tuple[float, ...]]],
+) -> np.ndarray[Any, np.dtype[np.void]]:
     kinds, count = list(LAWS.values()), LAW_NUMBERS["own"].shape[0]
     numbers = np.zeros(len(laws), LAW_NUMBERS)
-    for k, law in enumerate(laws):
-        own = own_values(law)
-        port, curve = dataclasses.astuple(law.port), tuple(law.curve.numbers())
-        numbers[k] = (kinds.index(type(law)), port, curve, (*own, *[0.0] * (count - len(own))))
+    for k, (law, port, curve, own) in enumerate(laws):
+        numbers[k] = (kinds.index(law), dataclasses.astuple(port), curve, (*own, *[0.0] * (count - len(own))))
     return numbers
 
 
 def law_step(
-    numbers: Any, lagged: float, before: float, after: float, displacement: float, step: float
-) -> tuple[float, float]:
-    """Return F_lag [N] and the port force [N] after a step; the same as `ShockLaw.advance` and `ShockLaw.response`.
+    numbers: Any, states: tuple[float, float], before: float, after: float, displacement: float, step: float
+) -> tuple[tuple[float, float], float]:
+    """Return states and port force [N] after a step; the same as `ShockLaw.advance` and `ShockLaw.response`.
 
     Args:
         numbers: Record of the law; see `LAW_NUMBERS`.
-        lagged: F_lag at the start of the step [N].
+        states: `MOST_STATES` states at the start of the step: F_lag [N] and a number without use, or those of a law
+            with several states.
         before: Port velocity at the start [m/s].
         after: Port velocity at the end [m/s]; F_s is linear in between.
         displacement: Port displacement at the end [m].
-        step: Duration [s]; if it is 0, F_lag does not change.
+        step: Duration [s]; if it is 0, the states do not change.
     """
     port = numbers.port
     valve = Valve(numbers.curve, port.compression_scale, port.rebound_scale)
@@ -173,38 +214,54 @@ def law_step(
     if step > 0.0:
         start = port.motion_ratio * before
         piece = Piece(start, velocity, valve_force(valve, start), static, step)
-        lagged = _advance(numbers.kind, lagged, piece, numbers, valve)
-    weight = _weight(numbers.kind, static, numbers)
-    force = weight * lagged + (1.0 - weight) * static
+        states = _advance(numbers.kind, states, piece, numbers, valve)
+    force = _force(numbers.kind, states, velocity, static, numbers, valve)
     if port.seal_friction != 0.0:
         force += port.seal_friction * tanh(velocity / port.friction_velocity)
     gas = port.gas_preload + port.gas_stiffness * port.motion_ratio * displacement
-    return lagged, port.motion_ratio * (force + gas)
+    return states, port.motion_ratio * (force + gas)
 
 
-def _advance_of(law: type[ShockLaw]) -> Callable[..., float]:
-    core, count = law_module(law).advance_core, len(own_parameters(law))
+def _advance_of(law: type[ShockLaw]) -> Callable[..., Any]:
+    core, count = law_module(law).advance_core, own_size(law)
 
-    def advance(lagged: float, piece: Piece, numbers: Any, valve: Valve) -> Any:
-        return core(lagged, piece, to_fixed_tuple(numbers.own, count), valve)
+    def advance(states: tuple[float, float], piece: Piece, numbers: Any, valve: Valve) -> Any:
+        return core(states, piece, numbers.own, valve)
 
-    return advance
+    def advance_one(states: tuple[float, float], piece: Piece, numbers: Any, valve: Valve) -> Any:
+        return core(states[0], piece, to_fixed_tuple(numbers.own, count), valve), states[1]
 
-
-def _weight_of(law: type[ShockLaw]) -> Callable[..., float]:
-    core, count = law_module(law).weight_core, len(own_parameters(law))
-
-    def weight(static: float, numbers: Any) -> Any:
-        return core(static, to_fixed_tuple(numbers.own, count))
-
-    return weight
+    return advance_one if len(state_names(law)) == 1 else advance
 
 
-_advance, _weight = (_choice_of([of(law) for law in LAWS.values()]) for of in (_advance_of, _weight_of))
+def _force_of(law: type[ShockLaw]) -> Callable[..., Any]:
+    module, count = law_module(law), own_size(law)
+    weight_core = module.weight_core
+
+    def force_of_one(states: Any, velocity: float, static: float, numbers: Any, valve: Valve) -> Any:
+        weight = weight_core(static, to_fixed_tuple(numbers.own, count))
+        return weight * states[0] + (1.0 - weight) * static
+
+    if len(state_names(law)) == 1:
+        return force_of_one
+    core = module.force_core
+
+    def force(states: Any, velocity: float, static: float, numbers: Any, valve: Valve) -> Any:
+        return core(states, velocity, static, numbers.own, valve)
+
+    return force
+
+
+_advance, _force = (_choice_of([of(law) for law in LAWS.values()]) for of in (_advance_of, _force_of))
 
 register_jitable(law_step)
 
+
+def _cores(module: ModuleType) -> list[Any]:
+    """Return the functions that a law's file defines for compilation."""
+    names = ("start_core", "advance_core", "weight_core", "force_core")
+    return [getattr(module, name) for name in names if hasattr(module, name)]
+
+
 #: A number that changes with any file that the code of `law_step` comes from.
-LAW_FILES = _number_of(
-    {law_step}.union(*(_registered(m.advance_core, m.weight_core, valve_force) for m in map(law_module, LAWS.values())))
-)
+LAW_FILES = _number_of({law_step}.union(*(_registered(*_cores(law_module(law)), valve_force) for law in LAWS.values())))

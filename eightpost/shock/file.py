@@ -14,7 +14,7 @@ from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import LAWS, law_name, own_parameters, own_values
+from eightpost.shock.laws import LAWS, law_name, own_parameters
 from eightpost.shock.port import Port
 from eightpost.validity import Validity
 
@@ -56,7 +56,7 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         "tool": f"eightpost {__version__}",
         "name": shock.name,
         "law": shock.law_name,
-        "parameters": dict(zip(own_parameters(type(shock.law)), own_values(shock.law), strict=True)),
+        "parameters": {name: getattr(shock.law, name) for name in own_parameters(type(shock.law))},
         "curve": _curve_section(shock.law.curve),
         "port": dataclasses.asdict(shock.law.port),
         "conditions": dict(shock.conditions),

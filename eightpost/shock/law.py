@@ -2,18 +2,24 @@
 
 Standard library only: the FMU contains a copy of this file. A law defines how its lagged force follows the velocity
 and the static force (`advance_lag`, `advance_piece`) and the weight of the lagged force in the output (`lag_weight`).
+A law with several states also defines their start (`start`) and the force of the valves (`valve_force`).
 
 A law is a single file (docs/add_a_law.md). Besides its class, the file has at module level:
 
 - `weight_core(static_force, own) -> alpha` and `advance_core(lagged, piece, own, valve) -> F_lag`: its equations, as
   functions of floats and the tuples below. The class calls them, and a fit compiles the same functions. `own` are the
   law's own parameters, in the order of its fields.
+- In a law with several states: their names `STATES`, `start_core(velocity, static_force, own, valve) -> states`,
+  `advance_core(states, piece, own, valve) -> states` and `force_core(states, velocity, static_force, own, valve) ->
+  F_v`; states are tuples of floats. If own parameters are tuples, `SIZES` has their numbers of values by name, and
+  `own` contains these values one after the other.
 - `FIT_PARAMETERS`: a `FitParameter` for each of these parameters.
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
   lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
   0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1
   and F_2, each times the factor. "series spring": the only parameter is a stiffness in series with the curve. The fit
   evaluates both functions of alpha for arrays, with the `min`, `max` and `copysign` of numpy: they have no branches.
+  "recipe": the law is not fitted by its parameters.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from .curve import CurveNumbers, StaticCurve, curve_force
 from .port import Port
@@ -29,6 +35,10 @@ from .port import Port
 #: Largest change of damper velocity [m/s] over which `follow` treats F_s as linear, and its maximum number of pieces.
 STRAIGHT = 0.01
 MOST_PIECES = 1000
+
+
+#: State of a law between steps: F_lag [N], or a tuple of floats if the law has several states.
+State = Any
 
 
 class FitParameter(NamedTuple):
@@ -104,13 +114,22 @@ class ShockLaw(ABC):
     def lag_weight(self, static_force: float) -> float:
         """Return alpha [1] at a static force F_s [N]."""
 
-    @abstractmethod
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
         """Return F_lag [N] after `step` [s] in which F_s changes linearly from start to end [N]."""
+        raise TypeError(f"{type(self).__name__} does not follow from static forces alone; use advance_piece")
 
-    def advance_piece(self, lagged: float, piece: Piece) -> float:
-        """Return F_lag [N] after a piece; override it in a law that needs velocities."""
-        return self.advance_lag(lagged, piece.static_start, piece.static_end, piece.step)
+    def advance_piece(self, state: State, piece: Piece) -> State:
+        """Return the state after a piece; override it in a law that needs velocities."""
+        return self.advance_lag(state, piece.static_start, piece.static_end, piece.step)
+
+    def start(self, velocity: float) -> State:
+        """Return the state of steady motion at a port velocity [m/s]; F_lag = F_s unless the law overrides it."""
+        return self.static_force(velocity)
+
+    def valve_force(self, state: State, velocity: float) -> float:
+        """Return F_lag [N] in a state at a port velocity [m/s]; a law with several states overrides it."""
+        lagged: float = state
+        return lagged
 
     @property
     def valve(self) -> Valve:
@@ -122,14 +141,14 @@ class ShockLaw(ABC):
         damper_velocity = self.port.motion_ratio * velocity
         return self.port.scale(damper_velocity) * self.curve.force(damper_velocity)
 
-    def advance(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s]; F_s changes linearly between its values at the port velocities [m/s]."""
+    def advance(self, state: State, velocity_start: float, velocity_end: float, step: float) -> State:
+        """Return the state after `step` [s]; F_s changes linearly between its values at the port velocities [m/s]."""
         static_end = self.static_force(velocity_end)
         static_start = static_end if velocity_start == velocity_end else self.static_force(velocity_start)
-        return self.advance_piece(lagged, self._piece(velocity_start, velocity_end, static_start, static_end, step))
+        return self.advance_piece(state, self._piece(velocity_start, velocity_end, static_start, static_end, step))
 
-    def follow(self, lagged: float, velocity_start: float, velocity_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s] in which the port velocity [m/s] changes linearly from start to end.
+    def follow(self, state: State, velocity_start: float, velocity_end: float, step: float) -> State:
+        """Return the state after `step` [s] in which the port velocity [m/s] changes linearly from start to end.
 
         F_s is approximated by straight lines, each over at most `STRAIGHT` of damper velocity; a held velocity takes
         one line and is exact.
@@ -140,9 +159,9 @@ class ShockLaw(ABC):
             share = k / count
             there = velocity_end if k == count else velocity_start + (velocity_end - velocity_start) * share
             after = before if there == here else self.static_force(there)
-            lagged = self.advance_piece(lagged, self._piece(here, there, before, after, step / count))
+            state = self.advance_piece(state, self._piece(here, there, before, after, step / count))
             here, before = there, after
-        return lagged
+        return state
 
     def _piece(self, start: float, end: float, static_start: float, static_end: float, step: float) -> Piece:
         ratio = self.port.motion_ratio
@@ -152,12 +171,12 @@ class ShockLaw(ABC):
         change = abs(self.port.motion_ratio * (velocity_end - velocity_start)) / STRAIGHT
         return 1 if change < 1.0 else MOST_PIECES if change >= MOST_PIECES else int(change) + 1
 
-    def response(self, lagged: float, velocity: float, displacement: float) -> Response:
-        """Return the outputs for a lagged force [N] at a port velocity [m/s] and displacement [m]."""
+    def response(self, state: State, velocity: float, displacement: float) -> Response:
+        """Return the outputs in a state at a port velocity [m/s] and displacement [m]."""
         port = self.port
         damper_velocity = port.motion_ratio * velocity
         static = self.static_force(velocity)
-        weight = self.lag_weight(static)
+        weight, lagged = self.lag_weight(static), self.valve_force(state, velocity)
         dissipative = weight * lagged + (1.0 - weight) * static + port.seal_force(damper_velocity)
         return Response(
             force=port.motion_ratio * (dissipative + port.gas_force(displacement)),

@@ -17,13 +17,26 @@ _OTHERS = ("compiled", "curve", "file", "lag", "law", "laws", "port")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
-    """Return the names of a law's own scalar parameters, without curve and port."""
+    """Return the names of a law's own parameters, without curve and port."""
     return tuple(f.name for f in dataclasses.fields(law) if f.name not in ("curve", "port"))
 
 
 def own_values(law: ShockLaw) -> tuple[float, ...]:
-    """Return the values of a law's own scalar parameters."""
-    return tuple(getattr(law, name) for name in own_parameters(type(law)))
+    """Return the values of a law's own parameters, those of tuples one after the other."""
+    values = (getattr(law, name) for name in own_parameters(type(law)))
+    return tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
+
+
+def own_size(law: type[ShockLaw]) -> int:
+    """Return the number of `own_values` of a law."""
+    sizes: Mapping[str, int] = getattr(law_module(law), "SIZES", {})
+    return sum(sizes.get(name, 1) for name in own_parameters(law))
+
+
+def state_names(law: type[ShockLaw]) -> tuple[str, ...]:
+    """Return the names of a law's states."""
+    names: tuple[str, ...] = getattr(law_module(law), "STATES", ("lagged_force",))
+    return names
 
 
 def law_name(law: type[ShockLaw]) -> str:
@@ -76,5 +89,10 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
 
+_RECIPE = "recipe"
+
 #: All laws by the name used in files and on the command line.
 LAWS: Mapping[str, type[ShockLaw]] = _law_classes()
+
+#: Names of the laws that a fit can find; the others wait for a recipe of their own.
+FITTED_LAWS = tuple(name for name, law in LAWS.items() if fit_form(law) != _RECIPE)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import copysign, inf, isfinite
 
+from .curve import KNOTS
 from .lag import advance
 from .law import STRAIGHT, FitParameter, Piece, ShockLaw, Valve, valve_force
 
@@ -125,6 +126,8 @@ def _room_before_kink(w: float, towards: float, valve: Valve) -> float:
     side = copysign(1.0, towards)
     curve, half = valve.curve, 0.5 * valve.curve.transition_width
     inside, outside = curve.transition_speed - half, curve.transition_speed + half
+    if curve.knot_velocity[KNOTS - 1] > 0.0:  # a spline has no transition
+        inside = outside = 0.0
     room = inf
     for kink in (-curve.rebound_speed, -outside, -inside, 0.0, inside, outside, curve.compression_speed):
         distance = side * (kink - w)

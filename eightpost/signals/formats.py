@@ -25,14 +25,13 @@ if TYPE_CHECKING:
 # ---- Reading --------------------------------------------------------------------------------------------------------
 
 _READERS = {
-    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat, ".mf4": read_mdf,
-    ".mdf": read_mdf,
+    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat,
 }  # fmt: skip
 #: Readers of formats that may contain several tables.
 _TABLE_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     ".csv": read_csv_blocks, ".txt": read_csv_blocks, ".tsv": read_csv_blocks, ".dat": read_csv_blocks,
     ".xlsx": read_spreadsheet, ".xlsm": read_spreadsheet, ".xls": read_spreadsheet, ".ods": read_spreadsheet,
-    ".tdms": read_tdms, ".lvm": read_lvm,
+    ".tdms": read_tdms, ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf,
 }  # fmt: skip
 #: Suffixes of files that can be read.
 SUFFIXES = tuple(dict.fromkeys((*_READERS, *_TABLE_READERS)))
@@ -58,12 +57,14 @@ def read_record(path: str | Path) -> RawRecord:
 
 def _only_table(records: tuple[RawRecord, ...], path: Path) -> RawRecord:
     if len(records) > 1:
-        raise FileFormatError(f"the file has {len(records)} tables; keep one, or read all of them", path=path)
+        lengths = "; ".join(f"{', '.join(each.names[:8])}: {each.columns[0].size} rows" for each in records[:4])
+        what = f"the file has {len(records)} tables, but one is needed ({lengths}); export all channels with one time"
+        raise FileFormatError(what, path=path)
     return records[0]
 
 
 def read_records(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read all tables of a text file, spreadsheet or LabVIEW file without conversion; other formats have one table.
+    """Read all tables of a text, spreadsheet, LabVIEW or MDF file without conversion; other formats have one.
 
     Raises:
         FileFormatError: The file is missing or its format is unknown.

@@ -1,4 +1,4 @@
-"""ASAM MDF files (.mf4, .mdf) with one time axis, read with asammdf, which is an optional dependency."""
+"""ASAM MDF files (.mf4, .mdf), read with asammdf, which is an optional dependency."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
+from eightpost.units import compatible, is_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,15 +25,15 @@ if TYPE_CHECKING:
 _TIME = "time"
 
 
-def read_mdf(path: str | Path) -> RawRecord:
-    """Read the numeric channels of an MDF file; their time axis becomes the column `time` [s].
+def read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read the numeric channels of an MDF file: one table per time axis, which becomes its column `time` [s].
 
-    The file may have several channel groups if all have the same sample times. The comment in the file's header becomes
-    the preamble of the record.
+    Channel groups with the same sample times make one table. Tables with many channels come first, then long ones.
+    Temperatures change slowly, so the first table has those of the other tables too, interpolated. The comment in the
+    file's header becomes the preamble of each table.
 
     Raises:
-        FileFormatError: asammdf is not installed or cannot read the file, there is no numeric channel, or the channels
-            have different time axes.
+        FileFormatError: asammdf is not installed or cannot read the file, or there is no numeric channel.
     """
     path = Path(path)
     if importlib.util.find_spec("asammdf") is None:
@@ -42,9 +43,36 @@ def read_mdf(path: str | Path) -> RawRecord:
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)
-    times = _common_time(signals, path)
+    first, *others = _by_time(signals, path)
+    first = [*first, *_temperatures(first[0].times, others)]
+    return tuple(_table(table, path, comment) for table in (first, *others))
+
+
+def _by_time(signals: list[Signal], path: Path) -> list[list[Signal]]:
+    """Return the channels of each time axis, those of the axis with most channels first."""
+    tables: dict[bytes, list[Signal]] = {}
+    for signal in signals:
+        if signal.samples.size != signal.times.size:
+            what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
+            raise FileFormatError(what, path=path, channel=signal.name)
+        tables.setdefault(signal.times.tobytes(), []).append(signal)
+    return sorted(tables.values(), key=lambda table: (len(table), table[0].times.size), reverse=True)
+
+
+def _temperatures(times: NDArray[np.float64], tables: list[list[Signal]]) -> list[Signal]:
+    """Return the temperatures of tables at other times (N,) [s]; beyond their own times they are constant."""
+    warm = [signal for table in tables for signal in table if is_unit(signal.unit) and compatible(signal.unit, "K")]
+    return [
+        signal._replace(samples=np.interp(times, signal.times, signal.samples), times=times)
+        for signal in warm
+        if signal.times.size
+    ]
+
+
+def _table(signals: list[Signal], path: Path, comment: str) -> RawRecord:
     names, units = (_TIME, *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
-    return RawRecord(Origin(path), names, units, (times, *(signal.samples for signal in signals)), _lines(comment))
+    columns = (signals[0].times, *(signal.samples for signal in signals))
+    return RawRecord(Origin(path), names, units, columns, _lines(comment))
 
 
 def _lines(comment: str) -> tuple[tuple[str, ...], ...]:
@@ -52,20 +80,3 @@ def _lines(comment: str) -> tuple[tuple[str, ...], ...]:
     found = re.search(r"<TX>(.*?)</TX>", comment, flags=re.DOTALL)
     lines = html.unescape(found[1] if found else comment).splitlines()
     return tuple((line.strip(),) for line in lines if line.strip())
-
-
-def _common_time(signals: list[Signal], path: Path) -> NDArray[np.float64]:
-    """Return the time axis (N,) [s] that all channels share."""
-    first = signals[0]
-    for signal in signals:
-        if signal.samples.size != signal.times.size:
-            what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
-            raise FileFormatError(what, path=path, channel=signal.name)
-        if not np.array_equal(signal.times, first.times):
-            what = (
-                f"it has {signal.times.size} samples, and its time axis differs from that of {first.name!r} with "
-                f"{first.times.size} samples; export all channels on one time axis (asammdf: MDF.resample), because "
-                "eightpost does not interpolate between samples here"
-            )
-            raise FileFormatError(what, path=path, channel=signal.name)
-    return first.times

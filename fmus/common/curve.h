@@ -1,14 +1,15 @@
-/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity, bit for bit as in eightpost/shock/curve.py. A part with weight 0
- * is not computed. */
+/* The static curve F_s = f(v) (Eq 3.23), v the damper velocity, bit for bit as in eightpost/shock/curve.py: a spline through knots,
+ * or polynomials if there are no knots. A polynomial with weight 0 is not computed. */
 #ifndef EIGHTPOST_CURVE_H
 #define EIGHTPOST_CURVE_H
 
 #include "component.h"
 
-/* Number of coefficients of the polynomials. */
+/* Number of coefficients of the polynomials, and number of knots. */
 enum {
     INNER = sizeof ((Parameters *)NULL)->curve_inner / sizeof(double),
-    OUTER = sizeof ((Parameters *)NULL)->curve_compression / sizeof(double)
+    OUTER = sizeof ((Parameters *)NULL)->curve_compression / sizeof(double),
+    KNOTS = sizeof ((Parameters *)NULL)->curve_knot_velocity / sizeof(double)
 };
 
 /* c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4. */
@@ -60,8 +61,60 @@ static inline double outer_force(const Parameters *p, double v)
     return polynomial(outer_coefficients(p, v), OUTER, s);
 }
 
+static inline int has_knots(const Parameters *p)
+{
+    return p->curve_knot_velocity[KNOTS - 1] > 0.0;
+}
+
+/* The index of the last knot that is not above a velocity, from 0 to KNOTS - 2, by bisection. */
+static inline int cell_of(const double *knots, double v)
+{
+    int low = 0, high = KNOTS - 1;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (v < knots[middle]) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    return low;
+}
+
+/* A cell between two knots: its width, the rise of the force, and width times slope at both ends. */
+typedef struct {
+    double width, rise, start, end;
+    double x; /* place of a velocity in the cell, from 0 to 1 */
+    double force; /* at the start */
+} Cell;
+
+static inline Cell cell_at(const Parameters *p, double v)
+{
+    const double *knots = p->curve_knot_velocity, *forces = p->curve_knot_force, *slopes = p->curve_knot_slope;
+    const int k = cell_of(knots, v);
+    const double width = knots[k + 1] - knots[k];
+    const Cell cell = {width, forces[k + 1] - forces[k], width * slopes[k], width * slopes[k + 1], (v - knots[k]) / width, forces[k]};
+    return cell;
+}
+
+static inline double force_through_knots(const Parameters *p, double v)
+{
+    const Cell c = cell_at(p, v);
+    return c.force + c.x * (c.start + c.x * ((3.0 * c.rise - 2.0 * c.start - c.end) + c.x * (c.start + c.end - 2.0 * c.rise)));
+}
+
+static inline double slope_through_knots(const Parameters *p, double v)
+{
+    const Cell c = cell_at(p, v);
+    const double bend = 2.0 * (3.0 * c.rise - 2.0 * c.start - c.end), twist = 3.0 * (c.start + c.end - 2.0 * c.rise);
+    return (c.start + c.x * (bend + c.x * twist)) / c.width;
+}
+
 static inline double fitted_force(const Parameters *p, double v)
 {
+    if (has_knots(p)) {
+        return force_through_knots(p, v);
+    }
     const double share = outer_share(p, size_of(v));
     if (share == 0.0) {
         return inner_force(p, v);
@@ -71,6 +124,9 @@ static inline double fitted_force(const Parameters *p, double v)
 
 static inline double fitted_slope(const Parameters *p, double v)
 {
+    if (has_knots(p)) {
+        return slope_through_knots(p, v);
+    }
     const double side = v > 0.0 ? 1.0 : -1.0, v_t = p->curve_transition_speed;
     const double share = outer_share(p, size_of(v)), s = v / v_t;
     const double inner = polynomial(p->curve_inner, INNER, s) + s * polynomial_slope(p->curve_inner, INNER, s);

@@ -98,10 +98,51 @@ size_t model_work_size(void)
     return KEPT * sizeof(LagFactors);
 }
 
+static int are_zeros(const double *numbers)
+{
+    int zeros = 1;
+    for (int k = 0; k < KNOTS; k++) {
+        zeros &= numbers[k] == 0.0;
+    }
+    return zeros;
+}
+
+static int is_ascending(const double *knots)
+{
+    int ascending = 1;
+    for (int k = 1; k < KNOTS; k++) {
+        ascending &= knots[k - 1] < knots[k];
+    }
+    return ascending;
+}
+
+/* The reason why the knots are not those of a curve, as in StaticCurve, or NULL. No slope is negative, because of its range. */
+static const char *knots_refused(const Parameters *p)
+{
+    const double *knots = p->curve_knot_velocity;
+    if (are_zeros(knots)) {
+        return are_zeros(p->curve_knot_force) && are_zeros(p->curve_knot_slope)
+                   ? NULL
+                   : "curve.knot_force and curve.knot_slope are given, but curve.knot_velocity is all zeros";
+    }
+    if (!is_ascending(knots)) {
+        return "curve.knot_velocity must be ascending";
+    }
+    if (knots[KNOTS / 2] != 0.0 || p->curve_knot_force[KNOTS / 2] != 0.0) {
+        return "the middle knot of the curve must be at zero velocity and zero force";
+    }
+    return knots[0] == -p->curve_rebound_speed && knots[KNOTS - 1] == p->curve_compression_speed
+               ? NULL
+               : "curve.knot_velocity must begin at -curve.rebound_speed and end at curve.compression_speed";
+}
+
 int model_refuses(const Values *v, Message *why)
 {
     const Parameters *p = &v->named.parameters;
-    const char *reason = law_refuses(p);
+    const char *reason = knots_refused(p);
+    if (reason == NULL) {
+        reason = law_refuses(p);
+    }
     if (reason == NULL && p->curve_transition_width >= 2.0 * p->curve_transition_speed) {
         reason = "curve.transition_width must be less than twice curve.transition_speed: the curve must pass through zero "
                  "at zero velocity";

@@ -88,10 +88,10 @@ static double room_before_kink(const Parameters *p, double w, double towards)
 {
     const double half = 0.5 * p->curve_transition_width;
     const double inside = p->curve_transition_speed - half, outside = p->curve_transition_speed + half;
-    const double kinks[] = {-p->curve_rebound_speed, -outside, -inside, inside, outside, p->curve_compression_speed, 0.0};
-    const int count = (int)(sizeof kinks / sizeof kinks[0]) - (p->compression_scale == p->rebound_scale);
+    const double kinks[] = {0.0, -p->curve_rebound_speed, p->curve_compression_speed, -outside, -inside, inside, outside};
+    const int count = has_knots(p) ? 3 : (int)(sizeof kinks / sizeof kinks[0]); /* a spline has no transition */
     double room = NO_LIMIT;
-    for (int k = 0; k < count; k++) {
+    for (int k = p->compression_scale == p->rebound_scale; k < count; k++) {
         const double distance = towards < 0.0 ? w - kinks[k] : kinks[k] - w;
         room = distance > SHORTEST && distance < room ? distance : room;
     }
@@ -254,9 +254,28 @@ static int rises_between(const Parameters *p, double side, double slow, double f
     return side * (curve_force(p, side * fast) - curve_force(p, side * slow)) > 0.0;
 }
 
-/* Checked at equal steps of a side and of its transition, as in StaticCurve.falls_at. */
+/* Checked at equal steps of each cell between the knots of a side. */
+static int rises_through_knots(const Parameters *p, double side)
+{
+    const int step = side > 0.0 ? 1 : -1;
+    for (int k = KNOTS / 2; k + step >= 0 && k + step < KNOTS; k += step) {
+        const double slow = side * p->curve_knot_velocity[k], width = side * p->curve_knot_velocity[k + step] - slow;
+        for (int look = 0; look < TRANSITION_LOOKS; look++) {
+            const double near = slow + width * ((double)look / (double)TRANSITION_LOOKS);
+            if (!rises_between(p, side, near, slow + width * ((double)(look + 1) / (double)TRANSITION_LOOKS))) {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+/* Checked at equal steps of a side and of its transition, or between the knots, as in StaticCurve.falls_at. */
 static int rises(const Parameters *p, double side, double speed)
 {
+    if (has_knots(p)) {
+        return rises_through_knots(p, side);
+    }
     for (int k = 0; k < LOOKS; k++) {
         if (!rises_between(p, side, speed * ((double)k / (double)LOOKS), speed * ((double)(k + 1) / (double)LOOKS))) {
             return 0;

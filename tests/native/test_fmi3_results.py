@@ -39,8 +39,12 @@ def memories(c_level, c_level_3):
 
 
 def tunables(fmu):
-    return [v for v in fmu.description.modelVariables
-            if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real"]  # fmt: skip
+    return [
+        v
+        for v in fmu.description.modelVariables
+        if v.causality == "parameter" and v.variability == "tunable" and v.type == "Real"
+        if "knot" not in v.name
+    ]
 
 
 def random_inputs(fmu, rng, share=1.0):

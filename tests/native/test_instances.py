@@ -39,7 +39,8 @@ def test_an_invalid_instantiation_is_refused_with_the_reason(folders, options, r
 def test_reset_restores_every_default_and_the_rerun_is_the_same_bit_for_bit(host, name):
     fmu = host(name)
     tunable = {v.name: float(v.start) * 1.1 + 1e-3 for v in fmu.description.modelVariables
-               if v.causality == "parameter" and v.type == "Real" and v.max is None}  # fmt: skip
+               if v.causality == "parameter" and v.type == "Real" and v.max is None
+               if "knot" not in v.name}  # fmt: skip
     first = fmu.start().run()
     assert fmu.call("Reset") == OK
     assert fmu.set_named(tunable) == OK

@@ -201,12 +201,13 @@ def assert_derivatives(fmu, values, changes):
     np.testing.assert_allclose(along, found @ weights, rtol=1e-12, atol=1e-12 * np.abs(found * weights).max())
 
 
+@pytest.mark.parametrize("curve", ["polynomials", "knots"])
 @pytest.mark.parametrize("velocity", VELOCITIES)
 @pytest.mark.parametrize("name", LAWS)
-def test_a_shocks_directional_derivatives_are_exact(host, c_level, name, velocity):
+def test_a_shocks_directional_derivatives_are_exact(host, c_level, name, velocity, curve, knots):
     fmu = host(name, kind=c_level.MODEL_EXCHANGE)
     port = {"seal_friction": 15.0, "friction_velocity": 0.5, "motion_ratio": 1.0, "gas_stiffness": 900.0}
-    assert fmu.set_named(port) == OK
+    assert fmu.set_named(port | (knots if curve == "knots" else {})) == OK
     fmu.exchange()
     lagged = 0.4 * velocity * 2000.0
     values = np.array([velocity, 0.013, lagged][: 2 + len(fmu.state_names)])

@@ -44,10 +44,41 @@ moves = st.lists(
 )
 
 
-def parameters_of(name, variables):
-    """Return values for the parameters that an FMU has."""
+CURVES = ("polynomials", "knots")
+slopes = st.lists(st.floats(50.0, 2e4), min_size=25, max_size=25)
+powers = st.floats(1.0, 2.5)
+speeds = st.tuples(st.floats(0.3, 2.0), st.floats(0.3, 2.0))
+#: Deviations of the forces from those of quadratic cells [N].
+twists = st.lists(st.floats(-50.0, 50.0), min_size=25, max_size=25)
+
+
+def parameters_of(name, curve, variables):
+    """Return values for the parameters that an FMU has, with or without knots."""
     ranges = PARAMETERS | (RISING if name == "maxwell" else {})
-    return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
+    found = st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
+    if curve == "polynomials":
+        return found
+    knots = st.builds(knot_values, speeds, powers, slopes, st.just([0.0] * 25) if name == "maxwell" else twists)
+    return st.builds(dict.__or__, found, knots)
+
+
+def knot_values(speeds, power, slopes, twists):
+    """Return a curve through knots as parameters of an FMU."""
+    velocity = [-speeds[0] * (k / 12) ** power for k in range(12, 0, -1)]
+    velocity += [speeds[1] * (k / 12) ** power for k in range(13)]
+    force = integral(velocity, slopes)
+    force = [0.0 if k == 12 else one + twist for k, (one, twist) in enumerate(zip(force, twists, strict=True))]
+    values = {"curve.rebound_speed": speeds[0], "curve.compression_speed": speeds[1]}
+    for field, numbers in (("velocity", velocity), ("force", force), ("slope", slopes)):
+        values |= {f"curve.knot_{field}[{k + 1}]": number for k, number in enumerate(numbers)}
+    return values
+
+
+def integral(velocity, slopes):
+    """Return the forces of quadratic cells, 0 at the middle knot."""
+    rises = [0.5 * (a + b) * (w - v) for (v, w), (a, b) in zip(pairwise(velocity), pairwise(slopes), strict=True)]
+    force = np.concatenate(([0.0], np.cumsum(rises)))
+    return (force - force[12]).tolist()
 
 
 def law_with(law, values):
@@ -103,15 +134,16 @@ def loaded():
     return []
 
 
+@pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), ramps=moves, held=st.booleans())
 def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
-    name, data, ramps, held, component, shocks, loaded
+    name, curve, data, ramps, held, component, shocks, loaded
 ):
     fmu = component(name) if not loaded else loaded[0]
     loaded[:] = [fmu]
-    values = data.draw(parameters_of(name, fmu.variables))
+    values = data.draw(parameters_of(name, curve, fmu.variables))
     ramps = [(step, start, start if held else end, x) for step, start, end, x in ramps]
     expected = run_law(law_with(shocks[name].law, values), reached(ramps))
     fmu.finish()
@@ -119,16 +151,17 @@ def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
     np.testing.assert_allclose(run_fmu(fmu, ramps), expected, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), ramps=moves)
 def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
-    name, data, ramps, component, shocks, loaded, elementary
+    name, curve, data, ramps, component, shocks, loaded, elementary
 ):
     """The C law does the same operations in the same order; only the exponential function differs."""
     fmu = component(name) if not loaded else loaded[0]
     loaded[:] = [fmu]
-    values = data.draw(parameters_of(name, fmu.variables))
+    values = data.draw(parameters_of(name, curve, fmu.variables))
     law = law_with(shocks[name].law, values)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lag, "expm1", elementary.exponential_minus_1)
@@ -168,11 +201,13 @@ def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_f
         assert run_fmu(fmu, ramps)[:, 2].tolist() == expected
 
 
+@pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
-def test_the_native_fmu_equals_the_python_one(name, component, python_component):
+def test_the_native_fmu_equals_the_python_one(name, curve, component, python_component):
     rng = np.random.default_rng(4)
+    values = knot_values((1.1, 1.2), 1.8, rng.uniform(50.0, 5e3, 25).tolist(), [0.0] * 25) if curve == "knots" else {}
     ramps = [(10.0 ** rng.uniform(-7, -1.3), v, v, x) for v, x in rng.uniform((-2.0, -0.05), (2.0, 0.05), (200, 2))]
-    native, python = run_fmu(component(name), ramps), run_fmu(python_component(name), ramps)
+    native, python = (run_fmu(load(name, **values), ramps) for load in (component, python_component))
     np.testing.assert_allclose(native, python, rtol=1e-12, atol=1e-9)
 
 
@@ -231,8 +266,10 @@ def test_a_fast_ramp_is_divided_into_pieces_with_second_order_accuracy(shocks):
         {"curve.rebound[2]": 900.0},
         {"compression_scale": 0.0},
         {"curve.rebound_slope": 0.0},
+        knot_values((1.1, 1.2), 1.8, [0.0, 0.0, *[3e3] * 23], [0.0] * 25),
+        knot_values((1.1, 1.2), 1.8, [3e3] * 25, [*[0.0] * 20, 600.0, *[0.0] * 4]),
     ],
-    ids=str,
+    ids=lambda values: str(values)[:40],
 )
 def test_a_maxwell_fmu_refuses_the_parameters_that_its_law_refuses(component, python_component, shocks, values):
     with pytest.raises(ValueError, match=r"rise"):
@@ -240,6 +277,53 @@ def test_a_maxwell_fmu_refuses_the_parameters_that_its_law_refuses(component, py
     for load in (component, python_component):
         with pytest.raises(StepError, match=r"rise|must be positive for a Maxwell law"):
             load("maxwell", **values).end_initialization()
+
+
+KNOTS = knot_values((1.1, 1.2), 1.8, [3e3] * 25, [0.0] * 25)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"curve.knot_velocity[3]": -2.0},
+        {"curve.knot_velocity[13]": 1e-4},
+        {"curve.knot_force[13]": 1.0},
+        {"curve.compression_speed": 1.3},
+        {"curve.rebound_speed": 1.3},
+        dict.fromkeys((f"curve.knot_velocity[{k + 1}]" for k in range(25)), 0.0),
+    ],
+    ids=str,
+)
+def test_knots_that_are_no_curve_are_refused_as_the_law_refuses_them(component, python_component, shocks, changes):
+    values = KNOTS | changes
+    with pytest.raises(ValueError, match="knot") as found:
+        law_with(shocks["lpf1"].law, values)
+    for load in (component, python_component):
+        fmu = load("lpf1", **values)
+        with pytest.raises(StepError, match="knot"):
+            fmu.end_initialization()
+        fmu.finish()
+        fmu.begin(0.0, 1e6, KNOTS)
+        fmu.end_initialization()
+        fmu.step(0.0, 1e-3)
+        if all(name.startswith("curve.knot") for name in changes):  # the others are fixed
+            fmu.set(tuple(changes), tuple(changes.values()))
+            with pytest.raises(StepError, match="knot"):
+                fmu.step(1e-3, 1e-3)
+    assert "knot" in str(found.value)
+
+
+def test_knots_may_be_changed_between_steps(component, python_component, shocks):
+    stiffer = knot_values((1.1, 1.2), 1.8, [6e3] * 25, [0.0] * 25)
+    changed = {name: value for name, value in stiffer.items() if "knot" in name}
+    for load in (component, python_component):
+        fmu = load("polylinear", **KNOTS)
+        fmu.set(("velocity", "displacement"), (0.4, 0.0))
+        fmu.end_initialization()
+        assert fmu.get(("static_force",)) == pytest.approx([3e3 * 0.4], rel=1e-12)
+        fmu.set(tuple(changed), tuple(changed.values()))
+        fmu.step(0.0, 1e-3)
+        assert fmu.get(("static_force",)) == pytest.approx([6e3 * 0.4], rel=1e-12)
 
 
 @pytest.mark.parametrize("name", [name for name in LAWS if name != "maxwell"])  # its curve would fall there

@@ -143,7 +143,7 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, sanitized):
     options = ["-DLONGEST_STEP=1.0"] if model == "assembly" else []
     program = sanitized(model, "call_sequences", *options)
     ran = subprocess.run(
-        [program, os.environ.get("EIGHTPOST_CALLS", "80000"), "1"], capture_output=True, text=True, check=False
+        [program, os.environ.get("EIGHTPOST_CALLS", "100000"), "1"], capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr[:2000]
     stepped = re.search(r"fmi2DoStep +(\d+) called +(\d+) accepted", ran.stdout)

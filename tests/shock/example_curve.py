@@ -1,5 +1,7 @@
 """The static curve used by the tests of the laws."""
 
+from dataclasses import replace
+
 from eightpost.shock import StaticCurve
 
 
@@ -17,3 +19,16 @@ def curve(**changes):
         "rebound_slope": 3500.0,
     }
     return StaticCurve(**(values | changes))
+
+
+def knot_curve(**changes):
+    """Return a curve through knots of the same size, with quadratic cells and asymmetric noses, rising everywhere."""
+    velocity = [-1.1 * (k / 12) ** 1.8 for k in range(12, 0, -1)] + [1.2 * (k / 12) ** 1.8 for k in range(13)]
+    slope = [1500.0 + 5000.0 / (1.0 + (v / (0.12 if v > 0.0 else 0.09)) ** 2) + 400.0 * v for v in velocity]
+    force = [0.0] * 25
+    for k in range(12, 24):
+        force[k + 1] = force[k] + 0.5 * (slope[k] + slope[k + 1]) * (velocity[k + 1] - velocity[k])
+    for k in range(12, 0, -1):
+        force[k - 1] = force[k] - 0.5 * (slope[k] + slope[k - 1]) * (velocity[k] - velocity[k - 1])
+    made = StaticCurve.through_knots(tuple(velocity), tuple(force), tuple(slope))
+    return replace(made, **changes)

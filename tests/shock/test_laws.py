@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
 
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
-from eightpost.shock.curve import outer_share
+from eightpost.shock.curve import cell_of, outer_share
 from eightpost.shock.law import Piece, valve_force
 from eightpost.shock.laws import law_module, own_parameters
 
-from .example_curve import curve
+from .example_curve import curve, knot_curve
 
 TAU = 0.0013
 
@@ -22,6 +23,9 @@ LAWS = {
     "polylinear": Polylinear(curve()),
     "lpf1": Lpf1(curve(), TAU),
     "lpnl2": Lpnl2(curve(), TAU, 800.0, 1600.0),
+    "polylinear, knots": Polylinear(knot_curve()),
+    "lpf1, knots": Lpf1(knot_curve(), TAU),
+    "lpnl2, knots": Lpnl2(knot_curve(), TAU, 800.0, 1600.0),
 }
 velocities = st.floats(-2.0, 2.0)
 forces = st.floats(-5000.0, 5000.0)
@@ -113,6 +117,56 @@ def test_beyond_the_fitted_range_the_curve_is_a_straight_line(beyond):
     c = curve()
     assert c.force(1.2 + beyond) == pytest.approx(c.force(1.2) + 3000.0 * beyond, rel=1e-12)
     assert c.force(-1.1 - beyond) == pytest.approx(c.force(-1.1) - 3500.0 * beyond, rel=1e-12)
+
+
+def test_a_curve_through_knots_has_their_forces_and_slopes():
+    c, small = knot_curve(), 1e-6
+    for v, force, slope in zip(c.knot_velocity, c.knot_force, c.knot_slope, strict=True):
+        assert c.force(v) == pytest.approx(force, abs=1e-9)
+        assert (c.force(v + small) - c.force(v - small)) / (2.0 * small) == pytest.approx(slope, rel=1e-3)
+
+
+def test_between_knots_the_curve_is_the_cubic_of_hermite():
+    c = knot_curve(knot_force=tuple(force + 40.0 * np.sin(force) for force in knot_curve().knot_force))
+    exact = CubicHermiteSpline(c.knot_velocity, c.knot_force, c.knot_slope)
+    for v in np.linspace(-1.1, 1.2, 500).tolist():
+        assert c.force(v) == pytest.approx(float(exact(v)), abs=1e-9)
+
+
+def test_a_quadratic_cell_has_a_straight_slope_between_those_of_its_knots():
+    c = knot_curve()
+    for k in range(24):
+        v, w = c.knot_velocity[k], c.knot_velocity[k + 1]
+        middle = 0.5 * (v + w)
+        rise = c.force(middle + 0.25 * (w - v)) - c.force(middle - 0.25 * (w - v))
+        assert rise / (0.5 * (w - v)) == pytest.approx(0.5 * (c.knot_slope[k] + c.knot_slope[k + 1]), rel=1e-9)
+
+
+@given(st.integers(0, 24), st.floats(0.0, 1.0))
+def test_a_velocity_is_in_the_cell_whose_lower_knot_is_the_last_not_above_it(k, share):
+    knots = knot_curve().knot_velocity
+    v = knots[0] + share * (knots[-1] - knots[0]) if k == 24 else knots[k]
+    assert cell_of(knots, v) == min(max(np.searchsorted(knots, v, side="right") - 1, 0), 23)
+
+
+@given(velocities)
+def test_a_rising_curve_through_knots_is_continuous(v):
+    step = 1e-9
+    assert 0.0 <= knot_curve().force(v + step) - knot_curve().force(v) < 1e-9 * 1e5
+
+
+@pytest.mark.parametrize("k", [1, 11, 12, 22])
+def test_falls_at_finds_a_fall_between_two_knots(k):
+    c = knot_curve()
+    assert c.falls_at() is None
+    force = list(c.knot_force)
+    if k < 12:
+        force[: k + 1] = [one + 800.0 for one in force[: k + 1]]
+    else:
+        force[k + 1 :] = [one - 800.0 for one in force[k + 1 :]]
+    found = replace(c, knot_force=tuple(force)).falls_at()
+    assert c.knot_velocity[k] <= found <= c.knot_velocity[k + 1]
+    assert replace(c, compression_slope=0.0).falls_at() == 1.2
 
 
 def test_beyond_fit_is_reported():
@@ -294,6 +348,12 @@ def test_the_bounds_of_the_fit_are_the_dissertations():
         (lambda: Port(seal_friction=-1.0), "seal_friction"),
         (lambda: Lpf1(curve(), 0.0), "time_constant"),
         (lambda: Lpnl2(curve(), TAU, 1000.0, 1000.0), "lag_zero_force"),
+        (lambda: knot_curve(knot_velocity=(0.0,) * 25), "knot_velocity is all zeros"),
+        (lambda: knot_curve(knot_slope=(1.0,) * 24), "knot_slope"),
+        (lambda: knot_curve(knot_slope=(-1.0, *[1.0] * 24)), "knot_slope must not be negative"),
+        (lambda: knot_curve(knot_force=(1.0,) * 25), "middle knot"),
+        (lambda: knot_curve(compression_speed=1.3), "must end at"),
+        (lambda: knot_curve(knot_velocity=knot_curve().knot_velocity[::-1]), "ascending"),
     ],
 )
 def test_a_parameter_out_of_range_is_named(build, named):

@@ -5,8 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from eightpost.errors import FileFormatError
-from eightpost.signals import read_record, read_series
+from eightpost.errors import FileFormatError, MissingChannelError
+from eightpost.rig import read_dyno_tests
+from eightpost.signals import read_record, read_records, read_series
 
 TIME = np.arange(500) / 250.0
 FORCE = np.round(100.0 * np.cos(TIME)).astype(np.int16)
@@ -42,10 +43,34 @@ def test_the_comment_of_the_file_is_its_preamble(asammdf, tmp_path):
     assert read_record(path).preamble == (("Shock ID: A & B",), ("Gas: 50 psi",))
 
 
-def test_channels_on_several_time_axes_are_refused(asammdf, tmp_path):
+def test_each_time_axis_is_a_table_and_the_first_has_all_temperatures(asammdf, tmp_path):
+    slow = TIME[::50]
+    groups = (
+        [("T", "degC", slow, 20.0 + slow), ("U", "V", slow, slow)],
+        [("x", "mm", TIME, np.sin(TIME)), ("F", "N", TIME, FORCE)],
+        [("a", "m/s2", TIME + 1e-4, FORCE)],
+    )
+    first, *others = read_records(written(asammdf, tmp_path / "run.mf4", *groups))
+    assert first.names == ("time", "x", "F", "T")
+    np.testing.assert_allclose(first.columns[3], 20.0 + np.minimum(TIME, slow[-1]), rtol=1e-12)
+    assert [table.names for table in others] == [("time", "T", "U"), ("time", "a")]
+
+
+def test_a_record_on_several_time_axes_is_refused_where_one_is_needed(asammdf, tmp_path):
     groups = [("x", "mm", TIME, np.sin(TIME))], [("F", "N", TIME[::2], FORCE[::2])]
-    with pytest.raises(FileFormatError, match=r"run\.mf4, channel 'F': it has 250 samples, and its time axis differs"):
-        read_record(written(asammdf, tmp_path / "run.mf4", *groups))
+    path = written(asammdf, tmp_path / "run.mf4", *groups)
+    with pytest.raises(FileFormatError, match=r"run\.mf4: the file has 2 tables, .*time, F: 250 rows.*with one time"):
+        read_record(path)
+    with pytest.raises(MissingChannelError, match="force"):
+        read_dyno_tests(path)
+
+
+def test_a_dynamometer_record_is_read_beside_channels_of_other_times(asammdf, tmp_path):
+    slow, velocity = TIME[::50], 0.3 * np.cos(15.0 * TIME)
+    record = [("velocity", "m/s", TIME, velocity), ("force", "N", TIME, 900.0 * np.tanh(5.0 * velocity))]
+    other = [("clicks", "", slow, 0.0 * slow), ("voltage", "V", slow, 0.0 * slow), ("rpm", "rpm", slow, slow)]
+    (test,) = read_dyno_tests(written(asammdf, tmp_path / "run.mf4", other, record))
+    np.testing.assert_allclose(test.series["velocity"], velocity, rtol=1e-12)
 
 
 def test_a_file_that_is_not_mdf_is_refused(asammdf, tmp_path):

@@ -214,6 +214,17 @@ def other_value(variable: Variable, draw: random.Random) -> float:
     return inside(variable, start + change)
 
 
+def set_other_parameters(bench: Bench, instance: Instance, draw: random.Random) -> None:
+    """Set parameters to other values in initialization mode; a value that the FMU rejects is the start value again.
+
+    Some FMUs accept a value and reject it when outputs are read, because it contradicts another parameter.
+    """
+    for variable in bench.description.of("parameter"):
+        instance.set(variable, other_value(variable, draw))
+        if refused(instance.get_reals(bench.outputs)[0]):
+            instance.set(variable, variable.number("start") or 0.0)
+
+
 def change_of(variable: Variable) -> float:
     """Return a change that is small compared with the variable and large compared with rounding errors."""
     start = abs(variable.number("start") or 0.0)

@@ -9,7 +9,18 @@ from dataclasses import dataclass
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Description, Variable
-from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, change_of, inside, other_value, step
+from builder.check.probes.bench import (
+    Bench,
+    Results,
+    Skip,
+    Values,
+    amplitude,
+    change_of,
+    inside,
+    other_value,
+    set_other_parameters,
+    step,
+)
 from builder.check.probes.instance import CallError, Instance, Value, refused
 from builder.check.rules import Finding, Rule, listed
 
@@ -33,11 +44,11 @@ def declared_pairs(description: Description, section: str) -> dict[str, set[str]
 class Pairs:
     """Pairs of unknown and known: declared pairs, and pairs observed when the known was changed.
 
-    `tried` are the names of the knowns that are changed.
+    `tried` are the names of the knowns that are changed; further ones may be added.
     """
 
     def __init__(self, declared: Mapping[str, set[str]], tried: set[str]) -> None:
-        self._declared, self._tried = declared, tried
+        self._declared, self.tried = declared, tried
         self._seen: set[tuple[str, str]] = set()
         self._certain: set[tuple[str, str]] = set()
 
@@ -54,7 +65,7 @@ class Pairs:
         return [
             (unknown, known)
             for unknown, names in self._declared.items()
-            for known in sorted(names & self._tried)
+            for known in sorted(names & self.tried)
             if (unknown, known) not in self._seen
         ]
 
@@ -144,8 +155,7 @@ def _go(bench: Bench, instance: Instance, route: Route) -> Values:
     draw = random.Random(route.seed)
     bench.enter(instance)
     if route.moves:
-        for variable in bench.description.of("parameter"):
-            instance.set(variable, other_value(variable, draw))
+        set_other_parameters(bench, instance, draw)
     instance.need("ExitInitializationMode")
     inputs = [_input(variable, draw, route.scale) for variable in bench.inputs]
     bench.run(instance, lambda _: inputs, range(_points(bench)))
@@ -172,7 +182,7 @@ def probe_initial_dependencies(bench: Bench) -> Results:
     if not unknowns or not knowns:
         yield Skip("no dependencies are declared" if not declared else "there is nothing to perturb")
         return
-    pairs = Pairs(declared, {v.name for v in knowns})
+    pairs = Pairs(declared, set())
     draw = random.Random(2)
     for scale in _SCALES:
         with bench.initializing() as instance:
@@ -193,10 +203,7 @@ def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float
     """Set values other than the start values; variables whose value is rejected keep their value."""
     for variable in bench.description.of("parameter", "Boolean"):
         instance.set(variable, draw.random() < 0.5)
-    for variable in bench.description.of("parameter"):
-        instance.set(variable, other_value(variable, draw))
-        if refused(instance.get_reals(bench.outputs)[0]):
-            instance.set(variable, variable.number("start") or 0.0)
+    set_other_parameters(bench, instance, draw)
     for variable in bench.inputs:
         instance.set(variable, _input(variable, draw, scale))
 
@@ -208,7 +215,10 @@ class _Point:
         self._instance, self._unknowns = instance, unknowns
 
     def perturb(self, known: Variable, pairs: Pairs) -> None:
-        """Change one known and restore it; record the unknowns that changed, if they were restored too."""
+        """Change one known and restore it; record the unknowns that changed, if they were restored too.
+
+        A known whose every change contradicts other parameters says nothing about its dependencies.
+        """
         status, value = self._instance.get(known)
         before = self._values()
         if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value))):
@@ -216,6 +226,7 @@ class _Point:
         during = self._values()
         if refused(self._instance.set(known, value)) or during is None or self._values() != before:
             return
+        pairs.tried.add(known.name)
         for unknown, old, new in zip(self._unknowns, before, during, strict=True):
             pairs.record(unknown, known, (old, new))
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from builder.check.catalogue import behaviour as rules
-from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, other_value, step
+from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, set_other_parameters, step
 from builder.check.probes.instance import CallError, Instance, TerminatedError
 from builder.check.rules import Finding
 
@@ -207,8 +207,7 @@ def _disturb(bench: Bench, instance: Instance, where: str) -> None:
         instance.need("Reset")
     bench.enter(instance)
     draw = random.Random(1)
-    for variable in bench.description.of("parameter"):
-        instance.set(variable, other_value(variable, draw))
+    set_other_parameters(bench, instance, draw)
     bench.drive(instance, bench.excitation(bench.timing.at(17)))
     if where == "in initialization mode":
         return

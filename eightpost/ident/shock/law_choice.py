@@ -175,7 +175,8 @@ def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
     compared = tuple(laws)
     choices.check(AUTO)
     if not compared or not set(compared) <= set(LAWS):
-        raise ParameterError(f"laws to compare must be among {', '.join(LAWS)}, not {', '.join(compared) or 'none'}")
+        known = ", ".join(LAWS)
+        raise ParameterError(f"laws to compare must be among {known}, not {', '.join(compared) or 'none'}")
     return compared
 
 

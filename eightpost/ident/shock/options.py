@@ -53,7 +53,7 @@ class Choices:
         """Check that all options are known.
 
         Raises:
-            ParameterError: An option or the law is unknown.
+            ParameterError: An option or the law is unknown, or an option does not suit the law.
         """
         options = (
             ("law", law, (*LAWS, AUTO)),

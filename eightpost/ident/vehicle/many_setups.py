@@ -57,13 +57,13 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
     """Find the force differences at the end of a step by iteration; return whether they converged.
 
     `ports` has the velocities without the forces of the step, the displacements, the force differences (on entry: the
-    initial guess), and the lagged forces and velocities before the step (on return: after it). The first sample has a
-    step of 0.
+    initial guess), and the states of the shocks and the velocities before the step (on return: after it). The first
+    sample has a step of 0.
     """
     gain, damping = model
-    free, place, change, lagged, before = ports
+    free, place, change, states, before = ports
     count = free.size
-    v, force, lag = np.empty(count), np.empty(count), np.empty(count)
+    v, force, after = np.empty(count), np.empty(count), np.empty((count, 2))
     for iteration in range(_MAX_ITERATIONS):
         error = 0.0
         for i in range(count):
@@ -71,14 +71,15 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
             if step > 0.0:
                 for j in range(count):
                     v[i] += gain[i, j] * change[j]
-            lag[i], force[i] = law_step(laws[i], lagged[i], before[i], v[i], place[i], step)
+            moved, force[i] = law_step(laws[i], (states[i, 0], states[i, 1]), before[i], v[i], place[i], step)
+            after[i, 0], after[i, 1] = moved
             rub = friction[i, 0] * math.tanh(v[i] / friction[i, 1]) if friction[i, 0] else 0.0
             force[i] += rub - damping[i] * v[i]
         for i in range(count):
             error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if error <= _CLOSE:
-            lagged[:], before[:] = lag, v
+            states[:], before[:] = after, v
             return True
     return False
 
@@ -106,7 +107,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
     count, everything = damping.size, np.arange(C.shape[0])
     x, gain = np.zeros(decay.size, dtype=np.complex128), np.zeros((count, count))
     free, place = np.zeros(count), np.zeros(count)
-    change, last, lagged, before = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    change, last, states, before = np.zeros(count), np.zeros(count), np.zeros((count, 2)), np.zeros(count)
     for j in range(count):
         _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
     for k in range(driven.shape[1]):
@@ -119,7 +120,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
             last[i], change[i] = change[i], 2.0 * change[i] - last[i]
         _add_outputs(C, velocities, x, free)
         _add_outputs(C, displacements, x, place)
-        ports = (free, place, change, lagged, before)
+        ports = (free, place, change, states, before)
         if not _solve_forces((gain, damping), laws, friction, ports, step if k else 0.0):
             return k
         if k:

@@ -15,6 +15,7 @@ from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
+from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
 
@@ -257,25 +258,25 @@ class _Loop:
 
 @dataclass(frozen=True, slots=True)
 class _Shocks:
-    """State of the shocks: their lagged forces [N]."""
+    """Laws and states of the shocks."""
 
     laws: tuple[ShockLaw | None, ...]
-    lagged: tuple[float, ...]
+    states: tuple[State, ...]
 
     @classmethod
     def at_rest(cls, laws: Sequence[ShockLaw | None]) -> _Shocks:
-        return cls(tuple(laws), tuple(0.0 if law is None else law.static_force(0.0) for law in laws))
+        return cls(tuple(laws), tuple(0.0 if law is None else law.start(0.0) for law in laws))
 
     def after(self, before: Array, now: Array, displacement: list[float], step: float) -> tuple[_Shocks, Array]:
         """Return the shocks after a step with linear velocities, and their forces."""
-        lagged, forces = list(self.lagged), np.zeros(len(self.laws))
+        states, forces = list(self.states), np.zeros(len(self.laws))
         for i, law in enumerate(self.laws):
             if law is None:
                 continue
             if step > 0.0:
-                lagged[i] = law.follow(lagged[i], float(before[i]), float(now[i]), step)
-            forces[i] = law.response(lagged[i], float(now[i]), displacement[i]).force
-        return _Shocks(self.laws, tuple(lagged)), forces
+                states[i] = law.follow(states[i], float(before[i]), float(now[i]), step)
+            forces[i] = law.response(states[i], float(now[i]), displacement[i]).force
+        return _Shocks(self.laws, tuple(states)), forces
 
 
 def _check_drive(model: StateSpace, ports: Sequence[str], drive: TimeSeries) -> None:

@@ -252,7 +252,8 @@ def _shock(
         return _fluid(n, state, before, after, place, h)
     if kind == PHYSICAL:
         return _physical(n, state, 0.5 * (before + after), place, h, work)
-    state[0], force = law_step(law, state[0], before, after, place, h)
+    states, force = law_step(law, (state[0], state[1]), before, after, place, h)
+    state[0], state[1] = states
     return float(force)
 
 

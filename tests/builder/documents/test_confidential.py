@@ -19,7 +19,9 @@ def spellings(value: float) -> set[str]:
 def test_a_confidential_archive_contains_no_coefficient(fitted):
     everything = b"\n".join(members_of(fitted, Disclosure.CONFIDENTIAL).values()).decode("latin-1")
     curve = fitted.source.law.curve
-    numbers = [n for field in curve.__slots__ for n in np.atleast_1d(getattr(curve, field)).tolist()]
+    numbers = [
+        n for field in curve.__slots__ if "knot" not in field for n in np.atleast_1d(getattr(curve, field)).tolist()
+    ]
     assert len(numbers) == 29
     assert not [text for number in numbers for text in spellings(number) if text in everything]
     assert "2605.74" in page_of(members_of(fitted))  # the same search finds it in an open archive
