@@ -18,12 +18,13 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.curve import Shape
-    from eightpost.ident.shock.options import GasTreatment, LawName, RecipeName
+    from eightpost.ident.shock.options import CurveChoice, GasTreatment, LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
+CURVES = ("auto", "polynomial", "knots")
 SHAPES = ("auto", "free", "monotone", "passive")
 WEIGHTINGS = ("auto", "none", "huber", "tukey")
 GAS_TREATMENTS = ("estimate", "included", "subtracted")
@@ -41,12 +42,16 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
               help="Order of the fit. joint: all parameters together. boggs: one after the other, as in "
               "3.3.")  # fmt: skip
+@click.option("--curve", type=click.Choice(CURVES), default="auto", show_default=True,
+              help="Kind of the static curve (docs/static_curve.md). polynomial: the dissertation's. knots: rising, "
+              "through knots that are dense at low speed. auto: chosen by cross-validation; polynomial with --recipe boggs "
+              "and with options that only polynomials have (--order, --shape free or passive, --transition-speed).")  # fmt: skip
 @click.option("--shape", type=click.Choice(SHAPES), default="auto", show_default=True,
               help="Constraint on the static curve. auto: monotonic, but only if the unconstrained curve would fall. "
               "free: unconstrained. monotone: monotonic. passive: the force never acts in the direction of the "
-              "motion.")  # fmt: skip
+              "motion. A curve through knots always rises.")  # fmt: skip
 @click.option("--order", default="auto", show_default=True, metavar="auto|N",
-              help="Order of the curve's inner polynomial: 1 to 15, or auto for cross-validation.")  # fmt: skip
+              help="Order of the inner polynomial, 1 to 15, or auto for cross-validation; not for knots.")  # fmt: skip
 @click.option("--robust", type=click.Choice(WEIGHTINGS), default="auto", show_default=True,
               help="Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. "
               "huber, tukey: always weighted by this function.")  # fmt: skip
@@ -65,8 +70,8 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
 @click.option("--transition-speed", type=Quantity("m/s"), metavar="SPEED",
-              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow "
-              "record.")  # fmt: skip
+              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow record; "
+              "not for knots.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
 @click.option("--build", help="Team's own name for the shock build; default: that in the file.")
 @click.option("--clicks", metavar="TEXT",
@@ -83,6 +88,7 @@ def fit(  # one parameter per option
     law: LawName,
     output: Path | None,
     recipe: RecipeName,
+    curve: CurveChoice,
     shape: Shape,
     order: str,
     robust: Robust,
@@ -127,7 +133,7 @@ def fit(  # one parameter per option
     _check_output(output, dyno_files[0])
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     if tables := tables_in(dyno_files, given):
-        _check_law_of_tables(law)
+        _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
     channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
@@ -137,6 +143,7 @@ def fit(  # one parameter per option
         _law(law, recipe),
         recipe=recipe,
         gas=gas,
+        curve=curve,
         shape=shape,
         order=_order(order),
         robust=robust,
@@ -153,7 +160,12 @@ def fit(  # one parameter per option
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
 
 
-def _check_law_of_tables(law: str) -> None:
+def _check_options_of_tables(law: str, curve: str) -> None:
+    if curve == "polynomial":
+        raise InputError(
+            "a peak-velocity table becomes a curve through its points, and polynomials cannot pass through them: omit "
+            "--curve, or use --curve knots"
+        )
     if law not in ("auto", "polylinear"):
         raise InputError(
             f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "

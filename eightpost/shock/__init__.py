@@ -5,7 +5,6 @@ from eightpost.shock.file import Shock, read_shock, write_shock
 from eightpost.shock.hysteresis import Hysteresis
 from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
 from eightpost.shock.laws import (
-    FITTED_LAWS,
     LAWS,
     fit_form,
     fit_parameters,
@@ -24,7 +23,6 @@ from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
 
 __all__ = [
-    "FITTED_LAWS",
     "LAWS",
     "CurveNumbers",
     "FitParameter",

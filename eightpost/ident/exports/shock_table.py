@@ -161,6 +161,7 @@ def _fine_velocities(laws: Sequence[ShockLaw], speed: float | None) -> Array:
             curve, half = law.curve, 0.5 * law.curve.transition_width
             edges = (curve.transition_speed - half, curve.transition_speed + half)
             places += [np.linspace(*edges, _FINE_TRANSITION), np.array([curve.compression_speed, curve.rebound_speed])]
+            places.append(sign * np.array(curve.knot_velocity))
         side = np.concatenate(places)
         side = np.unique(side[(side >= 0.0) & (side <= end)])
         distinct = np.concatenate(([True], np.diff(side) > _CLOSEST * end))

@@ -49,7 +49,7 @@ class CurveComparison:
         )
         if self.kind == "knots":
             return f"the curve rises through knots instead of following polynomials: {figures}"
-        return f"the curve follows polynomials: through knots it is not better by more than a standard error; {figures}"
+        return f"the curve follows polynomials instead of rising through knots: {figures}"
 
 
 class CurveChooser:
@@ -109,14 +109,15 @@ class CurveChooser:
 def better_curve(found: Mapping[CurveKind, CrossValidation]) -> tuple[CurveKind, dict[CurveKind, HeldOut]]:
     """Return the kind of curve to take, and the held-out errors of each.
 
-    Polynomials have fewer parameters and are taken if they are within one standard error of knots.
+    The kind with fewer parameters is taken if it is within one standard error of the other.
     """
     if len(found) == 1:
         return next(iter(found)), {}
     # A sample that either curve explains is no outlier.
     counted = np.max([one.fit.runs.weights for one in found.values()], axis=0)
     errors = {kind: one.decisive(counted) for kind, one in found.items()}
-    return ("polynomial" if errors["polynomial"].is_as_good_as(errors["knots"]) else "knots"), errors
+    simple, other = sorted(found, key=lambda kind: found[kind].fit.parameter_count)
+    return (simple if errors[simple].is_as_good_as(errors[other]) else other), errors
 
 
 def fit_with_best_curve(runs: Runs, law: str, choices: Choices) -> tuple[FittedLaw, CurveComparison]:

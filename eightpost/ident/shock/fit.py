@@ -57,7 +57,7 @@ def fit_shock(
         ParameterError: The law or an option is unknown, or an option does not suit the record.
         TooShortError: A record has too few samples.
     """
-    choices = Choices(recipe, gas, shape, order, robust, curve)
+    choices = Choices(recipe, gas, shape, order, robust, curve, transition_speed is not None)
     choices.check(law)
     started = time.perf_counter()
     given = [tests] if isinstance(tests, DynoTest) else list(tests)

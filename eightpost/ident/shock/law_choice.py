@@ -159,7 +159,8 @@ def choose_law(
         ParameterError: A law is unknown, or no law could be fitted.
         TooShortError: A record has too few samples.
     """
-    choices, given = choices or Choices(), [tests] if isinstance(tests, DynoTest) else list(tests)
+    choices = replace(choices or Choices(), has_transition=transition_speed is not None)
+    given = [tests] if isinstance(tests, DynoTest) else list(tests)
     laws = _checked(laws, choices)
 
     def prepared(records: Sequence[DynoTest]) -> Runs:

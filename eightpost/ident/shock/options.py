@@ -39,7 +39,8 @@ class Choices:
         robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
         curve: Kind of the static curve: `polynomial` (the dissertation's), `knots` (rising, through knots), or `auto`
             for a choice by cross-validation. With `boggs`, or an option that only polynomials have (a `shape` of `free`
-            or `passive`, an `order`), `auto` is `polynomial`.
+            or `passive`, an `order`, a transition speed), `auto` is `polynomial`.
+        has_transition: Whether a transition speed of the polynomials is requested.
     """
 
     recipe: RecipeName = "joint"
@@ -48,6 +49,7 @@ class Choices:
     order: int | None = None
     robust: Robust = "auto"
     curve: CurveChoice = "auto"
+    has_transition: bool = False
 
     def check(self, law: str) -> None:
         """Check that all options are known.
@@ -93,7 +95,9 @@ class Choices:
             return "the recipe 'boggs'"
         if self.shape in ("free", "passive"):
             return f"the shape {self.shape!r}: it always rises"
-        return "" if self.order is None else f"an order of the inner polynomial ({self.order})"
+        if self.order is not None:
+            return f"an order of the inner polynomial ({self.order})"
+        return "a transition speed" if self.has_transition else ""
 
     @property
     def ceiling(self) -> float:

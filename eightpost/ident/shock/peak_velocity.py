@@ -1,4 +1,4 @@
-"""Static curves from peak-velocity tables, by monotone interpolation of the points."""
+"""Static curves from peak-velocity tables: the monotone interpolant of the points."""
 
 from __future__ import annotations
 
@@ -10,41 +10,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.ident.shock.curve import CurveBasis, split_coefficients
+from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
 from eightpost.ident.shock.options import GasTreatment
-from eightpost.ident.shock.record import TRANSITION_SPEED, TRANSITION_WIDTH
 from eightpost.ident.shock.verdict import peak_velocity_validity
 from eightpost.rig.peak_velocity import PeakVelocityTable, is_peak_velocity, read_peak_velocity
-from eightpost.shock import Polylinear, Port, Shock, StaticCurve, write_shock
+from eightpost.shock import Polylinear, Port, Shock, write_shock
+from eightpost.shock.curve import KNOTS
 from eightpost.signals import read_records
 
 #: Suffixes of files that may be a peak-velocity table.
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
 
-#: Number of speeds per side that determines a polynomial of the dissertation's order; with fewer it oscillates.
-ENOUGH = 15
+#: Number of velocities at which the curve is compared with the interpolant of all points.
+_PLACES = 801
 
-#: Number of points of the interpolant that the curve is refitted to, and the weight of a fall of the curve [1].
-_POINTS, _FALL_PRICE = 801, 1e3
-_ROUNDS = 40
-
-#: The transition is at most at this share of the table's highest speed.
-_TRANSITION_SHARE = 0.6
 #: Deviation of the curve from the interpolant that is reported, as a share of the force's standard deviation.
 _FAR = 0.02
-#: Further transition speeds to try, as shares of the highest speed.
-_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 
 
 def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas: GasTreatment = "estimate") -> Shock:
     """Return a Polylinear shock whose curve interpolates the points of a table: force over speed, no dynamics.
 
     The points of both strokes and the origin are joined by a monotone cubic interpolant (Fritsch and Carlson), which
-    does not oscillate. The curve of the shock file is then refitted to it, and its error is in the shock's fit section.
+    does not oscillate. With up to 12 speeds it is the curve of the shock file; for more see `curve_through`. The
+    deviation from the points and from the interpolant is in the shock's fit section.
 
     Args:
         table: Table of one setting of the adjusters.
@@ -62,12 +55,10 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
     preload = table.gas_force if gas == "estimate" else 0.0
     velocity = np.concatenate([-table.speed[::-1], [0.0], table.speed])
     force = np.concatenate([table.rebound[::-1], [0.0], table.compression])
-    joined = PchipInterpolator(velocity, force)
-    basis, coefficients = _best_curve(joined, velocity)
-    curve = _curve(basis, coefficients, joined, float(table.speed[-1]))
-    at_points = np.array([curve.force(v) for v in velocity.tolist()]) - force
-    grid = np.linspace(velocity[0], velocity[-1], _POINTS)
-    between = basis.design(grid) @ coefficients - joined(grid)
+    curve, joined = curve_through(velocity, force)
+    at_points = curve_forces(curve, velocity) - force
+    grid = np.linspace(velocity[0], velocity[-1], _PLACES)
+    between = curve_forces(curve, grid) - joined(grid)
     fit: dict[str, Any] = {
         "recipe": "peak velocity",
         "points": int(force.size),
@@ -162,50 +153,12 @@ def _slug(clicks: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9.+-]+", "_", clicks or "").strip("_") or "setting"
 
 
-def _best_curve(joined: PchipInterpolator, velocity: Array) -> tuple[CurveBasis, Array]:
-    """Return the curve closest to an interpolant, over the dissertation's transition speed and shares of the range."""
-    fastest = float(velocity[-1])
-    speeds = dict.fromkeys((min(TRANSITION_SPEED, _TRANSITION_SHARE * fastest), *(s * fastest for s in _SHARES)))
-    bases = [CurveBasis(speed, TRANSITION_WIDTH * speed / TRANSITION_SPEED) for speed in speeds]
-    fitted = [(basis, _refitted(basis, joined, velocity)) for basis in bases]
-    grid = np.linspace(velocity[0], fastest, _POINTS)
-    return min(fitted, key=lambda one: float(np.sum((one[0].design(grid) @ one[1] - joined(grid)) ** 2)))
-
-
-def _refitted(basis: CurveBasis, joined: PchipInterpolator, knots: Array) -> Array:
-    """Return coefficients (23,) [N] fitted to an interpolant, closest at its knots, constrained not to fall."""
-    grid = np.linspace(knots[0], knots[-1], _POINTS)
-    ties = basis.ties(compression="slope", rebound="slope")
-    columns = np.vstack([basis.design(grid), np.sqrt(0.2 * _POINTS) * basis.design(knots)]) @ ties
-    target = np.concatenate([joined(grid), np.sqrt(0.2 * _POINTS) * joined(knots)])
-    size = np.linalg.norm(columns, axis=0)
-    rises = np.diff(basis.design(grid) @ ties / size, axis=0)
-    expected = np.diff(joined(grid)) >= 0.0
-    free = np.linalg.lstsq(columns / size, target, rcond=1e-12)[0]
-    held = np.zeros(rises.shape[0], dtype=bool)
-    for _ in range(_ROUNDS):
-        falling = expected & (rises @ free < 0.0)
-        if not (falling & ~held).any():
-            break
-        held |= falling
-        stiff = _FALL_PRICE * rises[held]
-        free = np.linalg.lstsq(
-            np.vstack([columns / size, stiff]), np.append(target, np.full(held.sum(), 1e-3)), rcond=1e-12
-        )[0]
-    return np.asarray(ties @ (free / size))
-
-
-def _curve(basis: CurveBasis, coefficients: Array, joined: PchipInterpolator, fastest: float) -> StaticCurve:
-    inner, compression, rebound = split_coefficients(coefficients)
-    high, low = (max(float(joined(end, 1)), 0.0) for end in (fastest, -fastest))
-    return StaticCurve(
-        inner, compression, rebound, basis.transition_speed, basis.transition_width, fastest, fastest, high, low
-    )
-
-
 def _why(table: PeakVelocityTable) -> str:
-    return f"{len(table)} speeds per side are joined by a monotone interpolant" + (
-        f" and not by a polynomial of order 15, which needs {ENOUGH} or more" if len(table) < ENOUGH else ""
+    if len(table) <= MOST_POINTS:
+        return f"{len(table)} speeds per side are joined by a monotone interpolant, which passes through every point"
+    return (
+        f"{len(table)} speeds per side are joined by a monotone interpolant; on each side the curve passes through the "
+        f"{MOST_POINTS} of them from which it follows the interpolant best"
     )
 
 
@@ -228,7 +181,7 @@ def _warnings(table: PeakVelocityTable, gas: GasTreatment, errors: Array, force:
     if between > _FAR:
         found.append(
             f"between the points, the curve deviates from their monotone interpolant by {100.0 * between:.2g} % of the "
-            "force's standard deviation (RMS): the polynomials of a shock file cannot follow this table"
+            f"force's standard deviation (RMS): {KNOTS} knots cannot follow this table"
         )
     if np.abs(errors).max() > 0.02 * float(np.abs(force).max()):
         found.append(f"the curve misses a point of the table by {np.abs(errors).max():.3g} N")

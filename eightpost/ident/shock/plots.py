@@ -54,18 +54,19 @@ def choice_table(choice: LawChoice) -> Table:
     what = "whole runs, without their level" if choice.left_out == "runs" else "quarters of the record"
     rows = [_choice_row(score, choice) for score in choice.scores]
     title = f"Choice of the law: errors on left-out {what}"
-    return console_table([*unbroken("law"), *columns, "note"], rows, title=title)
+    return console_table([*unbroken("law"), *unbroken("curve"), *columns, "note"], rows, title=title)
 
 
 def _choice_row(score: LawScore, choice: LawChoice) -> tuple[str, ...]:
     cost = "-" if score.step_nanoseconds is None else f"{score.step_nanoseconds:.0f}"
     notes = [*(["chosen"] if score.law == choice.law else []), *([score.trouble] if score.trouble else [])]
+    curve = "-" if score.curve is None else score.curve.kind
     if score.blocks is None:
         fitted = (f"{score.fit_percent:.3g}", str(score.parameters)) if score.parameters else ("-", "-")
-        return law_title(score.law), "-", "-", *fitted, cost, ", ".join(notes)
+        return law_title(score.law), curve, "-", "-", *fitted, cost, ", ".join(notes)
     held = score.held_out
     figures = (f"{held.percent:.3g}", f"{held.spread:.2g}", f"{score.fit_percent:.3g}", str(score.parameters))
-    return law_title(score.law), *figures, cost, ", ".join(notes)
+    return law_title(score.law), curve, *figures, cost, ", ".join(notes)
 
 
 def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
