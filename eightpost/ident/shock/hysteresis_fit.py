@@ -145,7 +145,10 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
     gas, notes = gas_columns(runs, choices.gas)
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     dynamics = LaggedVelocity.of(LAWS[law], limits, runs.rate)
-    model, weigh = ForceModel(runs, knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), gas, dynamics), weights_for(choices.robust)
+    model, weigh = (
+        ForceModel(runs, knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), gas, dynamics),
+        weights_for(choices.robust),
+    )
     found = _robust(_without_stop, model, weigh)
     if runs.has_one_speed:
         return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))

@@ -10,7 +10,7 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.lagged_states import States
-from eightpost.shock import Port, ShockLaw, StaticCurve
+from eightpost.shock import Hysteresis, Port, ShockLaw, StaticCurve
 from eightpost.shock.curve import KNOTS
 
 #: Bounds of tau [s], and of the stop's yield travel [m] and time constant [s].
@@ -21,9 +21,6 @@ _SHORTEST_SHARE = 0.1
 
 #: Number of nodes of ln tau over the lagged velocity.
 NODES = 3
-
-#: Yield travel [m] and time constant [s] that a law without stop states; they have no effect.
-_NO_STOP = (1e-3, 1e-2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +137,9 @@ class LaggedVelocity(Dynamics):
         values = self.values(theta).tolist()
         # Where f0 has no slope, rounding must not make that of f1 the larger one.
         slopes = np.minimum(np.maximum(theta[:KNOTS], 0.0) / speed, curve.knot_slope)
-        stop = values[NODES:] if self.has_stop else (0.0, *_NO_STOP)
-        return self.kind(curve, tuple(slopes.tolist()), tuple(values[:NODES]), *stop, port=port)  # type: ignore[call-arg]
+        stop = values[NODES:] if self.has_stop else []
+        low, middle, high = values[:NODES]
+        return Hysteresis(curve, tuple(slopes.tolist()), (low, middle, high), *stop, port=port)
 
 
 def knots_of(model: ForceModel) -> KnotBasis:

@@ -59,9 +59,7 @@ class States:
         found = []
         for number, step in enumerate(_STEP * np.eye(self.parameters.size)):
             velocity, travel = self._states_of(self.parameters + step)
-            found.append(
-                slope * (velocity - self.velocity) if number < _TAUS else stop * (travel - self._followed[1])
-            )
+            found.append(slope * (velocity - self.velocity) if number < _TAUS else stop * (travel - self._followed[1]))
         return np.array(found).T / _STEP
 
     @cached_property

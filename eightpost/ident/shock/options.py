@@ -75,8 +75,8 @@ class Choices:
         if law in LAWS and fit_form(LAWS[law]) == LAGGED_VELOCITY and "knots" not in self.curves:
             why = self._needs_polynomials or "a curve of polynomials"
             raise ParameterError(
-                f"the law {law!r} needs a curve that rises through knots and cannot be fitted with {why}; omit that, or "
-                "fit another law"
+                f"the law {law!r} needs a curve that rises through knots and cannot be fitted with {why}; omit that, "
+                "or fit another law"
             )
         if self.curve == "knots" and (why := self._needs_polynomials):
             raise ParameterError(f"a curve through knots cannot be fitted with {why}; omit that, or use 'polynomial'")
