@@ -105,7 +105,7 @@ class HysteresisFit(FittedLaw):
         root = np.sqrt(model.runs.weights)
         jacobian = np.vstack(
             [
-                root[:, None] * (end.columns @ to_linear + end.by_states @ to_states),
+                root[:, None] * model.rows_jacobian(parameters),
                 end.problem.penalty @ to_linear,
                 end.problem.unevenness @ to_states,
                 stiff * to_linear[end.is_fixed],
@@ -145,10 +145,8 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
     gas, notes = gas_columns(runs, choices.gas)
     limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
     dynamics = LaggedVelocity.of(LAWS[law], limits, runs.rate)
-    model, weigh = (
-        ForceModel(runs, knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), gas, dynamics),
-        weights_for(choices.robust),
-    )
+    basis, weigh = knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), weights_for(choices.robust)
+    model = ForceModel(runs, basis, gas, dynamics)
     found = _robust(_without_stop, model, weigh)
     if runs.has_one_speed:
         return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))

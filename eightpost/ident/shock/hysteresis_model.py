@@ -91,20 +91,6 @@ class LaggedVelocity(Dynamics):
         low, high = np.log(np.array(pairs)).T
         return low, high
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest theta."""
-        (low, high), slopes = self.state_bounds(), np.zeros(KNOTS)
-        stop = [0.0] * self.has_stop
-        return (
-            np.concatenate([slopes, low[:NODES], stop, low[NODES:]]),
-            np.concatenate([slopes + np.inf, high[:NODES], [np.inf] * self.has_stop, high[NODES:]]),
-        )
-
-    def scale(self) -> Array:
-        """Return the typical size of a change of theta."""
-        low, _ = self.bounds()
-        return np.where(np.isfinite(low) & (low == 0.0), 0.1 * self.limits.force[1], 0.1)
-
     def states(self, theta: Array) -> Array:
         """Return the parameters of the states in theta: ln tau (3,), then ln of yield travel and time constant."""
         return np.concatenate([theta[KNOTS : KNOTS + NODES], theta[-2:] if self.has_stop else []])
@@ -143,5 +129,6 @@ class LaggedVelocity(Dynamics):
 
 
 def knots_of(model: ForceModel) -> KnotBasis:
+    """Return the basis of a model's curve through knots."""
     assert isinstance(model.basis.curve, KnotBasis), "the law hysteresis needs a curve through knots"
     return model.basis.curve
