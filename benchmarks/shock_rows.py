@@ -157,7 +157,7 @@ def _warm_up(bench: Bench) -> None:
             fit_shock(test, law, recipe=bench.recipe)
 
 
-def attempt(case: Case, law: str, recipe: RecipeName, curve: CurveChoice = "auto") -> Result:
+def attempt(case: Case, law: str, recipe: RecipeName, curve: CurveChoice = "polynomial") -> Result:
     """Return the errors of a law with a kind of curve on a case, or why it could not be fitted."""
     try:
         others = {BOUC_WEN: _bouc_wen, NARX: _narx}

@@ -44,8 +44,9 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "3.3.")  # fmt: skip
 @click.option("--curve", type=click.Choice(CURVES), default="auto", show_default=True,
               help="Kind of the static curve (docs/static_curve.md). polynomial: the dissertation's. knots: rising, "
-              "through knots that are dense at low speed. auto: chosen by cross-validation; polynomial with --recipe boggs "
-              "and with options that only polynomials have (--order, --shape free or passive, --transition-speed).")  # fmt: skip
+              "through knots that are dense at low speed. auto: chosen by cross-validation; polynomial with --recipe "
+              "boggs and with options that only polynomials have (--order, --shape free or passive, "
+              "--transition-speed).")  # fmt: skip
 @click.option("--shape", type=click.Choice(SHAPES), default="auto", show_default=True,
               help="Constraint on the static curve. auto: monotonic, but only if the unconstrained curve would fall. "
               "free: unconstrained. monotone: monotonic. passive: the force never acts in the direction of the "
@@ -70,8 +71,8 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
 @click.option("--transition-speed", type=Quantity("m/s"), metavar="SPEED",
-              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow record; "
-              "not for knots.")  # fmt: skip
+              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow "
+              "record; not for knots.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
 @click.option("--build", help="Team's own name for the shock build; default: that in the file.")
 @click.option("--clicks", metavar="TEXT",

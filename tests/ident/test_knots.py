@@ -15,11 +15,11 @@ from eightpost.ident.shock.knots import KnotBasis
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Lpf1
 
-slopes_25 = arrays(np.float64, 25, elements=st.floats(0.0, 1e5, allow_subnormal=False))
+slopes_13 = arrays(np.float64, 13, elements=st.floats(0.0, 1e5, allow_subnormal=False))
 RANGE = np.array([-0.8, 1.1])
 
 
-@given(slopes_25, arrays(np.float64, 20, elements=st.floats(-2.0, 2.0)))
+@given(slopes_13, arrays(np.float64, 20, elements=st.floats(-2.0, 2.0)))
 def test_the_matrix_times_the_slopes_is_the_curve_of_the_shock_file_beyond_the_knots_too(slopes, velocity):
     basis = KnotBasis.of(RANGE)
     curve = basis.static_curve(slopes)
@@ -28,7 +28,7 @@ def test_the_matrix_times_the_slopes_is_the_curve_of_the_shock_file_beyond_the_k
     np.testing.assert_allclose(found, curve_forces(curve, velocity), rtol=1e-11, atol=size)
 
 
-@given(slopes_25)
+@given(slopes_13)
 def test_the_force_rises_wherever_no_slope_is_negative(slopes):
     force = KnotBasis.of(RANGE).design(np.linspace(-1.5, 1.5, 501)) @ slopes
     assert np.diff(force).min() >= -1e-12 * (1.0 + np.ptp(force))
@@ -54,7 +54,7 @@ def knee(law_record, rising):
 
 def test_an_abrupt_knee_is_fitted_better_than_with_polynomials(knee):
     errors = {curve: fit_shock(knee, "lpf1", curve=curve).percent for curve in ("polynomial", "knots")}
-    assert errors["knots"] < 0.6 * errors["polynomial"]
+    assert errors["knots"] < 0.8 * errors["polynomial"]
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -65,7 +65,7 @@ def test_every_law_is_fitted_with_a_curve_through_knots_that_rises(law, digressi
     assert curve.has_knots
     assert curve.falls_at() is None
     assert min(curve.knot_slope) >= 0.0
-    assert fit.percent < {"polylinear": 10.0}.get(law, 3.0)
+    assert fit.percent < 1.1 * fit_shock(digressive_record(1), law, curve="polynomial").percent
     assert any("knots" in change for change in fit.changes)
 
 
@@ -98,9 +98,43 @@ def test_speeds_without_data_are_bridged_and_not_invented(digressive_record):
         ({"shape": "passive"}, "passive"),
         ({"order": 7}, "order"),
         ({"recipe": "boggs"}, "boggs"),
+        ({"transition_speed": 0.3}, "transition"),
     ],
 )
 def test_options_of_polynomials_are_rejected_with_knots(digressive_record, options, word):
     with pytest.raises(ParameterError, match=word):
         fit_shock(digressive_record(1), "lpf1", curve="knots", **options)
     assert not fit_shock(digressive_record(1), "lpf1", **options).shock.law.curve.has_knots
+
+
+def test_of_two_equally_good_curves_the_one_with_fewer_parameters_is_taken_and_the_reason_is_stated(rising, law_record):
+    fit = fit_shock(law_record(Lpf1(rising, 3e-3), 1, rate=500.0), "auto")
+    (score,) = [score for score in fit.choice.scores if score.law == fit.choice.law]
+    kind = "knots" if fit.shock.law.curve.has_knots else "polynomial"
+    assert score.curve.kind == kind
+    assert set(score.curve.errors) == {"polynomial", "knots"}
+    assert score.curve.reason in fit.changes
+    assert fit.shock.fit["law_choice"]["laws"][fit.choice.law]["curve"] == kind
+
+
+def test_an_abrupt_knee_is_recognised_and_gets_knots(knee):
+    fit = fit_shock(knee, "lpf1")
+    assert fit.shock.law.curve.has_knots
+    assert any("instead of following polynomials: the held-out error of LPF1 is" in change for change in fit.changes)
+
+
+def test_the_end_slope_of_a_slow_run_is_not_that_of_its_few_fastest_samples(digressive_record):
+    test = digressive_record(1)
+    curve = fit_shock(test, "polylinear", curve="knots").shock.law.curve
+    velocity, force = np.array(curve.knot_velocity), np.array(curve.knot_force)
+    chords = np.diff(force)[[0, -1]] / np.diff(velocity)[[0, -1]]
+    np.testing.assert_allclose([curve.rebound_slope, curve.compression_slope], chords, rtol=0.5)
+
+
+def test_the_band_covers_the_curve_of_another_draw(digressive_record):
+    one, other = (fit_shock(digressive_record(seed), "lpf1", curve="knots") for seed in (1, 2))
+    inner = np.abs(one.band.velocity) < 0.5
+    apart = np.abs(one.band.force - curve_forces(other.shock.law.curve, one.band.velocity))
+    both = np.hypot(one.band.half_width, np.interp(one.band.velocity, other.band.velocity, other.band.half_width))
+    assert (one.band.half_width > 0.0).all()
+    assert np.mean((apart <= both)[inner]) > 0.8

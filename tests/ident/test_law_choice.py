@@ -10,7 +10,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import choose_law, fit_shock
-from eightpost.ident.shock import law_choice
+from eightpost.ident.shock import curve_choice
 from eightpost.ident.shock.choice_verdict import RULES
 from eightpost.ident.shock.cross_validation import HeldOut, left_out_blocks, left_out_runs
 from eightpost.ident.shock.law_choice import LawScore, chosen_law
@@ -102,14 +102,14 @@ def test_the_automatic_fit_is_that_of_the_chosen_law_and_states_the_comparison(r
 
 
 def test_a_law_that_rejects_the_record_is_listed_and_the_others_are_compared(monkeypatch, rising, law_record):
-    record, fit_law = law_record(made_by(Lpf1, rising), 1, rate=RATE), law_choice.fit_law
+    record, fit_law = law_record(made_by(Lpf1, rising), 1, rate=RATE), curve_choice.fit_law
 
-    def rejecting(runs, law, choices):
+    def rejecting(runs, law, choices, curve):
         if law == "lpnl2":
             raise ValueError("the curve falls")
-        return fit_law(runs, law, choices)
+        return fit_law(runs, law, choices, curve)
 
-    monkeypatch.setattr(law_choice, "fit_law", rejecting)
+    monkeypatch.setattr(curve_choice, "fit_law", rejecting)
     choice = choose_law(record, ("polylinear", "lpnl2"))
     assert choice.law == "polylinear"
     assert choice["lpnl2"].trouble == "the curve falls"
