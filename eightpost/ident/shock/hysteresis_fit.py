@@ -39,6 +39,9 @@ _ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
 
+#: A stop must lower the held-out error by this share, and by more than one standard error.
+_WORTHWHILE = 0.02
+
 _ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
 
 #: In the covariance, a parameter at its bound is fixed: a change by 1 N counts like a force error of this many N.
@@ -136,7 +139,7 @@ def _coordinates(model: ForceModel) -> tuple[Array, Array]:
 def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
     """Return the fit of the law `hysteresis` to runs, ready for cross-validation.
 
-    It has a stop if the runs can show one, and if that predicts left-out parts better by more than a standard error.
+    It has a stop if the runs can show one, and if left-out parts are predicted better with it.
 
     Raises:
         ParameterError: An option does not suit the law.
@@ -156,13 +159,14 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
 
 
 def _better(without: CrossValidation, stopped: CrossValidation) -> CrossValidation:
-    """Return the fit with a stop if its held-out error is lower by more than one standard error, else the other."""
+    """Return the fit with a stop if that is worthwhile on left-out parts, else the other."""
     counted = np.maximum(without.fit.runs.weights, stopped.fit.runs.weights)
     held, other = without.decisive(counted), stopped.decisive(counted)
     figures = f"held-out error {other.percent:.3g} % with a stop, {held.percent:.3g} % without"
-    if stopped.fit.has_converged and not held.is_as_good_as(other):
+    is_better = not held.is_as_good_as(other) and other.percent <= (1.0 - _WORTHWHILE) * held.percent
+    if stopped.fit.has_converged and is_better:
         return _with_note(stopped, f"the law has a stop: {figures}")
-    return _with_note(without, f"the law has no stop: {figures}; one standard error is not exceeded")
+    return _with_note(without, f"the law has no stop: {figures}; a stop must be better by a standard error and 2 %")
 
 
 def _with_note(found: CrossValidation, note: str) -> CrossValidation:

@@ -26,12 +26,8 @@ from eightpost.shock.curve import KNOTS
 #: Lowest rate of a thinned record [Hz].
 _THIN_RATE = 400.0
 
-#: Penalty on changes of slope times V in the outer cells, as a share of the RMS force error, and number of these cells
-#: on each side: few samples determine the slope with which the curve continues beyond them.
-_STRAIGHT, _OUTER = 3e-3, 2
-
 #: Penalty on changes of ln tau from node to node, as a share of the force's standard deviation.
-_EVEN = 5.5e-3
+_EVEN = 3e-3
 
 #: Damping of the steps: its initial value, its factor of change, its bounds; largest change of a logarithm in a step.
 _DAMPING, _CHANGE, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 10.0, 1e-6, 1e6
@@ -84,11 +80,7 @@ class Projection:
     @cached_property
     def penalty(self) -> Array:
         """The rows (P, n) that penalise the linear parameters beside the weighted rows."""
-        outer = np.diff(np.eye(KNOTS), axis=0)[[*range(_OUTER), *range(KNOTS - 1 - _OUTER, KNOTS - 1)]]
-        slopes, stop = (
-            np.vstack([self.model.basis.penalty, _STRAIGHT * outer]),
-            RIDGE * np.eye(self.own_count - 2 * KNOTS),
-        )
+        slopes, stop = self.model.basis.penalty, RIDGE * np.eye(self.own_count - 2 * KNOTS)
         rows = block_diag(slopes, slopes, stop, np.zeros((0, self.model.gas.count)))
         return np.asarray(np.sqrt(self.model.runs.weights.sum()) * rows)
 
