@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig import Actuator, DynoTest, cavitation, configuration, random_multisine, read_dyno_test, read_out
 from eightpost.signals import Drivefile
 
@@ -64,6 +65,11 @@ class Case:
     def is_measured(self) -> bool:
         """Whether the record is a measured one."""
         return not self.configuration
+
+    @property
+    def has_many_speeds(self) -> bool:
+        """Whether the fitted runs have more than one speed."""
+        return not prepare_runs(self.fitted, segment=self.segment).has_one_speed
 
     @property
     def laws(self) -> tuple[str, ...]:

@@ -105,8 +105,9 @@ def test_the_intervals_of_the_time_constants_are_narrow_and_close_to_the_truth(f
 def test_the_stated_residual_is_that_of_the_shipped_law(fit, law_record):
     test = law_record(hysteresis(), 1, rate=RATE)
     search = fit_hysteresis(prepare_runs([test]), "hysteresis", Choices()).fit
-    included = fit_shock(test, "hysteresis", gas="included")
-    assert evaluate(included.shock, test).rms == pytest.approx(included.rms, rel=1e-9)
+    without_gas = law_record(hysteresis(port=Port()), 1, rate=RATE)
+    included = fit_shock(without_gas, "hysteresis", gas="included")
+    assert evaluate(included.shock, without_gas).rms == pytest.approx(included.rms, rel=1e-9)
     assert fit.rms == pytest.approx(np.sqrt(np.mean(search.error**2)), rel=0.02)
 
 
@@ -141,7 +142,7 @@ def test_outliers_are_down_weighted(law_record):
     force = test.series["force"].copy()
     force[2500:2530] += 6000.0
     fit = fit_shock(replace(test, series=test.series.with_channel("force", "N", force)), "hysteresis")
-    assert 10 <= fit.downweighted <= 100
+    assert 20 <= fit.downweighted <= 200  # the low-pass spreads them
     assert fit.shock.law.time_constant == pytest.approx(TAUS, rel=0.15)
 
 
