@@ -48,7 +48,8 @@ def covered(test: DynoTest, law: str) -> list[bool]:
     middle = 0.5 * (0.5 + end)
     velocity = test.series["velocity"]
     slow = float(min(velocity.max(), -velocity.min()))
-    speed = 0.6 * slow if slow < 0.4 else None  # the same transition in both halves
+    has_transition = slow < 0.4 and law != "hysteresis"
+    speed = 0.6 * slow if has_transition else None  # the same in both halves
     one, other = (fit_shock(test, law, segment=part, transition_speed=speed) for part in ((0.5, middle), (middle, end)))
     found = [
         abs(a - b) <= np.hypot(wide, wide_too)
