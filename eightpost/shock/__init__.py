@@ -5,7 +5,6 @@ from eightpost.shock.file import Shock, read_shock, write_shock
 from eightpost.shock.hysteresis import Hysteresis
 from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
 from eightpost.shock.laws import (
-    FITTED_LAWS,
     LAWS,
     fit_form,
     fit_parameters,
@@ -25,7 +24,6 @@ from eightpost.shock.port import Port
 from eightpost.shock.settings import Axis, Settings, Term
 
 __all__ = [
-    "FITTED_LAWS",
     "LAWS",
     "Axis",
     "CurveNumbers",

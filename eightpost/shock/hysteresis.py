@@ -27,7 +27,7 @@ STATES = ("lagged_velocity", "stop_travel")
 SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
 
 #: It has a recipe of its own.
-FIT_FORM = "recipe"
+FIT_FORM = "lagged velocity"
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 
 #: Places in `own`: the slopes c_k begin at 0, then follow tau at its three nodes, ks, e_y and t_s.

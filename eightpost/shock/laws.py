@@ -89,10 +89,5 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
 
-_RECIPE = "recipe"
-
 #: All laws by the name used in files and on the command line.
 LAWS: Mapping[str, type[ShockLaw]] = _law_classes()
-
-#: Names of the laws that a fit can find; the others wait for a recipe of their own.
-FITTED_LAWS = tuple(name for name, law in LAWS.items() if fit_form(law) != _RECIPE)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.runs import Runs
 
 #: Number of contiguous blocks of a record, of which each is left out once.
@@ -132,7 +132,7 @@ class CrossValidation:
         fit: Fit to all records, from which the fits without a part start.
     """
 
-    fit: LawFit
+    fit: FittedLaw
 
     def blocks(self, counted: Array) -> HeldOut:
         """Return the errors on quarters of the records, with weights (R,) of the rows, such as 0 for outliers."""
