@@ -154,9 +154,17 @@ class IterationFolder:
         """Return the commands (m, N) of a pass."""
         return read_series(self.pass_path(number) / "drive.parquet").select(self.problem.inputs).values
 
+    @cached_property
+    def _outcomes(self) -> dict[int, Outcome]:
+        return {}
+
     def outcome(self) -> Outcome:
         """Return the state after all passes with a record."""
-        return advance(self.problem, self.passes())
+        number = self.played
+        if number not in self._outcomes:
+            self._outcomes.clear()
+            self._outcomes[number] = advance(self.problem, self.passes())
+        return self._outcomes[number]
 
     def add_record(
         self,

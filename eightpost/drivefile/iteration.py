@@ -102,7 +102,7 @@ class Problem:
         return tuple(channel.unit for channel in self.start.response.inputs)
 
     @cached_property
-    def H(self) -> Complex:
+    def response(self) -> Complex:
         """Starting response (K, p, m)."""
         return np.ascontiguousarray(np.moveaxis(self.start.response.H, -1, 0))
 
@@ -230,9 +230,9 @@ def _response_and_gains(problem: Problem, spectra: Sequence[PassSpectra]) -> tup
     settings = problem.settings
     first = start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
     if not (spectra and settings.is_updated):
-        return problem.H, first
-    found = correction(problem.H, spectra, problem.target.lines, settings.width)
-    return problem.H * found.factor[:, :, None], gains(found.coherence, settings.gain)
+        return problem.response, first
+    found = correction(problem.response, spectra, problem.target.lines, settings.width)
+    return problem.response * found.factor[:, :, None], gains(found.coherence, settings.gain)
 
 
 def _steady_loads(problem: Problem, base: Pass | None) -> Array:

@@ -90,14 +90,11 @@ def within_limits(
         window: Weight (N,) of the drive, 0 at its ends.
     """
     limited, hits = rows.copy(), []
+    stroke, force = _Kind("stroke", "m", limits.stroke, _same), _Kind("force", "N", limits.force, _same)
+    velocity = _Kind("velocity", "m/s", limits.velocity, _slope_at(lines.rate))
+    of_unit = {"m": [stroke, velocity], "N": [force]}
     for row, (name, unit) in enumerate(zip(names, units, strict=True)):
-        if unit == "m":
-            kinds = [
-                _Kind("stroke", "m", limits.stroke, _same),
-                _Kind("velocity", "m/s", limits.velocity, lines_slope(lines.rate)),
-            ]
-        else:
-            kinds = [_Kind("force", "N", limits.force, _same)] if unit == "N" else []
+        kinds = of_unit.get(unit, [])
         found = [hit for kind in kinds if (hit := _hit(rows[row], name, kind, lines.rate))]
         if found:
             limited[row] = _projected(rows[row], kinds, lines, window)
@@ -119,11 +116,11 @@ def _same(row: Array) -> Array:
     return row
 
 
-def lines_slope(rate: float) -> Callable[[Array], Array]:
+def _slope_at(rate: float) -> Callable[[Array], Array]:
     """Return the function from a command (N,) to its change per second between samples (N,)."""
 
     def slope(row: Array) -> Array:
-        return np.diff(row, append=row[-1:]) * rate
+        return np.asarray(np.diff(row, append=row[-1:]) * rate, dtype=np.float64)
 
     return slope
 
@@ -146,7 +143,7 @@ def _projected(row: Array, kinds: list[_Kind], lines: Lines, window: Array) -> A
             excess = values - np.clip(values, -kind.limit, kind.limit)
             moving = moving - (excess if kind.of is _same else _integral(excess, lines))
         moving = window * lines.rows(lines.spectrum(moving[None]))[0]
-    return steady + moving * _remaining_scale(steady, moving, kinds)
+    return np.asarray(steady + moving * _remaining_scale(steady, moving, kinds), dtype=np.float64)
 
 
 def _integral(slope: Array, lines: Lines) -> Array:

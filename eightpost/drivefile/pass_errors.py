@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ def pass_errors(target: Target, record: Array) -> PassErrors:
     whole, error = lines.rows(lines.spectrum(target.rows))[:, judged], lines.rows(wrong)[:, judged]
     size = np.sqrt(np.mean(whole**2, axis=1))
     bands = []
-    for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
+    for low, high in pairwise(EDGES):
         inside = (lines.frequency >= low) & (lines.frequency < high)
         part = lines.rows(np.where(inside[:, None], wrong, 0.0))[:, judged]
         bands.append(np.sqrt(np.mean(part**2, axis=1)) / size)

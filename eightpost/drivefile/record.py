@@ -107,10 +107,10 @@ def _start(
     lag = int(lags[found])
     if not by_command and abs(lag) <= _FOLLOWING * problem.target.rate:
         return 0, ()
-    late = lag / problem.target.rate
-    return lag, (f"{path.name} starts {abs(late):.3f} s {'before' if lag > 0 else 'after'} the drive file.",) * bool(
-        lag
-    )
+    if lag == 0:
+        return 0, ()
+    order = "before" if lag > 0 else "after"
+    return lag, (f"{path.name} starts {abs(lag) / problem.target.rate:.3f} s {order} the drive file.",)
 
 
 def _cut(series: TimeSeries, problem: Problem, start: int, path: Path) -> Array:

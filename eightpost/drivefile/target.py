@@ -152,8 +152,8 @@ def target_names(available: Iterable[str]) -> tuple[str, ...]:
     wanted = tuple(channel(port, quantity) for quantity in QUANTITIES for port in ports)
     if missing := [name for name in wanted if name not in names]:
         raise MissingChannelError(
-            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--map), or choose other "
-            "channels with --channels"
+            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--map), or choose "
+            "other channels with --channels"
         )
     return wanted
 

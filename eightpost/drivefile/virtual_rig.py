@@ -37,7 +37,7 @@ def iterate(
     bench: Bench,
     shocks: Sequence[str],
     passes: int,
-    report: Callable[[Outcome], None] = lambda outcome: None,
+    report: Callable[[Outcome], None] | None = None,
 ) -> Outcome:
     """Run passes on the virtual rig until there are `passes`, or until the iteration diverged.
 
@@ -46,11 +46,12 @@ def iterate(
         bench: Car on the virtual rig.
         shocks: Name of the shock at each corner.
         passes: Number of passes at the end, including those before.
-        report: Function that receives the state after each pass.
+        report: Function that receives the state after each pass; default none.
     """
     outcome = folder.write_next()
     while folder.played < passes and outcome.status is not Status.DIVERGED:
         folder.add_record(play(folder, bench, shocks))
         outcome = folder.write_next()
-        report(outcome)
+        if report is not None:
+            report(outcome)
     return outcome
