@@ -78,10 +78,11 @@ def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: f
         dY = now.record - before.record
         power, cross = lines.band_sum(np.abs(dP) ** 2, width), lines.band_sum(dY * np.conj(dP), width)
         moved = power > _NO_STEP * np.max(np.abs(now.record) ** 2, initial=1e-300)
-        weight = np.where(moved, 1.0 / np.sqrt(np.where(moved, power, 1.0)), 0.0)
+        known = _coherence(cross, power, dY, lines, width)
+        weight = np.where(moved, known / np.sqrt(np.where(moved, power, 1.0)), 0.0)
         measured = _MEMORY * measured + weight * cross
         predicted = _MEMORY * predicted + weight * power
-        coherence = np.where(moved, _coherence(cross, power, dY, lines, width), coherence)
+        coherence = np.where(moved, known, coherence)
         before = now
     known = predicted > 0.0
     total = np.where(known, (1.0 + _PRIOR) * predicted, 1.0)
