@@ -19,7 +19,8 @@ from eightpost.drivefile.target import Target
 from eightpost.errors import ParameterError
 from eightpost.signals import TimeSeries
 
-#: Ratio of a pass's error to the smallest error so far above which the pass is rejected [1].
+#: Ratio of a pass's error to the smallest error so far above which the pass is rejected [1]; a pass that is worse than
+#: a rig at rest is also rejected.
 REJECTED = 1.5
 
 #: Number of rejected passes in a row after which the iteration has diverged.
@@ -208,7 +209,7 @@ def _history(totals: Sequence[float]) -> tuple[int, int]:
     """Return the index of the best pass (-1: a rig at rest, with an error of 1) and the rejections at the end."""
     best, smallest, rejections = -1, 1.0, 0
     for k, total in enumerate(totals):
-        rejections = rejections + 1 if total > (REJECTED if k else 1.0) * smallest else 0
+        rejections = rejections + 1 if total > (REJECTED if best >= 0 else 1.0) * smallest else 0
         if total < smallest:
             best, smallest = k, total
     return best, rejections

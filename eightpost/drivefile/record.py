@@ -74,6 +74,7 @@ def read_rig_record(
             path=path,
         )
     series = at_rate(series, problem.target.rate)
+    _check_length(series, problem, len(series), Path(path))
     start, notes = _start(series, problem, drive, roads, Path(path))
     return RigRecord(_cut(series, problem, start, Path(path)), notes)
 
@@ -118,13 +119,19 @@ def _cut(series: TimeSeries, problem: Problem, start: int, path: Path) -> Array:
     target, count = problem.target, problem.target.lines.samples
     rows = np.stack([series[name] for name in target.names])
     before, after = max(-start, 0), max(start + count - rows.shape[1], 0)
-    if before > target.rest // 2 or after > target.rest // 2:
+    _check_length(series, problem, count - 2 * max(before, after), path)
+    return np.pad(rows[:, max(start, 0) : start + count], ((0, 0), (before, after)), mode="edge")
+
+
+def _check_length(series: TimeSeries, problem: Problem, covered: int, path: Path) -> None:
+    """Refuse a record that covers too few samples of the drive file; half of each rest may be missing."""
+    target, count = problem.target, problem.target.lines.samples
+    if covered < count - 2 * (target.rest // 2):
         raise TooShortError(
             f"it covers {series.duration:.2f} s, but the drive file has {count / target.rate:.2f} s; record the whole "
             "drive file",
             path=path,
         )
-    return np.pad(rows[:, max(start, 0) : start + count], ((0, 0), (before, after)), mode="edge")
 
 
 def check_signs(problem: Problem, H: Complex, drive: Array, record: RigRecord, path: Path) -> tuple[str, ...]:
