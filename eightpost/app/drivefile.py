@@ -25,7 +25,7 @@ CARS = ("quarter_car", "seven_dof", "eight_post")
 def drivefile() -> None:
     """Iterate the commands of the rig until it reproduces channels measured on the track.
 
-    Drive file iteration (2.7): `start` computes the first drive file from a track record and an identified car, and
+    Drive file iteration (Eq 2.7): `start` computes the first drive file from a track record and an identified car, and
     `next` computes each following one from the rig's record of the last one. `simulate` plays them on the virtual rig.
     An iteration is a folder with all passes, and can resume at any point (docs/drivefile.md).
 

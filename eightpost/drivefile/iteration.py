@@ -1,4 +1,4 @@
-"""Drive file iteration (dissertation 2.7): the next drive from all passes so far."""
+"""Drive file iteration (dissertation 2.5, Eq 2.7): the next drive from all passes so far."""
 
 from __future__ import annotations
 
