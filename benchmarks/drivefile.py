@@ -84,9 +84,13 @@ def iterate(fit: VehicleFit, rig: Rig, seed: int) -> tuple[Outcome, PassErrors]:
         record = rig.play(Drivefile(problem.series(outcome.drive)), 100 * seed + number).select(names)
         passes.append(Pass(outcome.drive, record.values))
         outcome = advance(problem, passes)
-    again = rig.play(lap, 10 * seed + 1).select(names).values
-    after = target.lines.samples - target.rest - again.shape[1]
-    return outcome, pass_errors(target, np.pad(again, ((0, 0), (target.rest, after)), mode="edge"))
+    return outcome, repeated(target, rig.play(lap, 10 * seed + 1).select(names))
+
+
+def repeated(target: Target, again: TimeSeries) -> PassErrors:
+    """Return the errors of a second run of the true lap."""
+    second = Target(again, target.high)
+    return pass_errors(target, second.rows + second.means[:, None])
 
 
 def percents(errors: PassErrors) -> tuple[float, float]:

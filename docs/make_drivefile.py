@@ -63,7 +63,7 @@ fmu = "car.json"
 [[drive]]
 file = "drive.parquet"
 start = "3 s"
-stop = "36 s"
+stop = "33 s"
 
 [drive.targets]
 {targets}
