@@ -1,4 +1,4 @@
-"""Drive file iteration (dissertation 2.5, Eq 2.7): commands with which the rig reproduces channels measured on the track."""
+"""Drive file iteration (Eq 2.7): commands with which the rig reproduces channels measured on the track."""
 
 from eightpost.drivefile.folder import IterationFolder
 from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, Status, advance

@@ -60,8 +60,8 @@ def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: f
 
         sum_steps w |dY - c dP|^2 + prior |c - 1|^2
 
-    Later steps have larger weights, because the car's response to small changes about the target is needed. The first
-    step is that from rest.
+    Later steps and steps with high coherence have larger weights, because the car's response to small changes about the
+    target is needed, and noise and drift from pass to pass must not enter it. The first step is that from rest.
 
     Args:
         H: Starting response (K, p, m).
@@ -78,11 +78,11 @@ def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: f
         dY = now.record - before.record
         power, cross = lines.band_sum(np.abs(dP) ** 2, width), lines.band_sum(dY * np.conj(dP), width)
         moved = power > _NO_STEP * np.max(np.abs(now.record) ** 2, initial=1e-300)
-        known = _coherence(cross, power, dY, lines, width)
-        weight = np.where(moved, known / np.sqrt(np.where(moved, power, 1.0)), 0.0)
+        likeness = _coherence(cross, power, dY, lines, width)
+        weight = np.where(moved, likeness / np.sqrt(np.where(moved, power, 1.0)), 0.0)
         measured = _MEMORY * measured + weight * cross
         predicted = _MEMORY * predicted + weight * power
-        coherence = np.where(moved, known, coherence)
+        coherence = np.where(moved, likeness, coherence)
         before = now
     known = predicted > 0.0
     total = np.where(known, (1.0 + _PRIOR) * predicted, 1.0)

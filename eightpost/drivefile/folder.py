@@ -133,7 +133,7 @@ class IterationFolder:
 
     @property
     def waiting(self) -> int | None:
-        """Number of the pass whose drive file waits for its record; None if there is none."""
+        """Number of the pass whose drive file waits for its record; None after divergence."""
         number = self.played + 1
         return number if (self.pass_path(number) / "drive.parquet").is_file() else None
 

@@ -190,12 +190,12 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
     inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
     base = best if rejections else len(passes) - 1
     gain = gain * 0.5**rejections
-    X, error = np.zeros((len(H), len(problem.units)), dtype=np.complex128), problem.wanted
+    before, error = np.zeros((len(problem.units), target.lines.samples)), problem.wanted
     if base >= 0:
-        X, error = spectra[base].drive, _error(target, passes[base])
-    X = X + np.einsum("kij,kj->ki", inverse.G, gain * error)
+        before, error = passes[base].drive - passes[base].drive[:, :1], _error(target, passes[base])
+    update = target.lines.rows(np.einsum("kij,kj->ki", inverse.G, gain * error))
     steady = _steady_loads(problem, passes[base] if base >= 0 else None)
-    commands = target.drive_window * target.lines.rows(X) + steady[:, None]
+    commands = before + target.drive_window * update + steady[:, None]
     drive, hits = within_limits(
         commands, problem.inputs, problem.units, target.lines, settings.limits, target.drive_window
     )

@@ -77,7 +77,7 @@ def start_response(
         target: Target.
         shocks: Shock law on the car by corner; a corner without one has the damping of the identification.
         actuators: Bandwidths of the actuators; default those of 6.1.1.
-        measured: Response of the identification, for its coherence; None if there is none.
+        measured: Response of the identification, for its coherence; None if it is not known.
 
     Raises:
         ParameterError: The car lacks a target channel, or is not continuous.

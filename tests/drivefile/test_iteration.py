@@ -23,7 +23,7 @@ def test_an_exact_response_finds_the_roads_in_one_pass(quarter, problem_of, sett
     assert totals(outcomes)[0] < 1e-3
     assert outcomes[-1].status is Status.CONVERGED
     lines = rig.target.lines
-    found, road = (lines.spectrum(rows[:1])[lines.frequency > 0.5] for rows in (outcomes[0].drive, drive))
+    found, road = (lines.spectrum(rows[:1])[lines.frequency > 1.0] for rows in (outcomes[0].drive, drive))
     assert np.linalg.norm(found - road) < 2e-3 * np.linalg.norm(
         road
     )  # slower roads move the whole car, which no channel shows
