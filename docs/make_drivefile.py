@@ -14,6 +14,7 @@ import argparse
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -133,6 +134,7 @@ def _confirm(folder: Path, place: str) -> list[dict[str, Any]]:
     tested.mkdir(exist_ok=True)
     with (folder / "study" / "selection.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
+    shutil.copy(folder / "study" / "selection.csv", tested)
     bench = Bench.of("eight_post", run=TESTS + (1000 if place == "track" else 0))
     track = bench.drivefile("track", LAP)
     best = Drivefile(read_series(folder / "lap" / "best_drive.parquet"))
