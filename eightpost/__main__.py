@@ -33,6 +33,7 @@ VERBS = {
     "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
     "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
     "identify": "Identify a vehicle from rig tests.",
+    "drivefile": "Iterate the commands of the rig until it reproduces channels measured on the track.",
     "vehicle": "Show modes and frequency responses of a vehicle, and the effect of a parameter on them.",
     "export": "Export models, frequency responses and shock curves for other tools.",
     "build": "Build an FMU from each source, for co-simulation and model exchange.",
