@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.closed import dynamics_for
-from eightpost.ident.shock.force import Models, limits_for, linear_solution
+from eightpost.ident.shock.force import Models, linear_solution
 from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.shock import LAWS, Lpf1, Lpnl2

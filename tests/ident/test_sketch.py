@@ -7,9 +7,10 @@ import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.closed import FadingLag, dynamics_for
-from eightpost.ident.shock.force import Models, limits_for
+from eightpost.ident.shock.force import Models
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.joint import _sketched
+from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.stepped import SeriesSpring
 from eightpost.rig.dyno_test import DynoTest

@@ -13,7 +13,8 @@ from scipy.optimize import Bounds, minimize
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
-from eightpost.ident.shock.force import FORCE, ForceModel, Models, linear_solution
+from eightpost.ident.shock.force import ForceModel, Models, linear_solution
+from eightpost.ident.shock.limits import FORCE
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock.curve import INNER_ORDER

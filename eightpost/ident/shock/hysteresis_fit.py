@@ -11,10 +11,11 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.cross_validation import CrossValidation
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.fitted_law import FittedLaw
-from eightpost.ident.shock.force import ForceModel, limits_for
+from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity
 from eightpost.ident.shock.hysteresis_search import Found, Projection, minimum_from
+from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.robust import nearly_equal, weights_for

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.lagged_states import States
+from eightpost.ident.shock.limits import Limits
 from eightpost.shock import Hysteresis, Port, ShockLaw, StaticCurve
 from eightpost.shock.curve import KNOTS
 

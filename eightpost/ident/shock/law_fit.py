@@ -9,9 +9,10 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import CurveKind
 from eightpost.ident.shock.fitted_law import FittedLaw
-from eightpost.ident.shock.force import Models, limits_for
+from eightpost.ident.shock.force import Models
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.joint import Joint, Sketch
+from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.robust import nearly_equal, weights_for

@@ -12,8 +12,9 @@ from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
-from eightpost.ident.shock.force import Models, limits_for
+from eightpost.ident.shock.force import Models
 from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.rig.dyno_test import DynoTest

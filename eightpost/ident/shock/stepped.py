@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import WorkingBasis, split_coefficients
-from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.limits import Limits
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, StaticCurve, Valve, fit_parameters
 from eightpost.shock.compiled import compiled_loop, stepped_force
 

@@ -12,9 +12,10 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
-from eightpost.ident.shock.settings.clicks import TargetCurve, best_clicks, read_target
+from eightpost.ident.shock.settings.clicks import best_clicks
 from eightpost.ident.shock.settings.result import fit_settings
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
+from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
 from eightpost.ident.shock.settings.terms import effects_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
