@@ -177,11 +177,11 @@ def _gains(found: Sequence[Chosen], law: str) -> str:
 
 def _hysteresis_gain(found: Sequence[Chosen]) -> str:
     """Return how Hysteresis compares with LPNL2 with polynomials on measured records, and with Bouc-Wen elsewhere."""
-    mine, theirs = ("hysteresis", "knots"), ("lpnl2", "polynomial")
-    pairs = [one.errors for one in found if one.case.is_measured and mine in one.errors and theirs in one.errors]
-    ratios = sorted((errors[mine] / errors[theirs] for errors in pairs), reverse=True)
-    many = [one for one in found if one.bouc_wen is not None and mine in one.errors and one.case.has_many_speeds]
-    lost = [one.case.record for one in many if one.errors[mine] > (one.bouc_wen or 0.0)]
+    compared, peer = ("hysteresis", "knots"), ("lpnl2", "polynomial")
+    pairs = [one.errors for one in found if one.case.is_measured and compared in one.errors and peer in one.errors]
+    ratios = sorted((errors[compared] / errors[peer] for errors in pairs), reverse=True)
+    many = [one for one in found if one.bouc_wen is not None and compared in one.errors and one.case.has_many_speeds]
+    lost = [one.case.record for one in many if one.errors[compared] > (one.bouc_wen or 0.0)]
     worst = ", ".join(f"{ratio:.2f}" for ratio in ratios[:3])
     median = f"{float(np.median(ratios)):.2f}" if ratios else "-"
     return (

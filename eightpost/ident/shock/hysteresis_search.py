@@ -33,7 +33,7 @@ _EVEN = 3e-3
 _DAMPING, _CHANGE, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 10.0, 1e-6, 1e6
 _LONGEST = 1.5
 
-#: A change of the logarithms below this is none.
+#: Smallest change of the logarithms that counts as a change.
 _SMALL = 1e-5
 
 #: Share of the diagonal that is added to normal equations, for directions that no row determines.
