@@ -14,6 +14,7 @@ from eightpost.shock.laws import (
     law_title,
     own_parameters,
     own_values,
+    parameter_units,
     state_names,
     step_nanoseconds,
 )
@@ -47,6 +48,7 @@ __all__ = [
     "law_title",
     "own_parameters",
     "own_values",
+    "parameter_units",
     "read_shock",
     "state_names",
     "step_nanoseconds",

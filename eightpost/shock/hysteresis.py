@@ -29,6 +29,7 @@ SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
 #: It has a recipe of its own.
 FIT_FORM = "recipe"
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
+UNITS = {"lagged_slope": "N.s/m", "time_constant": "s", "stop_stiffness": "N/m", "stop_yield": "m", "stop_time": "s"}
 
 #: Places in `own`: the slopes c_k begin at 0, then follow tau at its three nodes, ks, e_y and t_s.
 _TAU = KNOTS
