@@ -191,7 +191,9 @@ def opened(browser, written):
     browser.events.clear()
     browser.call("Emulation.setDeviceMetricsOverride", width=1366, height=768, deviceScaleFactor=1, mobile=False)
     browser.call("Page.navigate", url=written.as_uri())
-    browser.until("document.body && (document.body.dataset.ready || !document.getElementById('trouble').hidden)")
+    browser.until(
+        "document.body && (document.body.dataset.ready || document.getElementById('trouble')?.hidden === false)"
+    )
     assert browser.evaluate("document.getElementById('trouble').hidden")
     return browser
 
