@@ -5,7 +5,7 @@
 (Y. K. Wen, J. Eng. Mech. Div. 102(2), 1976; for dampers B. F. Spencer et al., J. Eng. Mech. 123(3), 1997). A only
 scales z, so A = 1 and z is a length [m]; its largest magnitude is z_m = (beta + gamma)^(-1/n). The force is linear in
 c, k, alpha and each run's F0: these are solved exactly for every trial of (z_m, beta z_m^n, n), which nonlinear least
-squares optimizes from twelve starts. All signs of c, k and alpha are allowed. z starts at 0.
+squares optimizes from twenty starts. All signs of c, k and alpha are allowed. z starts at 0.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from eightpost.signals import TimeSeries
 Array = NDArray[np.float64]
 
 #: Start values: z_m as a share of half the stroke [1], beta z_m^n [1], n [1].
-REACHES, SHARES, EXPONENTS = (0.03, 0.2, 1.0), (0.5, 0.9), (1.0, 2.0)
+REACHES, SHARES, EXPONENTS = (0.01, 0.03, 0.1, 0.3, 1.0), (0.5, 0.9), (1.0, 2.0)
 #: Bounds of the same three values; beta z_m^n + gamma z_m^n = 1.
 BOUNDS = ((1e-4, 10.0), (0.05, 50.0), (1.0, 8.0))
 
@@ -79,7 +79,7 @@ class BoucWenFit:
         law: Best law.
         rms: RMS residual [N]; model and measurement pass the same low-pass filter.
         deviation: Standard deviation of the measured force, each run about its own mean [N].
-        costs: RMS residual [N] for each of twelve starts before the best were continued, in ascending order.
+        costs: RMS residual [N] for each of twenty starts before the best were continued, in ascending order.
         seconds: Computing time without compilation [s].
     """
 

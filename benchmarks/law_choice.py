@@ -7,7 +7,8 @@ EIGHTPOST_DATA names the folder of measured records, the held-out runs of benchm
 last third of every measured record, each held out from the other two. Prints Markdown: the held-out error of each law
 with polynomials and with a curve through knots, in percent of the force's standard deviation, the choice, what is best
 in hindsight, and the excess of the choice's error; cases in which knots lose most against polynomials come first.
-Bouc-Wen is fitted to measured records for comparison; it cannot be chosen, and --ours leaves it out.
+Bouc-Wen (20 starts) and a small free-running NARX are fitted for comparison; they cannot be chosen, and --ours leaves
+them out.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured, thirds
+from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured, thirds
 from benchmarks.shock_rows import FitErrors, attempt
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
@@ -56,6 +57,7 @@ class Chosen:
         choice: Comparison of the laws.
         errors: Error of each law and curve on the held-out record, in percent of the force's standard deviation.
         bouc_wen: Error of Bouc-Wen there; None if it was not fitted.
+        narx: Error of a small free-running NARX there; None if it was not fitted.
         seconds: Processor time of all fits of the choice [s].
     """
 
@@ -63,6 +65,7 @@ class Chosen:
     choice: LawChoice
     errors: Mapping[Candidate, float]
     bouc_wen: float | None
+    narx: float | None
     seconds: float
 
     @property
@@ -95,12 +98,13 @@ class Chosen:
             "regret": self.regret,
             "errors": {f"{law}, {curve}": error for (law, curve), error in self.errors.items()},
             "bouc_wen": self.bouc_wen,
+            "narx": self.narx,
             "cross_validated": {s.law: s.held_out.percent for s in self.choice.scores if s.blocks is not None},
             "seconds": self.seconds,
         }
 
 
-def judged(case: Case, *, with_bouc_wen: bool = True) -> Chosen:
+def judged(case: Case, *, with_others: bool = True) -> Chosen:
     """Choose law and curve on the fitted records of a case, and judge the choice on its held-out record."""
     started = process_time()
     choice = fit_shock(case.fitted, "auto", segment=case.segment).choice
@@ -108,8 +112,9 @@ def judged(case: Case, *, with_bouc_wen: bool = True) -> Chosen:
     assert choice is not None
     found = {(law, curve): attempt(case, law, "joint", curve) for law in LAWS for curve in CURVES}
     errors = {one: result.validation_percent for one, result in found.items() if isinstance(result, FitErrors)}
-    wen = attempt(case, BOUC_WEN, "joint") if with_bouc_wen and case.is_measured else None
-    return Chosen(case, choice, errors, wen.validation_percent if isinstance(wen, FitErrors) else None, seconds)
+    others = [attempt(case, law, "joint") if with_others else None for law in (BOUC_WEN, NARX)]
+    wen, narx = (one.validation_percent if isinstance(one, FitErrors) else None for one in others)
+    return Chosen(case, choice, errors, wen, narx, seconds)
 
 
 def cases(numbers: Sequence[int]) -> Iterator[Case]:
@@ -121,15 +126,15 @@ def cases(numbers: Sequence[int]) -> Iterator[Case]:
 
 def choices_table(found: Sequence[Chosen]) -> str:
     """Return the errors of each law and curve, the choice and its excess as Markdown, worst ratio of knots first."""
-    heads = ("record", *map(law_title, LAWS), "Bouc-Wen", "auto", "best in hindsight", "excess [%]")
+    heads = ("record", *map(law_title, LAWS), "Bouc-Wen", "NARX", "auto", "best in hindsight", "excess [%]")
     ordered = sorted(found, key=lambda one: max(map(one.ratio, LAWS)), reverse=True)
     return grid(heads, map(_cells, ordered))
 
 
 def _cells(one: Chosen) -> list[str]:
     errors = [" / ".join(_error(one, (law, curve)) for curve in CURVES) for law in LAWS]
-    wen = "-" if one.bouc_wen is None else number(one.bouc_wen)
-    return [one.case.record, *errors, wen, _name(one.chosen), _name(one.best), f"{100.0 * one.regret:.1f}"]
+    others = ["-" if error is None else number(error) for error in (one.bouc_wen, one.narx)]
+    return [one.case.record, *errors, *others, _name(one.chosen), _name(one.best), f"{100.0 * one.regret:.1f}"]
 
 
 def _error(one: Chosen, candidate: Candidate) -> str:
@@ -153,7 +158,8 @@ def summary(found: Sequence[Chosen]) -> str:
             f"- {close} of {len(found)} choices ({share}) are within {100.0 * CLOSE:.0f} % of the best law and curve "
             f"in hindsight; required: {100.0 * SHARE:.0f} %.",
             f"- Largest excesses: {worst} %; median {100.0 * float(np.median(regrets)):.1f} %.",
-            *(f"- {_gains(found, law)}" for law in LAWS),
+            *(f"- {_gains(found, law)}" for law in LAWS if any(one.ratio(law) != 1.0 for one in found)),
+            f"- {_hysteresis_gain(found)}",
             f"- Processor time of a choice, all laws: median {seconds[len(seconds) // 2]:.1f} s, maximum "
             f"{seconds[-1]:.1f} s.",
         ]
@@ -169,6 +175,22 @@ def _gains(found: Sequence[Chosen], law: str) -> str:
     )
 
 
+def _hysteresis_gain(found: Sequence[Chosen]) -> str:
+    """Return how Hysteresis compares with LPNL2 with polynomials on measured records, and with Bouc-Wen elsewhere."""
+    mine, theirs = ("hysteresis", "knots"), ("lpnl2", "polynomial")
+    pairs = [one.errors for one in found if one.case.is_measured and mine in one.errors and theirs in one.errors]
+    ratios = sorted((errors[mine] / errors[theirs] for errors in pairs), reverse=True)
+    many = [one for one in found if one.bouc_wen is not None and mine in one.errors and one.case.has_many_speeds]
+    lost = [one.case.record for one in many if one.errors[mine] > (one.bouc_wen or 0.0)]
+    worst = ", ".join(f"{ratio:.2f}" for ratio in ratios[:3])
+    median = f"{float(np.median(ratios)):.2f}" if ratios else "-"
+    return (
+        f"Hysteresis: error over that of LPNL2 with polynomials on {len(ratios)} measured cases {worst}, .., {median} "
+        f"(median). Of {len(many)} cases with more than one speed, Bouc-Wen is better on {len(lost)}"
+        f"{': ' + '; '.join(lost) if lost else ''}."
+    )
+
+
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = _options()
@@ -179,7 +201,7 @@ def main() -> None:
             continue
         if not found:
             fit_shock(case.fitted, "auto", segment=case.segment)  # compile before the time is measured
-        found.append(judged(case, with_bouc_wen=not options.ours))
+        found.append(judged(case, with_others=not options.ours))
         print(
             f"{case.record}: {_name(found[-1].chosen)}, {100.0 * found[-1].regret:.1f} %", file=sys.stderr, flush=True
         )
@@ -204,7 +226,7 @@ def _options() -> argparse.Namespace:
         "--configurations", default=",".join(map(str, range(1, 13))), help="configurations, separated by commas"
     )
     parser.add_argument("--page", type=Path, help="rewrite the table of this page, docs/law_choice.md")
-    parser.add_argument("--ours", action="store_true", help="leave out Bouc-Wen, which takes most of the time")
+    parser.add_argument("--ours", action="store_true", help="leave out Bouc-Wen and NARX, which take most of the time")
     parser.add_argument("--cases", default="", help="run only cases whose name contains these words")
     return parser.parse_args()
 

@@ -1,6 +1,6 @@
 """Benchmark of the 95 % intervals of fitted shocks: two disjoint halves of a record are fitted and compared.
 
-    python benchmarks/law_intervals.py
+    python benchmarks/law_intervals.py [--laws hysteresis] [--measured]
 
 The records are configurations of the virtual dynamometer, with constant damping and with a damping that falls by 0.4 %
 per kelvin while the shock warms, and the measured records in the folder that EIGHTPOST_DATA names. The law's own
@@ -10,6 +10,7 @@ root of the sum of squares of both half-widths. Parameters at a bound are left o
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,9 +22,8 @@ import numpy as np
 from benchmarks.shock_records import measured_runs
 from eightpost.ident import ShockFit, fit_shock
 from eightpost.rig import Actuator, DynoTest, configuration, random_multisine, read_out
-from eightpost.shock import own_parameters
 
-CONFIGURATIONS, LAWS = (1, 3, 5, 7, 9, 11), ("polylinear", "lpf1", "lpnl2")
+CONFIGURATIONS, LAWS = (1, 3, 5, 7, 9, 11), ("polylinear", "lpf1", "lpnl2", "hysteresis")
 
 #: Relative change of the damping per kelvin of warming [1/K].
 DRIFT = -0.004
@@ -48,7 +48,8 @@ def covered(test: DynoTest, law: str) -> list[bool]:
     middle = 0.5 * (0.5 + end)
     velocity = test.series["velocity"]
     slow = float(min(velocity.max(), -velocity.min()))
-    speed = 0.6 * slow if slow < 0.4 else None  # the same transition in both halves
+    has_transition = slow < 0.4 and law != "hysteresis"
+    speed = 0.6 * slow if has_transition else None  # the same in both halves
     one, other = (fit_shock(test, law, segment=part, transition_speed=speed) for part in ((0.5, middle), (middle, end)))
     found = [
         abs(a - b) <= np.hypot(wide, wide_too)
@@ -61,7 +62,7 @@ def covered(test: DynoTest, law: str) -> list[bool]:
 
 def _own(fit: ShockFit) -> list[tuple[float, float]]:
     """Return value and half-width of the law's own parameters; NaN where there is no valid interval."""
-    known = [fit.parameter(name) for name in own_parameters(type(fit.shock.law))]
+    known = [parameter for parameter in fit.parameters if not parameter.name.startswith("gas_")]
     return [(p.value, np.nan if p.at_bound or p.error is None else p.reach * p.error) for p in known]
 
 
@@ -71,13 +72,24 @@ def _points(fit: ShockFit, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def main() -> None:
-    """Print the share of intervals that cover, per group of records."""
+    """Print the share of intervals that cover, per group of records and law."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--laws", default=",".join(LAWS), help="names of laws, separated by commas")
+    parser.add_argument("--measured", action="store_true", help="measured records alone")
+    options = parser.parse_args()
+    laws = options.laws.split(",")
     measured = measured_runs(Path(os.environ.get("EIGHTPOST_DATA") or "/nowhere"))
-    groups = {"constant": virtual(0.0), "warming": virtual(DRIFT), "measured": (run for _, run in measured)}
+    groups = {"measured": (run for _, run in measured)}
+    if not options.measured:
+        groups |= {"constant": virtual(0.0), "warming": virtual(DRIFT)}
     for name, tests in groups.items():
-        hits = [hit for test in tests for law in LAWS for hit in covered(test, law)]
-        if hits:
-            print(f"{name}: {100.0 * float(np.mean(hits)):.1f} % of {len(hits)}", flush=True)
+        hits: dict[str, list[bool]] = {law: [] for law in laws}
+        for test in tests:
+            for law in laws:
+                hits[law] += covered(test, law)
+        for law, found in hits.items():
+            if found:
+                print(f"{name}, {law}: {100.0 * float(np.mean(found)):.1f} % of {len(found)}", flush=True)
 
 
 if __name__ == "__main__":

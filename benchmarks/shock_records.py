@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig import Actuator, DynoTest, cavitation, configuration, random_multisine, read_dyno_test, read_out
 from eightpost.signals import Drivefile
 
 Segment = tuple[float, float]
 
 LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
-BOUC_WEN = "bouc-wen"
+BOUC_WEN, NARX = "bouc-wen", "narx"
 
 #: Phase draws for fit and validation; the damper was calibrated with other draws (docs/dynamometer.md).
 DRAWS = ((11, 12), (13, 14), (15, 16))
@@ -64,6 +65,11 @@ class Case:
     def is_measured(self) -> bool:
         """Whether the record is a measured one."""
         return not self.configuration
+
+    @property
+    def has_many_speeds(self) -> bool:
+        """Whether the fitted runs have more than one speed."""
+        return not prepare_runs(self.fitted, segment=self.segment).has_one_speed
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -149,6 +155,13 @@ def _ohlins(folder: Path, *, quick: bool) -> Iterator[Case]:
         for fitted, held_out in ((one, other), (other, one)):
             name = f"ohlins: {fitted}, held out {held_out} (other {differing})"
             yield _by_run(name, [_ohlins_run(folder, fitted)], _ohlins_run(folder, held_out), quick=quick)
+    slow, fast = (_ohlins_run(folder, name) for name in OHLINS_PAIRS[0][:2])
+    other = _ohlins_run(folder, OHLINS_PAIRS[1][0])
+    segment = (1.0, 10.0) if quick else (0.0, fast.series.duration)
+    two = f"ohlins: {OHLINS_PAIRS[0][0]} + {OHLINS_PAIRS[0][1]} (two speeds), held out"
+    rest = (segment[1], slow.series.duration)
+    yield Case(f"{two} the rest of the slow run", (slow, fast), slow, segment, rest, about_mean=True)
+    yield Case(f"{two} {OHLINS_PAIRS[1][0]}", (slow, fast), other, segment, about_mean=True)
     for name in OHLINS_SINGLE:
         run = _ohlins_run(folder, name)
         duration = run.series.duration

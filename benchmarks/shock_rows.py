@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bouc_wen import fit_bouc_wen, predict
-from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
+from benchmarks.narx import fit_narx, narx_error
+from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.options import CurveChoice, RecipeName
 from eightpost.ident.shock.record import prepare
@@ -158,7 +160,8 @@ def _warm_up(bench: Bench) -> None:
 def attempt(case: Case, law: str, recipe: RecipeName, curve: CurveChoice = "polynomial") -> Result:
     """Return the errors of a law with a kind of curve on a case, or why it could not be fitted."""
     try:
-        return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe, curve)
+        others = {BOUC_WEN: _bouc_wen, NARX: _narx}
+        return others[law](case) if law in others else _ours(case, law, recipe, curve)
     except ValueError as error:  # raised by laws and fits that reject the data
         return FailedFit(case, law, str(error))
 
@@ -180,3 +183,19 @@ def _bouc_wen(case: Case) -> FitErrors:
     parameters = {name: float(getattr(fit.law, name)) for name in names}
     errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
     return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters)
+
+
+def _narx(case: Case) -> FitErrors:
+    started = time.perf_counter()
+    model = fit_narx(case.fitted, case.segment)
+    seconds = time.perf_counter() - started
+    fitted = [prepare(test, segment=case.segment) for test in case.fitted]
+    prepared = prepare(case.held_out, segment=case.held_out_segment)
+    within, error = np.concatenate([narx_error(model, run) for run in fitted]), narx_error(model, prepared)
+    deviation = float(np.sqrt(np.mean([run.deviation**2 for run in fitted])))
+    errors = (_rms(within), deviation, _rms(error), float(np.mean(error)), prepared.deviation)
+    return FitErrors(case, NARX, *errors, seconds)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

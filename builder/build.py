@@ -64,6 +64,7 @@ def build(
     target: str = "native",
     fmi: str = "2",
     disclosure: Disclosure = Disclosure.FULL,
+    temperature_input: bool = False,
     progress: Progress | None = None,
 ) -> list[Built]:
     """Build one FMU per source file into `folder`; each is named after its source.
@@ -76,6 +77,7 @@ def build(
             then named <name>_fmi3.fmu. Python FMUs are of FMI 2.0.
         disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve,
             and must be native.
+        temperature_input: Whether the temperature of shocks with settings is an input instead of a parameter.
         progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
@@ -91,7 +93,7 @@ def build(
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
-    products = [(str(source), product_of(Path(source))) for source in sources]
+    products = [(str(source), product_of(Path(source), temperature_input=temperature_input)) for source in sources]
     names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
     if fmi == "all":
         names += [f"{name}_fmi3" for name in names]
@@ -155,8 +157,12 @@ def _built(product: Product, path: Path, source: str, target: str) -> Built:
     return Built(path, source, product.interface, target, validity_of(product.source))
 
 
-def product_of(source: Path) -> Product:
+def product_of(source: Path, *, temperature_input: bool = False) -> Product:
     """Return the product of a shock file or vehicle file.
+
+    Args:
+        source: Path of the file.
+        temperature_input: Whether the temperature of a shock with settings is an input instead of a parameter.
 
     Raises:
         FmuError: The file is not one, or its vehicle cannot become an FMU.
@@ -166,7 +172,7 @@ def product_of(source: Path) -> Product:
     if not source.is_file():
         raise FmuError(f"{source}: the file does not exist; correct the path, or create the file (eightpost fit)")
     if source.suffix == ".json" and document_kind(source) == "shock":
-        return shock_product(read_shock(source), identifier)
+        return shock_product(read_shock(source), identifier, temperature_input=temperature_input)
     if source.suffix in (".json", ".toml"):
         _refuse_a_system(source)
         return vehicle_product(read_vehicle(source), identifier)

@@ -69,8 +69,12 @@ def python_fmu(product: Product) -> dict[str, bytes]:
 def _shock_slave(product: Product, shock: Shock) -> _Slave:
     law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
     common = source_folder() / "common"
-    code = (*imported_files(law), common / "table_slave.py")
-    return _Slave(product, common / "shock_slave.py", code, {"law": law.stem, "class": type(shock.law).__name__})
+    model: dict[str, Any] = {"law": law.stem, "class": type(shock.law).__name__}
+    code = imported_files(law)
+    if shock.settings is not None:
+        model["settings"] = asdict(shock.settings)
+        code = tuple(dict.fromkeys((*code, *imported_files(law.with_name("settings.py")))))
+    return _Slave(product, common / "shock_slave.py", (*code, common / "table_slave.py"), model)
 
 
 def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:

@@ -19,11 +19,11 @@ from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import Bond, Connection, System, find_variable
-from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text
 from eightpost.signals import ChannelMap, Drivefile
+from eightpost.toml_document import parse_model
 
 # ---- Opening of an FMU as a component, in this process or in its own ------------------------------------------------
 

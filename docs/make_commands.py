@@ -35,10 +35,15 @@ def page() -> str:
     return _INTRODUCTION + _table(main, context) + "".join(sections)
 
 
-def _section(command: click.Command, context: click.Context) -> str:
-    """Return the section of one verb: usage, help text, examples and options."""
-    usage = " ".join(["eightpost", command.name, *command.collect_usage_pieces(context)])
-    return f"\n## {command.name}\n\n    {usage}\n\n{_text(command.help)}{_table(command, context)}"
+def _section(command: click.Command, context: click.Context, level: str = "##") -> str:
+    """Return the section of one verb: usage, help text, examples and options, then those of its sub-verbs."""
+    name = context.command_path.removeprefix("eightpost ")
+    usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
+    own = f"\n{level} {name}\n\n    {usage}\n\n{_text(command.help)}"
+    if not isinstance(command, click.Group):
+        return own + _table(command, context)
+    below = [command.commands[verb] for verb in command.list_commands(context)]
+    return own.rstrip("\n") + "\n" + "".join(_section(c, click.Context(c, context, c.name), f"{level}#") for c in below)
 
 
 def _text(help_text: str) -> str:

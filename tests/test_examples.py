@@ -64,7 +64,7 @@ def shorten_study(path):
 def test_the_commands_of_readme_run(workplace, monkeypatch, one_platform):
     text = (ROOT / "README.md").read_text()
     commands = re.findall(r"^eightpost (.*)$", text, re.MULTILINE)
-    assert [c.split()[0] for c in commands] == ["inspect", "fit", "build", "check", "run", "study"]
+    assert [c.split()[0] for c in commands] == ["inspect", "fit", "settings", "build", "check", "run", "study"]
     # Three seconds of the track are sufficient for this test.
     case = workplace / "examples" / "seven_dof.toml"
     case.write_text(case.read_text().replace('stop = "30 s"', 'stop = "3 s"'))

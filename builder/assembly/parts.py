@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from builder.fmu.interface import Interface, Variable, shock_kinds, source_folder
+from builder.fmu.settings import BEYOND_SETTINGS
 from builder.native.native_fmu import SHOCK
 from builder.native.native_fmu import VEHICLE as VEHICLE_FILES
 from builder.native.tables import interface_header, layout
@@ -161,6 +162,11 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
         raise _CannotBeError(f"is not an FMU of eightpost, so its equations are not known; {_NOT_ASSEMBLED}")
     if interface.kind not in (VEHICLE, *shock_kinds()):
         raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_NOT_ASSEMBLED}")
+    if BEYOND_SETTINGS in interface.names("local"):
+        raise _CannotBeError(
+            "has adjusters as parameters, whose tables an assembly cannot contain; build the shock at one setting: "
+            "write_shock(shock.at(clicks=...), ...) in Python"
+        )
     _refuse_closed(root, members)
     header = members["sources/interface.h"].decode()
     states = int(_found(r"\bSTATES = (\d+)", header))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from builder.fmu.interface import Interface, shock_interface, vehicle_interface
 from builder.fmu.modes import with_modes
+from builder.fmu.settings import with_settings
 from eightpost.errors import FmuError
 from eightpost.shock import Shock
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Vehicle
@@ -27,9 +28,22 @@ class Product:
         return self.interface.kind
 
 
-def shock_product(shock: Shock, identifier: str) -> Product:
-    """Return the product for a shock."""
+def shock_product(shock: Shock, identifier: str, *, temperature_input: bool = False) -> Product:
+    """Return the product for a shock.
+
+    Args:
+        shock: Shock, with or without settings.
+        identifier: C name of the FMU.
+        temperature_input: Whether the temperature is an input instead of a parameter.
+
+    Raises:
+        FmuError: The temperature is to be an input, but the shock has none.
+    """
     interface = shock_interface(shock)
+    if shock.settings is not None:
+        interface = with_settings(interface, shock.settings, temperature_input=temperature_input)
+    elif temperature_input:
+        raise FmuError(f"shock {shock.name!r} has no temperature that could be an input (eightpost settings)")
     return Product(identifier, f"{interface.description}: {shock.name}", interface, shock)
 
 

@@ -10,6 +10,7 @@ from builder.fmu.description import Description, content_guid, model_description
 from builder.fmu.description3 import model_description_3
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
+from builder.native.settings_data import settings_data
 from builder.native.source_folder import build_members, version_files
 from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
@@ -41,7 +42,7 @@ COMMON = (
     "variables.c",
     "wide.h",
 )
-SHOCK = ("curve.h", "lag.h", "shock.c", "shock.h")
+SHOCK = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h")
 #: Files of fmus/vehicle_ss besides model.c.
 VEHICLE = ("modal.h", "phi.h", "rates.c")
 
@@ -54,9 +55,13 @@ def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byte
     """
     folder = source_folder()
     model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
-    states, generated = 0, {}
+    states = 0
+    generated: dict[str, str] = {}
     if isinstance(product.source, Shock):
         model |= {name: (folder / "common" / name).read_bytes() for name in SHOCK}
+        if product.source.settings is not None:
+            law = product.source.law
+            generated = {"settings_data.h": settings_data(product.source.settings, law, product.interface)}
     else:
         space = product.source.coupled()
         form = modal_form(space)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from builder.fmu.interface import Interface, Variable
+from builder.fmu.settings import BEYOND_SETTINGS
 
 _SIGNALS = ("input", "output", "local")
 
@@ -133,6 +134,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         f'#define MODEL_IDENTIFIER "{identifier}"',
         f'#define MODEL_GUID "{{{guid}}}"',
         *(["#define SEVERAL_STATES"] if interface.kind.startswith("shock_") and len(interface.states) > 1 else []),
+        *_setting_switches(interface),
         "",
         "enum {",
         *(f"    {name} = {value}," for name, value in counts.items()),
@@ -157,6 +159,14 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _setting_switches(interface: Interface) -> list[str]:
+    """Return the switches of a shock whose adjusters or temperature are variables (settings.h)."""
+    if BEYOND_SETTINGS not in interface.names("local"):
+        return []
+    has_input = "temperature" in interface.names("input")
+    return ["#define HAS_SETTINGS", *(["#define HAS_TEMPERATURE_INPUT"] if has_input else [])]
 
 
 def _references(variables: Iterable[Variable]) -> int:

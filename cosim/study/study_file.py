@@ -17,11 +17,11 @@ from cosim.study.families import Car, family
 from cosim.study.measures import Measure
 from cosim.study.running.evaluator import ports
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
-from cosim.toml_document import line_with, parse_model
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, WiringError
 from eightpost.files import read_text
 from eightpost.signals import ChannelMap, Drivefile
+from eightpost.toml_document import line_with, parse_model
 
 SCHEMA = 1
 

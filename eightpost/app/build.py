@@ -86,6 +86,9 @@ def show_assembled(console: Console, built: Assembled) -> None:
 @click.option("--confidential", is_flag=True,
               help="Leave out the sources, the static curve (picture and coefficients) and the names of the source "
                    "files. The parameters of the lag, which a host may tune, stay readable.")  # fmt: skip
+@click.option("--temperature-input", is_flag=True,
+              help="Make the temperature of shocks that were fitted over it an input; without this option it is a "
+                   "tunable parameter.")  # fmt: skip
 @click.option("--assemble", "system", type=click.Path(path_type=Path), metavar="SYSTEM",
               help="System file to build as one FMU: a vehicle and its shocks, with the coupling solved inside "
                    "(docs/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
@@ -98,6 +101,7 @@ def build(
     target: str,
     fmi: str,
     confidential: bool,
+    temperature_input: bool,
     system: Path | None,
 ) -> None:
     """Build an FMU from each source, for co-simulation and model exchange.
@@ -118,15 +122,24 @@ def build(
 
     console = Console()
     if system is not None:
-        if sources or confidential or target != "native" or fmi == "all":
+        if sources or confidential or temperature_input or target != "native" or fmi == "all":
             raise click.UsageError(
-                "--assemble builds one FMU from one system file: omit SOURCES, --confidential, --target and --fmi all"
+                "--assemble builds one FMU from one system file: omit SOURCES, --confidential, --temperature-input, "
+                "--target and --fmi all"
             )
         show_assembled(console, assemble_with_progress(console, system, output, fmi=int(fmi)))
         return
     if not sources:
         raise click.UsageError("Missing argument 'SOURCES...'.")
-    built = build_with_progress(console, sources, output, target=target, fmi=fmi, confidential=confidential)
+    built = build_with_progress(
+        console,
+        sources,
+        output,
+        target=target,
+        fmi=fmi,
+        confidential=confidential,
+        temperature_input=temperature_input,
+    )
     verdict = show_built(console, built)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
@@ -139,6 +152,7 @@ def build_with_progress(
     target: str = "native",
     fmi: str = "2",
     confidential: bool = False,
+    temperature_input: bool = False,
 ) -> list[Built]:
     """Build with a progress bar, because a first build compiles for all platforms."""
     from builder.build import build as build_fmus
@@ -151,6 +165,7 @@ def build_with_progress(
             target=target,
             fmi=fmi,
             disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
+            temperature_input=temperature_input,
             progress=advance,
         )
 

@@ -45,6 +45,14 @@ class Verb(click.Command):
         return f"{self.renamed[option]}{equals}{value}"
 
 
+class VerbGroup(click.Group):
+    """A verb with sub-verbs, listed in the order of the work; without one of them, it prints its help."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the sub-verbs in the order of their definition."""
+        return list(self.commands)
+
+
 class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A value with its unit, such as '10 mm', which the verb receives in one unit.
 

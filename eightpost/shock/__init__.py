@@ -5,7 +5,6 @@ from eightpost.shock.file import Shock, read_shock, write_shock
 from eightpost.shock.hysteresis import Hysteresis
 from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
 from eightpost.shock.laws import (
-    FITTED_LAWS,
     LAWS,
     fit_form,
     fit_parameters,
@@ -23,10 +22,11 @@ from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
+from eightpost.shock.settings import Axis, Settings, Term
 
 __all__ = [
-    "FITTED_LAWS",
     "LAWS",
+    "Axis",
     "CurveNumbers",
     "FitParameter",
     "Hysteresis",
@@ -37,9 +37,11 @@ __all__ = [
     "Polylinear",
     "Port",
     "Response",
+    "Settings",
     "Shock",
     "ShockLaw",
     "StaticCurve",
+    "Term",
     "Valve",
     "fit_form",
     "fit_parameters",

@@ -104,6 +104,34 @@ def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], vel
     return force
 
 
+def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
+    """Return the states (N, 2) of a law with several states for a record; for the arguments see `stepped_force`."""
+    found = np.empty((velocity.size, len(state_names(law))))
+    numbers = _records([(law, Port(), tuple(valve.curve), own)])  # type: ignore[arg-type]
+    _state_machine(law)(numbers, np.ascontiguousarray(velocity), step, found)
+    return found
+
+
+@cache
+def _state_machine(law: type[ShockLaw]) -> Callable[..., None]:
+    start_core, advance_core = law_module(law).start_core, law_module(law).advance_core
+    number = _number_of(_registered(start_core, advance_core))
+
+    def loop(numbers: Any, velocity: Any, step: Any, found: Any) -> None:
+        if number == 0:
+            return
+        own = numbers[0].own
+        valve = Valve(numbers[0].curve, 1.0, 1.0)
+        states = start_core(velocity[0], 0.0, own, valve)
+        found[0, 0], found[0, 1] = states
+        for n in range(1, velocity.size):
+            # The states depend on the velocity alone.
+            states = advance_core(states, Piece(velocity[n - 1], velocity[n], 0.0, 0.0, step[n - 1]), own, valve)
+            found[n, 0], found[n, 1] = states
+
+    return compiled_loop(loop)
+
+
 @cache
 def machine(law: type[ShockLaw]) -> Callable[..., None]:
     """Return the compiled loop of a law."""

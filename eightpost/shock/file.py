@@ -5,18 +5,22 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
+from eightpost.shock.at_setting import band_section, force_half_width, setting_reasons, setting_text
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import LAWS, law_name, own_parameters
 from eightpost.shock.port import Port
+from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, setting_of
 from eightpost.validity import Validity
+from eightpost.verdict import Verdict
 
 SCHEMA = 1
 
@@ -33,6 +37,8 @@ class Shock:
         fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values.
         inputs: Name and SHA-256 of each file that the shock was made from.
         validity: Verdict on the fit and the ranges that it covers; None if not stated.
+        settings: Effect of the adjusters and of the temperature; `law` is then the law at the reference setting. None:
+            the shock was measured at one setting.
     """
 
     name: str
@@ -41,11 +47,59 @@ class Shock:
     fit: Mapping[str, Any] = field(default_factory=dict)
     inputs: tuple[Mapping[str, str], ...] = ()
     validity: Validity | None = None
+    settings: Settings | None = None
+
+    def __post_init__(self) -> None:
+        if self.settings is not None and not self.law.curve.has_knots:
+            raise ValueError("settings: the curve must have knots, because a setting changes the slopes at them")
 
     @property
     def law_name(self) -> str:
         """The law's name in files and on the command line."""
         return law_name(type(self.law))
+
+    def at(self, *, clicks: Mapping[str, float] | None = None, temperature: float | None = None) -> Shock:
+        """Return the shock at a setting: an ordinary law, with the verdict on the setting and the band of its curve.
+
+        Args:
+            clicks: Setting by name of the adjuster; others are at the reference.
+            temperature: Temperature [K]; None: the reference.
+
+        Raises:
+            ParameterError: The shock has no such adjuster, or the setting is beyond the adjuster's stops.
+        """
+        if self.settings is None:
+            raise ParameterError(
+                f"shock {self.name!r} was measured at one setting; fit several with eightpost settings"
+            )
+        values = dict(clicks or {}) | ({} if temperature is None else {TEMPERATURE: temperature})
+        try:
+            setting = setting_of(self.settings, values)
+        except ValueError as error:
+            raise ParameterError(f"shock {self.name!r}: {error}") from error
+        self._check_stops(self.settings, setting)
+        law = self.settings.law_at(self.law, setting)
+        half_width = force_half_width(self.settings, self.law, setting)
+        where = setting_text(self.settings, setting)
+        judged = Verdict(setting_reasons(self.settings, setting, f"the settings of {self.name}"))
+        level = self.fit.get("curve_band", {}).get("level", 0.95)
+        return replace(
+            self,
+            name=f"{self.name}, {where}",
+            law=law,
+            conditions=dict(self.conditions) | {"clicks": where},
+            fit=dict(self.fit) | {"curve_band": band_section(law, half_width, level)},
+            validity=Validity.with_verdict(self.validity, judged),
+            settings=None,
+        )
+
+    def _check_stops(self, settings: Settings, setting: tuple[float, ...]) -> None:
+        for axis, value in zip(settings.axes, setting, strict=True):
+            low, high = (-inf if axis.lowest is None else axis.lowest), (inf if axis.highest is None else axis.highest)
+            if not low <= value <= high:
+                raise ParameterError(
+                    f"shock {self.name!r}: {axis.name} = {value:g} is beyond the adjuster's stops, {low:g} to {high:g}"
+                )
 
 
 def write_shock(shock: Shock, path: str | Path) -> None:
@@ -65,6 +119,8 @@ def write_shock(shock: Shock, path: str | Path) -> None:
     }
     if shock.validity is not None:
         document["validity"] = shock.validity.to_json()
+    if shock.settings is not None:
+        document["settings"] = dataclasses.asdict(shock.settings)
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -92,6 +148,9 @@ def read_shock(path: str | Path) -> Shock:
         parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
         law = _construct(law_class, "parameters", parameters)
         validity = Validity.from_json(document["validity"]) if "validity" in document else None
+        settings = _settings(document) if "settings" in document else None
+        if settings is not None:
+            settings.law_at(law, settings.reference)
     except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
     return Shock(
@@ -101,7 +160,56 @@ def read_shock(path: str | Path) -> Shock:
         fit=_table(document, "fit", Path(path)),
         inputs=_inputs(document, Path(path)),
         validity=validity,
+        settings=settings,
     )
+
+
+def _settings(document: dict[str, Any]) -> Settings:
+    """Return the settings of a document; ValueError if an entry is missing, unknown or wrong."""
+    section = _section(document, "settings")
+    axes = tuple(_construct_axis(entry) for entry in _entries(section, "axes"))
+    terms = tuple(_construct_term(entry) for entry in _entries(section, "terms"))
+    return Settings(
+        axes=axes,
+        parameters=tuple(str(name) for name in section.get("parameters", ())),
+        terms=terms,
+        tested=_rows(section, "tested"),
+        half_width=_rows(section, "half_width"),
+    )
+
+
+def _entries(section: dict[str, Any], name: str) -> tuple[dict[str, Any], ...]:
+    entries = section.get(name, ())
+    if not isinstance(entries, tuple) or not all(isinstance(entry, dict) for entry in entries):
+        raise ValueError(f"settings: {name} must be a list of objects, not {entries!r}")
+    return entries
+
+
+def _construct_axis(entry: dict[str, Any]) -> Axis:
+    texts = {name: entry[name] for name in ("name", "unit", "counted") if name in entry}
+    if not all(isinstance(text, str) for text in texts.values()):
+        raise ValueError(f"settings: name, unit and counted of an axis must be texts, not {texts!r}")
+    stops = {name: entry.get(name) for name in ("lowest", "highest")}
+    for name, value in stops.items():
+        if value is not None and type(value) not in (int, float):
+            raise ValueError(f"settings: {name} must be a number, not {value!r}")
+    (nodes,) = _rows({"nodes": (entry.get("nodes", ()),)}, "nodes")
+    reference = _rows({"reference": ((entry.get("reference"),),)}, "reference")[0][0]
+    return Axis(nodes=nodes, reference=reference, lowest=stops["lowest"], highest=stops["highest"], **texts)
+
+
+def _construct_term(entry: dict[str, Any]) -> Term:
+    return Term(tuple(str(name) for name in entry.get("axes", ())), _rows(entry, "deviations"))
+
+
+def _rows(section: dict[str, Any], name: str) -> tuple[tuple[float, ...], ...]:
+    """Return rows of numbers; ValueError if they are something else."""
+    rows = section.get(name, ())
+    if not isinstance(rows, (list, tuple)) or not all(isinstance(row, (list, tuple)) for row in rows):
+        raise ValueError(f"settings: {name} must be rows of numbers")
+    if not all(type(value) in (int, float) for row in rows for value in row):
+        raise ValueError(f"settings: {name} must contain numbers only")
+    return tuple(tuple(float(value) for value in row) for row in rows)
 
 
 def _table(document: dict[str, Any], name: str, path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ STATES = ("lagged_velocity", "stop_travel")
 SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
 
 #: It has a recipe of its own.
-FIT_FORM = "recipe"
+FIT_FORM = "lagged velocity"
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 UNITS = {"lagged_slope": "N.s/m", "time_constant": "s", "stop_stiffness": "N/m", "stop_yield": "m", "stop_time": "s"}
 

@@ -20,7 +20,7 @@ A law is a single file (docs/add_a_law.md). Besides its class, the file has at m
   0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1
   and F_2, each times the factor. "series spring": the only parameter is a stiffness in series with the curve. The fit
   evaluates both functions of alpha for arrays, with the `min`, `max` and `copysign` of numpy: they have no branches.
-  "recipe": the law is not fitted by its parameters.
+  "lagged velocity": the law has a recipe of its own (eightpost/ident/shock/hysteresis_fit.py).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from types import ModuleType
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = ("compiled", "curve", "file", "lag", "law", "laws", "port")
+_OTHERS = ("at_setting", "compiled", "curve", "file", "lag", "law", "laws", "port", "settings")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
@@ -95,10 +95,5 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
 
-_RECIPE = "recipe"
-
 #: All laws by the name used in files and on the command line.
 LAWS: Mapping[str, type[ShockLaw]] = _law_classes()
-
-#: Names of the laws that a fit can find; the others wait for a recipe of their own.
-FITTED_LAWS = tuple(name for name, law in LAWS.items() if fit_form(law) != _RECIPE)

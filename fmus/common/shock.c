@@ -3,6 +3,7 @@
 
 #include "curve.h"
 #include "elementary.h"
+#include "settings.h"
 
 /* Largest change of damper velocity [m/s] over which F_s is treated as linear, and the maximum number of pieces in a step, as in
  * eightpost/shock/law.py. */
@@ -153,7 +154,13 @@ static void follow(const Parameters *p, LagFactors *kept, State *state, double s
 
 size_t model_work_size(void)
 {
-    return KEPT * STATE_COUNT * sizeof(LagFactors);
+    return settings_size() + KEPT * STATE_COUNT * sizeof(LagFactors);
+}
+
+/* The factors of a lag that are kept; parameters at a setting come before them. */
+static LagFactors *kept_factors(void *work)
+{
+    return (LagFactors *)(void *)((unsigned char *)work + settings_size());
 }
 
 static int are_zeros(const double *numbers)
@@ -225,28 +232,30 @@ int model_warns(const Values *v, Message *why)
 int model_start(Memory *memory, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
-    (void)work;
+    const Parameters *p = parameters_in_use(memory, work);
     (void)why;
     const double f = static_force(p, s->velocity);
     const State state = law_start(p, p->motion_ratio * s->velocity, f);
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return respond(s, p, &state, f);
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double velocity = memory->state[0]; /* velocity of s->static_force */
-    double f = from[0] == velocity && !memory->stale ? s->static_force : static_force(p, from[0]);
+    const int is_known = from[0] == velocity && !memory->stale && TEMPERATURE_INPUT < 0;
+    double f = is_known ? s->static_force : static_force(p, from[0]);
     (void)why;
     State state = state_of(s);
-    follow(p, (LagFactors *)work, &state, from[0], s->velocity, h, &f);
+    follow(p, kept_factors(work), &state, from[0], s->velocity, h, &f);
     if (!respond(s, p, &state, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return 1;
 }
 
@@ -266,40 +275,67 @@ double *model_state(Memory *memory, int k)
 int model_evaluate(Memory *memory, void *work, Message *why)
 {
     Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double f = static_force(p, s->velocity);
-    (void)work;
     (void)why;
     const State state = CONTINUOUS_STATES > 0 ? state_of(s) : law_start(p, p->motion_ratio * s->velocity, f);
     if (!respond(s, p, &state, f)) {
         return 0;
     }
     memory->state[0] = s->velocity;
+    report_setting(memory, work);
     return 1;
 }
 
 void model_derivatives(const Memory *memory, void *work, double *rates)
 {
     const Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const State state = state_of(s);
     const Slopes slopes = law_slopes(p, &state, p->motion_ratio * memory->state[0], s->static_force);
-    (void)work;
     for (int k = 0; k < CONTINUOUS_STATES; k++) {
         rates[k] = slopes.rate[k];
     }
 }
+
+#if defined(HAS_SETTINGS) && defined(HAS_TEMPERATURE_INPUT)
+/* Half of the change of temperature [K] over which a difference replaces the derivatives. */
+static const double WARMER = 0.01;
+
+/* Adds the changes of the force and of the derivatives for a change of the temperature [K]. */
+static void add_warming(const Memory *memory, double change, double *outputs, double *rates)
+{
+    double force[2];
+    Slopes slopes[2];
+    for (int side = 0; side < 2; side++) {
+        Memory other = *memory;
+        Signals *s = &other.values.named.signals;
+        double setting[AXES];
+        s->temperature += side == 0 ? -WARMER : WARMER;
+        read_setting(&other.values, setting);
+        const Parameters p = parameters_at(&memory->values.named.parameters, setting);
+        const double f = static_force(&p, s->velocity);
+        const State state = CONTINUOUS_STATES > 0 ? state_of(s) : law_start(&p, p.motion_ratio * s->velocity, f);
+        slopes[side] = law_slopes(&p, &state, p.motion_ratio * s->velocity, f);
+        (void)respond(s, &p, &state, f);
+        force[side] = s->force;
+    }
+    outputs[0] += (force[1] - force[0]) / (2.0 * WARMER) * change;
+    for (int k = 0; k < CONTINUOUS_STATES && rates != NULL; k++) {
+        rates[k] += (slopes[1].rate[k] - slopes[0].rate[k]) / (2.0 * WARMER) * change;
+    }
+}
+#endif
 
 /* The states change by `states`, and not with the inputs. */
 void model_tangent(const Memory *memory, void *work, const double *inputs, const double *states, double *outputs,
                    double *rates)
 {
     const Signals *s = &memory->values.named.signals;
-    const Parameters *p = &memory->values.named.parameters;
+    const Parameters *p = parameters_in_use(memory, work);
     const double r = p->motion_ratio, v = r * s->velocity, f = static_force(p, s->velocity);
     const State state = state_of(s);
     const Slopes slopes = law_slopes(p, &state, v, f);
-    (void)work;
     /* force is the only output */
     outputs[0] = r * r * (slopes.force_by_velocity + seal_slope(p, v)) * inputs[0] + r * r * p->gas_stiffness * inputs[1];
     for (int k = 0; k < STATE_COUNT; k++) {
@@ -309,4 +345,7 @@ void model_tangent(const Memory *memory, void *work, const double *inputs, const
         const double moved = states == NULL ? 0.0 : states[k];
         rates[k] = slopes.rate_by_state[k] * moved + slopes.rate_by_velocity[k] * r * inputs[0];
     }
+#if defined(HAS_SETTINGS) && defined(HAS_TEMPERATURE_INPUT)
+    add_warming(memory, inputs[TEMPERATURE_INPUT], outputs, rates);
+#endif
 }

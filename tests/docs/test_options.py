@@ -12,7 +12,17 @@ from tests.language import EXPRESSIONS, NO_BEGINNING
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-COMMANDS = {verb: main.get_command(click.Context(main), verb) for verb in VERBS}
+
+
+def with_sub_verbs(verb, command):
+    """Yield a command and its sub-verbs, by their names."""
+    yield verb, command
+    if isinstance(command, click.Group):
+        for name, below in command.commands.items():
+            yield from with_sub_verbs(f"{verb} {name}", below)
+
+
+COMMANDS = dict(case for verb in VERBS for case in with_sub_verbs(verb, main.get_command(click.Context(main), verb)))
 
 OPTIONS = [
     pytest.param(verb, option, id=f"{verb} {max(option.opts, key=len)}")
@@ -100,7 +110,7 @@ def test_an_option_is_mentioned_on_a_page(verb, option):
         assert re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text), f"no page mentions {verb} {name}"
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", COMMANDS)
 def test_a_help_text_explains_every_argument(verb):
     for argument in COMMANDS[verb].params:
         if isinstance(argument, click.Argument):
@@ -108,7 +118,7 @@ def test_a_help_text_explains_every_argument(verb):
                 assert re.search(rf"\b{word}s?\b", COMMANDS[verb].help), f"{verb} --help does not explain {word}"
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", COMMANDS)
 def test_a_help_text_is_plain_english(verb):
     command = COMMANDS[verb]
     texts = [command.help, *(help_of(verb, option) for option in command.params if isinstance(option, click.Option))]

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.shock import FITTED_LAWS, Lpf1, law_title
+from eightpost.shock import LAWS, Lpf1, law_title
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_the_default_compares_all_laws_and_the_same_input_gives_the_same_bytes(d
     shock = json.loads(written)
     assert shock["law"] == "lpf1"
     assert "Choice of the law" in shown
-    assert all(law_title(law) in shown for law in FITTED_LAWS)
+    assert all(law_title(law) in shown for law in LAWS)
     assert f"{shock['fit']['law_choice']['reason']}." in shown
     assert "choice of the law" in {reason["about"] for reason in shock["validity"]["verdict"]["reasons"]}
     assert fitted(dyno, "--law", "auto")[1] == written

@@ -17,7 +17,7 @@ from eightpost.ident.shock.law_choice import LawScore, chosen_law
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.runs import Runs
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import FITTED_LAWS, Lpf1, Lpnl2, Maxwell, Polylinear, law_name
+from eightpost.shock import LAWS, Lpf1, Lpnl2, Maxwell, Polylinear, law_name
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -60,7 +60,7 @@ def test_the_law_that_made_a_record_is_chosen(kind, rising, law_record):
     choice = choose_law(law_record(made_by(kind, rising), 1, rate=RATE))
     assert choice.law == law_name(kind)
     assert choice.chosen.held_out.percent < 3.0
-    assert [score.law for score in choice.scores] == list(FITTED_LAWS)
+    assert [score.law for score in choice.scores] == list(LAWS)
 
 
 def test_the_same_law_is_chosen_on_a_part_of_the_record(rising, law_record):

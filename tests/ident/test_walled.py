@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, minimize
 
-from eightpost.ident.shock.problem import _constrained_least_squares, _Inequalities
+from eightpost.ident.shock.problem import Inequalities, constrained_least_squares
 
-NO_INEQUALITIES = _Inequalities(np.empty((0, 4)), np.empty(0))
+NO_INEQUALITIES = Inequalities(np.empty((0, 4)), np.empty(0))
 
 
 def linear(columns, target, inequalities, start):
-    return _constrained_least_squares(
+    return constrained_least_squares(
         lambda x: columns @ x - target, lambda _: columns, start, inequalities, tolerance=1e-10, evaluations=60
     )
 
@@ -34,7 +34,7 @@ def test_bounds_alone_give_what_bounded_linear_least_squares_gives(seed):
 def test_no_feasible_direction_lowers_the_sum_of_squares(seed):
     random = np.random.default_rng(seed)
     columns, target = random.standard_normal((40, 5)), 3.0 * random.standard_normal(40)
-    inequalities = _Inequalities(random.standard_normal((12, 5)), -np.abs(random.standard_normal(12)))
+    inequalities = Inequalities(random.standard_normal((12, 5)), -np.abs(random.standard_normal(12)))
     found = linear(columns, target, inequalities, np.zeros(5))
     assert found.converged
     assert inequalities.room(found.x).min() >= -1e-9
@@ -46,7 +46,7 @@ def test_no_feasible_direction_lowers_the_sum_of_squares(seed):
 
 def test_a_start_that_violates_the_constraints_becomes_feasible():
     columns, target = np.eye(2), np.array([1.0, 1.0])
-    inequalities = _Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
+    inequalities = Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
     found = linear(columns, target, inequalities, np.array([5.0, 5.0]))
     np.testing.assert_allclose(found.x, [0.5, 0.5], atol=1e-6)
 
@@ -58,8 +58,8 @@ def test_a_nonlinear_problem_ends_where_a_general_solver_ends():
     def jacobian(x):
         return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
 
-    inequalities = _Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
-    found = _constrained_least_squares(
+    inequalities = Inequalities(np.array([[-1.0, -1.0]]), np.array([-1.0]))
+    found = constrained_least_squares(
         residual, jacobian, np.array([-1.2, 1.0]), inequalities, tolerance=1e-10, evaluations=200
     )
     expected = minimize(
@@ -71,9 +71,9 @@ def test_a_nonlinear_problem_ends_where_a_general_solver_ends():
 
 
 def test_too_few_evaluations_are_reported():
-    found = _constrained_least_squares(
+    found = constrained_least_squares(
         lambda x: np.array([np.exp(x[0]) - 5.0]), lambda x: np.array([[np.exp(x[0])]]), np.array([-4.0]),
-        _Inequalities(np.empty((0, 1)), np.empty(0)), tolerance=1e-12, evaluations=2,
+        Inequalities(np.empty((0, 1)), np.empty(0)), tolerance=1e-12, evaluations=2,
     )  # fmt: skip
     assert not found.converged
     assert "after 2 evaluations" in found.status
@@ -81,6 +81,6 @@ def test_too_few_evaluations_are_reported():
 
 @pytest.mark.parametrize("height", [0.5, 2.0])
 def test_the_nearest_point_to_a_constraint_is_on_its_boundary(height):
-    inequalities = _Inequalities(np.array([[0.0, 1.0]]), np.array([height]))
+    inequalities = Inequalities(np.array([[0.0, 1.0]]), np.array([height]))
     found = linear(np.eye(2), np.zeros(2), inequalities, np.zeros(2))
     np.testing.assert_allclose(found.x, [0.0, height], atol=1e-6)

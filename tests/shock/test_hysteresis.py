@@ -11,11 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eightpost.errors import ParameterError
-from eightpost.ident import fit_shock
 from eightpost.shock import (
-    FITTED_LAWS,
-    LAWS,
     Hysteresis,
     Lpf1,
     Lpnl2,
@@ -268,9 +264,3 @@ def test_an_invalid_parameter_is_named(changes, named):
 def test_static_forces_alone_do_not_advance_it():
     with pytest.raises(TypeError, match="advance_piece"):
         LAW.advance_lag(0.0, 0.0, 100.0, 1e-3)
-
-
-def test_a_fit_refuses_it_until_it_has_a_recipe():
-    assert set(LAWS) - set(FITTED_LAWS) == {"hysteresis"}
-    with pytest.raises(ParameterError, match="cannot be fitted yet"):
-        fit_shock([], "hysteresis")

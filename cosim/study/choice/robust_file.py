@@ -16,11 +16,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from cosim.study.choice.compare_file import read_run_to_run
 from cosim.study.choice.robust import Spread, Uncertain
 from cosim.study.result import StudyResult
-from cosim.toml_document import parse_model
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, read_text
 from eightpost.signals.parquet_file import read_table
+from eightpost.toml_document import parse_model
 
 # ---- File of the spreads of a study's measures, including all draws -------------------------------------------------
 

@@ -9,7 +9,7 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.ident.shock.cross_validation import BLOCKS
 from eightpost.ident.shock.law_choice import LawChoice
-from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.runs import ONE_SPEED, Runs
 from eightpost.shock import law_title
 from eightpost.units import convert
 from eightpost.verdict import Grade, Reason, Rule
@@ -22,9 +22,6 @@ LEVEL_FACTOR, LEVEL_PERCENT = 1.5, 5.0
 
 #: A quarter differs if its held-out error is this many times that of the other quarters, and above this many percent.
 UNEVEN_FACTOR, UNEVEN_PERCENT = 1.5, 5.0
-
-#: Peak speeds of sines within this factor count as one speed.
-ONE_SPEED = 1.5
 
 #: Minimum number of cycles of the motion in each quarter of the records.
 FEWEST_CYCLES = 4
@@ -68,7 +65,7 @@ UNEVEN = Rule(
 )  # fmt: skip
 ONE_SPEED_ONLY = Rule(
     "single speed", ABOUT, Grade.LIMITED,
-    condition="every record is one sine, and their peak speeds are within a factor of 1.5",
+    condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
     why="at one speed, lag, friction and a spring have the same effect on the loop: laws that agree here disagree by "
     "tens of percent at another speed (docs/measured_shocks.md)",
     remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
@@ -144,7 +141,7 @@ def _test_reasons(runs: Runs, origin: str) -> Iterator[Reason]:
     """Yield what the test cannot show."""
     speeds = [float(np.abs(p.record["velocity"][p.inside]).max()) for p in runs.prepared]
     sines = [p.single_frequency for p in runs.prepared]
-    if None not in sines and max(speeds) <= ONE_SPEED * min(speeds):
+    if runs.has_one_speed:
         figure = f"sine of {sines[0]:.3g} Hz, peak speed {max(speeds):.3g} m/s"
         yield ONE_SPEED_ONLY.reason("the test has a single speed", figure=figure, origin=origin)
     cycles = sum(_cycles(p.record["velocity"][p.inside]) for p in runs.prepared)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.runs import Runs
 
 #: Number of contiguous blocks of a record, of which each is left out once.
@@ -54,6 +54,9 @@ class LeftOut:
 class HeldOut:
     """Errors of a law on what was left out, over the variance of the force of each run.
 
+    Laws are compared by the mean of the pieces' RMS errors. In the mean of their squares, the one piece that every
+    law predicts badly would outweigh the others and hide which law is better on them.
+
     Attributes:
         pieces: Mean square error of each piece [1]; without offset and level if whole runs were left out.
         raw: Mean square error of each piece [1] about its mean, but including the level of the run.
@@ -64,19 +67,18 @@ class HeldOut:
 
     @property
     def percent(self) -> float:
-        """RMS error in percent of the force's standard deviation."""
-        return 100.0 * float(np.sqrt(np.mean(self.pieces)))
+        """Mean of the pieces' RMS errors in percent of the force's standard deviation."""
+        return 100.0 * float(np.mean(np.sqrt(self.pieces)))
 
     @property
     def raw_percent(self) -> float:
         """The same for the errors that include the level of a run."""
-        return 100.0 * float(np.sqrt(np.mean(self.raw)))
+        return 100.0 * float(np.mean(np.sqrt(self.raw)))
 
     @property
     def spread(self) -> float:
         """Standard error of `percent`."""
-        mean = float(np.mean(self.pieces))
-        return 0.0 if mean == 0.0 else 50.0 * _standard_error(np.array(self.pieces)) / float(np.sqrt(mean))
+        return 100.0 * _standard_error(np.sqrt(self.pieces))
 
     def is_as_good_as(self, best: HeldOut) -> bool:
         """Return whether the errors are within one standard error, or within `TIE`, of those of the best."""
@@ -84,11 +86,11 @@ class HeldOut:
         return excess <= error or self.percent <= (1.0 + TIE) * best.percent
 
     def excess_over(self, other: HeldOut) -> tuple[float, float]:
-        """Return the mean excess of the mean square errors over those of another law [1], and its standard error.
+        """Return the mean excess of the RMS errors over those of another law [1], and its standard error.
 
         The pieces are compared one by one, because all laws have larger errors on the same pieces.
         """
-        excess = np.array(self.pieces) - np.array(other.pieces)
+        excess = np.sqrt(self.pieces) - np.sqrt(other.pieces)
         return float(excess.mean()), _standard_error(excess)
 
 
@@ -132,7 +134,7 @@ class CrossValidation:
         fit: Fit to all records, from which the fits without a part start.
     """
 
-    fit: LawFit
+    fit: FittedLaw
 
     def blocks(self, counted: Array) -> HeldOut:
         """Return the errors on quarters of the records, with weights (R,) of the rows, such as 0 for outliers."""

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import theilslopes
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.knots import CELLS, KnotBasis
 from eightpost.shock import StaticCurve
 from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
 from eightpost.units import convert
@@ -168,12 +168,12 @@ def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBas
     return WorkingBasis(basis, columns, grid, basis.design(grid) @ to_curve, to_curve, np.empty((0, to_curve.shape[1])))
 
 
-def knot_basis(velocity: Array, inside: NDArray[np.bool_]) -> WorkingBasis:
+def knot_basis(velocity: Array, inside: NDArray[np.bool_], *, cells: int = CELLS) -> WorkingBasis:
     """Return the basis of a curve through knots at velocities (N,) [m/s], of which those `inside` (N,) are fitted.
 
     The working coefficients are the slopes times the highest speed [N].
     """
-    basis = KnotBasis.of(velocity[inside])
+    basis = KnotBasis.of(velocity[inside], cells=cells)
     to_curve = np.eye(basis.count) / basis.speed
     grid = np.linspace(basis.knots[0], basis.knots[-1], GRID)
     columns = np.asfortranarray(basis.design(velocity) / basis.speed)

@@ -9,8 +9,9 @@ import numpy as np
 
 from eightpost.ident.shock.cross_validation import CrossValidation, HeldOut
 from eightpost.ident.shock.curve import CurveKind
-from eightpost.ident.shock.law_fit import LawFit, fit_law
-from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.fitted_law import FittedLaw
+from eightpost.ident.shock.law_fit import fit_law
+from eightpost.ident.shock.options import LAGGED_VELOCITY, Choices
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import LAWS, fit_form, law_title
 
@@ -74,6 +75,11 @@ class CurveChooser:
         return self._found[law]
 
     def _chosen(self, law: str) -> tuple[CrossValidation, CurveComparison]:
+        if fit_form(LAWS[law]) == LAGGED_VELOCITY:
+            # The compiler takes a second to load.
+            from eightpost.ident.shock.hysteresis_fit import fit_hysteresis  # noqa: PLC0415
+
+            return fit_hysteresis(self._runs, law, self._choices), CurveComparison(law, "knots", {})
         kinds = self._choices.curves
         if len(kinds) == 1:
             return self._fit(law, kinds[0]), CurveComparison(law, kinds[0], {})
@@ -114,7 +120,7 @@ def better_curve(found: Mapping[CurveKind, CrossValidation]) -> tuple[CurveKind,
     return (simple if errors[simple].is_as_good_as(errors[other]) else other), errors
 
 
-def fit_with_best_curve(runs: Runs, law: str, choices: Choices) -> tuple[LawFit, CurveComparison]:
+def fit_with_best_curve(runs: Runs, law: str, choices: Choices) -> tuple[FittedLaw, CurveComparison]:
     """Return the fit of a law to runs with the curve that suits it, and the comparison of the curves."""
     found, comparison = CurveChooser(runs, choices)(law)
     return found.fit, comparison

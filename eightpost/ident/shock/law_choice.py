@@ -17,12 +17,12 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.cross_validation import CrossValidation, HeldOut
 from eightpost.ident.shock.curve_choice import CurveChooser, CurveComparison
-from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import FITTED_LAWS, LAWS, law_title, own_parameters, step_nanoseconds
+from eightpost.shock import LAWS, law_title, own_parameters, step_nanoseconds
 
 #: A law is the same as a simpler one if its residual is at most this share below or above that of the simpler law: its
 #: own parameters are without effect then, and it cannot be better on other records.
@@ -136,7 +136,7 @@ def _curve_json(score: LawScore) -> dict[str, Any]:
 
 def choose_law(
     tests: DynoTest | Sequence[DynoTest],
-    laws: Iterable[str] = FITTED_LAWS,
+    laws: Iterable[str] = tuple(LAWS),
     *,
     choices: Choices | None = None,
     segment: tuple[float, float] | None = None,
@@ -175,15 +175,15 @@ def _checked(laws: Iterable[str], choices: Choices) -> tuple[str, ...]:
     """Return the laws to compare, if they and the options are known."""
     compared = tuple(laws)
     choices.check(AUTO)
-    if not compared or not set(compared) <= set(FITTED_LAWS):
-        known = ", ".join(FITTED_LAWS)
+    if not compared or not set(compared) <= set(LAWS):
+        known = ", ".join(LAWS)
         raise ParameterError(f"laws to compare must be among {known}, not {', '.join(compared) or 'none'}")
     return compared
 
 
 def best_law(
-    runs: Runs, choices: Choices, laws: Iterable[str] = FITTED_LAWS
-) -> tuple[LawChoice, LawFit, CurveComparison]:
+    runs: Runs, choices: Choices, laws: Iterable[str] = tuple(LAWS)
+) -> tuple[LawChoice, FittedLaw, CurveComparison]:
     """Return the comparison of laws over prepared runs, the fit of the chosen law, and the comparison of its curves.
 
     Raises:
@@ -234,8 +234,8 @@ def _is_same_fit(percent: float, simpler: float) -> bool:
     return (1.0 - below) * simpler <= percent <= (1.0 + above) * simpler
 
 
-def _without_errors(fit: LawFit, counted: Array) -> LawScore:
-    residual, kind = fit.sketch.error, LAWS[fit.law]
+def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
+    residual, kind = fit.error, LAWS[fit.law]
     return LawScore(
         law=fit.law,
         blocks=None,

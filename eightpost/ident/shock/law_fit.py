@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import CurveKind
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import Models, limits_for
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.joint import Joint, Sketch
 from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.robust import downweighted_rows, weights_for
+from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import LAWS
 
@@ -32,25 +31,26 @@ def models_for(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polyn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LawFit:
-    """A law fitted to runs, from which it can be fitted again with other weights.
+class LawFit(FittedLaw):
+    """A law fitted to runs by the joint recipe.
 
     Attributes:
-        law: Name of the law.
         joint: Recipe of the fit.
         sketch: Minimum on the whole record.
-        notes: Notes on the choices that differ from the dissertation's, without those of the recipe.
     """
 
-    law: str
     joint: Joint
     sketch: Sketch
-    notes: tuple[str, ...]
 
     @property
     def runs(self) -> Runs:
         """The runs with the weights of the fit."""
         return self.sketch.models.runs
+
+    @property
+    def error(self) -> Array:
+        """The force error at the rows (R,) [N], without weights."""
+        return self.sketch.error
 
     @property
     def parameter_count(self) -> int:
@@ -70,20 +70,12 @@ class LawFit:
         """Return the force (R,) [N] of a free simulation, fitted again with weights (R,) from this minimum."""
         return self.joint.refitted_rows(self.sketch, weights)
 
-    def downweighted(self) -> tuple[int, list[str]]:
-        """Return the number of samples that were down-weighted as outliers, and a note if there are any."""
-        down, rows = downweighted_rows(self.runs.weights), self.runs.weights.size
-        samples = round(down * self.runs.measured.size / rows)
-        if not samples:
-            return 0, []
-        return samples, [f"{samples} samples ({100.0 * down / rows:.2g} %) were down-weighted as outliers"]
-
 
 def fit_law(runs: Runs, law: str, choices: Choices, curve: CurveKind = "polynomial") -> LawFit:
     """Fit a law with a kind of curve to runs by the joint recipe."""
     models, notes = models_for(runs, law, choices, curve)
     joint = Joint(choices.shape, choices.order)
-    return LawFit(law, joint, _robust_sketch(joint, models, weights_for(choices.robust)), tuple(notes))
+    return LawFit(law, tuple(notes), joint, _robust_sketch(joint, models, weights_for(choices.robust)))
 
 
 def _robust_sketch(joint: Joint, models: Models, weigh: Callable[[Array, float], Array] | None) -> Sketch:
@@ -95,7 +87,7 @@ def _robust_sketch(joint: Joint, models: Models, weigh: Callable[[Array, float],
     whole = joint.finished(sketch)
     if not sketch.is_final and (sketch.weights < 1.0).any():
         weights = weigh(whole.error, models.runs.deviation)
-        whole = whole if _nearly_equal(weights, whole.weights) else joint.reweighted(whole, weights)
+        whole = whole if nearly_equal(weights, whole.weights) else joint.reweighted(whole, weights)
     return whole
 
 
@@ -104,15 +96,10 @@ def _reweighted(joint: Joint, first: Sketch, weigh: Callable[[Array, float], Arr
     sketch = first
     for count in range(_WEIGHINGS if first.is_final else _WEIGHINGS - 1):
         weights = weigh(sketch.error, sketch.models.runs.deviation)
-        if _nearly_equal(weights, sketch.weights):
+        if nearly_equal(weights, sketch.weights):
             break
         if count and (weights == first.weights).all():
             return first  # no outliers after all; further reweighting would alternate between two results
         # The order of the curve may change at the first reweighting only.
         sketch = joint.reweighted(sketch, weights) if count else joint.reordered(sketch, weights)
     return sketch
-
-
-def _nearly_equal(weights: Array, others: Array) -> bool:
-    """Return whether weights (R,) are so close to others that a fit with them would be the same."""
-    return bool(np.abs(weights - others).max() < 0.05)

@@ -10,7 +10,7 @@ from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.curve import CurveKind, Shape
 from eightpost.ident.shock.joint import Joint
 from eightpost.ident.shock.robust import Robust
-from eightpost.shock import FITTED_LAWS, LAWS
+from eightpost.shock import LAWS, fit_form
 from eightpost.shock.curve import INNER_ORDER
 
 #: A name in `LAWS`; `AUTO` in its place chooses one by cross-validation.
@@ -18,6 +18,10 @@ LawName = str
 AUTO = "auto"
 RecipeName = Literal["joint", "boggs"]
 GasTreatment = Literal["estimate", "included", "subtracted"]
+
+#: Form of a law that has a recipe of its own (hysteresis_fit.py).
+LAGGED_VELOCITY = "lagged velocity"
+
 CurveChoice = Literal["auto", "polynomial", "knots"]
 
 
@@ -51,7 +55,7 @@ class Choices:
         """Check that all options are known.
 
         Raises:
-            ParameterError: An option or the law is unknown, or the law cannot be fitted.
+            ParameterError: An option or the law is unknown, or an option does not suit the law.
         """
         options = (
             ("law", law, (*LAWS, AUTO)),
@@ -64,12 +68,16 @@ class Choices:
         for what, value, choices in options:
             if value not in choices:
                 raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
-        if law not in (*FITTED_LAWS, AUTO):
-            raise ParameterError(f"law {law!r} cannot be fitted yet; choose one of {', '.join((*FITTED_LAWS, AUTO))}")
         if law == AUTO and self.recipe == "boggs":
             raise ParameterError("recipe 'boggs' fits one law, not 'auto': name a law, or use the recipe 'joint'")
         if self.order is not None and not 1 <= self.order <= INNER_ORDER:
             raise ParameterError(f"the order of the inner polynomial must be 1 to {INNER_ORDER}, not {self.order!r}")
+        if law in LAWS and fit_form(LAWS[law]) == LAGGED_VELOCITY and "knots" not in self.curves:
+            why = self._needs_polynomials or "a curve of polynomials"
+            raise ParameterError(
+                f"the law {law!r} needs a curve that rises through knots and cannot be fitted with {why}; omit that, "
+                "or fit another law"
+            )
         if self.curve == "knots" and (why := self._needs_polynomials):
             raise ParameterError(f"a curve through knots cannot be fitted with {why}; omit that, or use 'polynomial'")
 

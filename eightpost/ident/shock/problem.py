@@ -52,7 +52,7 @@ _NO_MORE = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Inequalities:
+class Inequalities:
     """Linear inequalities matrix @ x >= floor.
 
     Attributes:
@@ -67,10 +67,10 @@ class _Inequalities:
         """Return the distance (J,) of x from each bound, positive inside."""
         return np.asarray(self.matrix @ x - self.floor)
 
-    def and_bounds(self, low: Array, high: Array) -> _Inequalities:
+    def and_bounds(self, low: Array, high: Array) -> Inequalities:
         """Return these inequalities together with low <= x <= high."""
         unit, below, above = np.eye(low.size), np.isfinite(low), np.isfinite(high)
-        return _Inequalities(
+        return Inequalities(
             np.vstack([self.matrix, unit[below], -unit[above]]),
             np.concatenate([self.floor, low[below], -high[above]]),
         )
@@ -84,11 +84,11 @@ class _SearchResult(NamedTuple):
     status: str
 
 
-def _constrained_least_squares(
+def constrained_least_squares(
     residual: Callable[[Array], Array],
     jacobian: Callable[[Array], Array],
     start: Array,
-    inequalities: _Inequalities,
+    inequalities: Inequalities,
     *,
     tolerance: float,
     evaluations: int,
@@ -107,7 +107,7 @@ def _constrained_least_squares(
     cost = float(error @ error) if (inequalities.room(x) >= 0.0).all() else np.inf
     damping, rise = _DAMPING, _CHANGE
     for count in range(2, evaluations + 1):
-        step = _step(slopes, error, _Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
+        step = _step(slopes, error, Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
         tried = residual(x + step)
         gain = cost - float(tried @ tried)
         if gain < 0.0:
@@ -123,7 +123,7 @@ def _constrained_least_squares(
     return _SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
 
 
-def _step(slopes: Array, error: Array, inequalities: _Inequalities, damping: float) -> Array:
+def _step(slopes: Array, error: Array, inequalities: Inequalities, damping: float) -> Array:
     """Return the step d (n,) that minimises |error + slopes d|^2 + damping |d|^2, d scaled, with matrix d >= floor."""
     size = np.linalg.norm(slopes, axis=0)
     size[size == 0.0] = 1.0
@@ -222,11 +222,11 @@ class Problem:
         problem, (low, high) = replace(self, constraint=constraint), self.model.bounds()
         matrix = np.zeros((constraint.floor.size, low.size))
         matrix[:, : self.model.curve_count] = constraint.matrix
-        ended = _constrained_least_squares(
+        ended = constrained_least_squares(
             self.residual,
             self.jacobian,
             np.clip(start, low, high),
-            _Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
+            Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
             tolerance=self.tolerance,
             evaluations=_EVALUATIONS,
         )

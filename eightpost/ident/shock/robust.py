@@ -141,6 +141,11 @@ def _tukey(residual: Array) -> Array:
     return np.asarray((1.0 - size**2) ** 2)
 
 
+def nearly_equal(weights: Array, others: Array) -> bool:
+    """Return whether weights (R,) are so close to others that a fit with them would be the same."""
+    return bool(np.abs(weights - others).max() < 0.05)
+
+
 def downweighted_rows(weights: Array) -> int:
     """Return the number of rows with a weight below one half."""
     return int(np.sum(weights < _DOWN))

@@ -16,6 +16,9 @@ from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
 from eightpost.rig.dyno_test import DynoTest
 
+#: Peak speeds of sines within this factor count as one speed.
+ONE_SPEED = 1.5
+
 
 @dataclass(frozen=True, eq=False)
 class Runs:
@@ -81,6 +84,13 @@ class Runs:
     def rate(self) -> float:
         """The lowest sampling rate [Hz]."""
         return min(p.rate for p in self.prepared)
+
+    @property
+    def has_one_speed(self) -> bool:
+        """Whether every run is one sine, and their peak speeds are nearly equal."""
+        speeds = [float(np.abs(p.record["velocity"][p.inside]).max()) for p in self.prepared]
+        is_sine = all(p.single_frequency is not None for p in self.prepared)
+        return is_sine and max(speeds) <= ONE_SPEED * min(speeds)
 
     @property
     def changes(self) -> tuple[str, ...]:

@@ -53,7 +53,7 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
     if form == "no lag" or len(series) < 2:
         return _static_forces(law, velocity)
     step = np.full(len(series) - 1, 1.0 / series.sample_rate) if series.is_uniform else np.diff(series.time)
-    pieces = _Pieces.of(series["velocity"], step, law.port.motion_ratio)
+    pieces = Pieces.of(series["velocity"], step, law.port.motion_ratio)
     if form not in ("lag", "fading lag"):
         return _stepped(law, pieces)
     static, own = _static_forces(law, velocity), own_values(law)
@@ -62,7 +62,7 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pieces:
+class Pieces:
     """The intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record.
 
     Attributes:
@@ -80,7 +80,7 @@ class _Pieces:
     between: Array
 
     @staticmethod
-    def of(velocity: Array, step: Array, motion_ratio: float) -> _Pieces:
+    def of(velocity: Array, step: Array, motion_ratio: float) -> Pieces:
         """Divide the intervals of steps (N-1,) [s] between port velocities (N,) [m/s]."""
         count = np.minimum(np.floor(np.abs(motion_ratio * np.diff(velocity)) / STRAIGHT) + 1.0, MOST_PIECES)
         whole = count.astype(np.int64)
@@ -90,14 +90,14 @@ class _Pieces:
         start, end = velocity[:-1][sample], velocity[1:][sample]
         ends = np.where(share == 1.0, end, start + (end - start) * share)
         joined = motion_ratio * np.concatenate([velocity[:1], ends])
-        return _Pieces(joined, (step / count)[sample], first, step[sample] * (1.0 - share), step)
+        return Pieces(joined, (step / count)[sample], first, step[sample] * (1.0 - share), step)
 
     def at_samples(self, values: Array) -> Array:
         """Return the values at the samples (N,), given values (M+1,) at the ends of the pieces."""
         return np.concatenate([values[self.first], values[-1:]])
 
 
-def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: _Pieces) -> Array:
+def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: Pieces) -> Array:
     """Return F_lag (N,) [N], as `eightpost.shock.lag.advance` computes it, for all pieces at once."""
     static = _static_forces(law, pieces.velocity)
     ratio = pieces.step / time_constant
@@ -121,7 +121,7 @@ def array_form(core: FunctionType) -> Callable[..., Any]:
     return FunctionType(core.__code__, core.__globals__ | functions)
 
 
-def _stepped(law: ShockLaw, pieces: _Pieces) -> Array:
+def _stepped(law: ShockLaw, pieces: Pieces) -> Array:
     """Return the valve force (N,) [N] of any law from its own compiled functions."""
     from eightpost.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
 

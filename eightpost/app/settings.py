@@ -1,0 +1,86 @@
+"""`eightpost settings`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost.app.options import Quantity
+from eightpost.errors import InputError
+from eightpost.shock import LAWS
+
+if TYPE_CHECKING:
+    from eightpost.ident.shock.settings.result import SettingsFit
+
+
+@click.command()
+@click.argument("table", metavar="TABLE", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
+              "folder.")  # fmt: skip
+@click.option("--law", type=click.Choice(["auto", *LAWS]),
+              help="Shock law to fit; default: that of TABLE, else auto: the law is chosen by cross-validation on the "
+              "setting with the largest force (docs/law_choice.md).")  # fmt: skip
+@click.option("--segment", nargs=2, type=Quantity("s"), metavar="START STOP",
+              help="Start and end of the part of each record to fit; default '1 s' '10 s'.")  # fmt: skip
+@click.option("--cutoff", type=Quantity("Hz"), metavar="FREQUENCY",
+              help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
+@click.option("--plot", type=click.Path(path_type=Path),
+              help="Picture of the click map; default: the output file with the suffix .png.")  # fmt: skip
+@click.pass_context
+def settings(  # one parameter per option
+    ctx: click.Context,
+    table: Path,
+    output: Path | None,
+    law: str | None,
+    segment: tuple[float, float] | None,
+    cutoff: float | None,
+    plot: Path | None,
+) -> None:
+    """Fit a shock over its adjusters and temperature: one model from the files of several settings.
+
+    TABLE is a TOML file that lists dynamometer files with the clicks of each adjuster, the valving or the temperature
+    (docs/settings.md). All files are fitted together. The FMU of the shock has the clicks and the temperature as
+    parameters. The exit code is 1 if the shock is not usable (docs/verdict.md).
+
+    \b
+    Examples:
+      eightpost settings rebound.toml -o shock.json
+      eightpost settings rebound.toml --law lpf1 -o shock.json --plot click_map.png
+      eightpost build shock.json -o dist/
+    """
+    from eightpost.ident.shock.settings.plots import plot_click_map
+    from eightpost.ident.shock.settings.result import fit_settings
+    from eightpost.ident.shock.settings.table import read_settings_table
+    from eightpost.shock import write_shock
+
+    console = Console()
+    output = output or Path(f"{table.stem}.json")
+    if output.suffix != ".json":
+        raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
+    fit = fit_settings(read_settings_table(table, cutoff=cutoff), law=law, segment=segment, cutoff=cutoff)
+    _show(console, fit)
+    plot = plot or output.with_suffix(".png")
+    write_shock(fit.shock, output)
+    plot_click_map(fit.shock, plot)
+    console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
+    ctx.exit(0 if fit.verdict.is_acceptable else 1)
+
+
+def _show(console: Console, fit: SettingsFit) -> None:
+    """Print the choice of the law, the errors of each setting, the changes and the verdict."""
+    from eightpost.app.show import show_verdict
+    from eightpost.ident import choice_table
+    from eightpost.ident.shock.settings.plots import settings_table
+
+    if fit.joint.choice is not None:
+        console.print(choice_table(fit.joint.choice))
+        console.print(f"{escape(fit.joint.choice.reason)}.", highlight=False, soft_wrap=True)
+    console.print(settings_table(fit))
+    for change in fit.shock.fit["changes"]:
+        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)
+    show_verdict(console, fit.verdict)

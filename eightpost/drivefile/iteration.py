@@ -1,0 +1,260 @@
+"""Drive file iteration (dissertation 2.5, Eq 2.7): the next drive from all passes so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from eightpost.array_types import Array, Complex
+from eightpost.drivefile.correction import PassSpectra, correction, gains, start_gains
+from eightpost.drivefile.inverse import TYPICAL, Inverse, output_scale, regularised_inverse
+from eightpost.drivefile.limits import LimitHit, Limits, within_limits
+from eightpost.drivefile.pass_errors import PassErrors, pass_errors
+from eightpost.drivefile.response import StartResponse
+from eightpost.drivefile.target import Target
+from eightpost.errors import ParameterError
+from eightpost.signals import TimeSeries
+
+#: Ratio of a pass's error to the smallest error so far above which the pass is rejected [1]; a pass that is worse than
+#: a rig at rest is also rejected.
+REJECTED = 1.5
+
+#: Number of rejected passes in a row after which the iteration has diverged.
+PATIENCE = 3
+
+#: Number of passes that must reduce the smallest error by `_PROGRESS`; otherwise the iteration has stalled.
+_RECENT, _PROGRESS = 3, 0.05
+
+#: Smallest direction of the steady loads that is used, relative to the largest [1].
+_STEADY = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of an iteration.
+
+    Attributes:
+        gain: Maximum gain K of Eq 2.7 [1].
+        width: Width of the bands in which coherence and correction are estimated [Hz].
+        regularisation: Regularisation relative to the largest singular value of each line [1].
+        acceleration: Accepted error of the accelerations, relative to their RMS [1].
+        displacement: Accepted error of the displacements and all other channels, relative to their RMS [1].
+        is_updated: Whether the response is corrected between passes and the gains follow the coherence of the passes.
+        has_means: Whether the means of the displacements are reproduced by steady loads.
+        limits: Limits of the actuators.
+    """
+
+    gain: float = 0.9
+    width: float = 1.0
+    regularisation: float = 0.02
+    acceleration: float = 0.025
+    displacement: float = 0.01
+    is_updated: bool = True
+    has_means: bool = True
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gain <= 1.0:
+            raise ParameterError(f"the gain must be above 0 and at most 1, not {self.gain:g}")
+        if not (self.width > 0.0 and 0.0 <= self.regularisation < 1.0):
+            raise ParameterError(
+                f"the band width ({self.width:g} Hz) must be above 0 and the regularisation ({self.regularisation:g}) "
+                "from 0 to below 1"
+            )
+        if not (self.acceleration > 0.0 and self.displacement > 0.0):
+            raise ParameterError("the accepted errors must be above 0")
+
+
+class Status(StrEnum):
+    """Status of an iteration."""
+
+    RUNNING = "running"
+    CONVERGED = "converged"
+    STALLED = "stalled"
+    DIVERGED = "diverged"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A target, the response that the iteration starts with, and the settings.
+
+    Attributes:
+        target: Target.
+        start: Starting response.
+        settings: Settings.
+    """
+
+    target: Target
+    start: StartResponse
+    settings: Settings
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the m commands."""
+        return self.start.response.input_names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the m commands."""
+        return tuple(channel.unit for channel in self.start.response.inputs)
+
+    @cached_property
+    def response(self) -> Complex:
+        """Starting response (K, p, m)."""
+        return np.ascontiguousarray(np.moveaxis(self.start.response.H, -1, 0))
+
+    @cached_property
+    def wanted(self) -> Complex:
+        """Lines of the target (K, p)."""
+        return self.target.lines.spectrum(self.target.rows)
+
+    def series(self, commands: Array) -> TimeSeries:
+        """Return commands (m, N) as a drive file's series."""
+        return TimeSeries(self.target.time, commands, self.inputs, self.units)
+
+    def accepted(self, name: str) -> float:
+        """Return the accepted error of a target channel [1]."""
+        unit = self.target.units[self.target.names.index(name)]
+        return self.settings.acceleration if unit == "m/s2" else self.settings.displacement
+
+    def is_accepted(self, errors: PassErrors) -> bool:
+        """Return whether the error of each quantity is within its accepted value."""
+        firsts = {name.rpartition(".")[2]: name for name in self.target.names}
+        return all((errors.of_quantity(q) or 0.0) <= self.accepted(name) for q, name in firsts.items())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pass:
+    """A drive and the record that the rig measured with it.
+
+    Attributes:
+        drive: Commands (m, N), SI, with their means.
+        record: Target channels (p, N), SI, with their means.
+    """
+
+    drive: Array
+    record: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """State of an iteration after some passes, and the next drive.
+
+    Attributes:
+        errors: Errors of each pass.
+        best: Index of the pass with the smallest error; -1 if no pass is better than a rig at rest.
+        rejections: Number of rejected passes at the end.
+        status: Status.
+        drive: Next commands (m, N), SI.
+        hits: Limits that changed the next commands.
+        H: Corrected response (K, p, m).
+        inverse: Regularised inverse of the corrected response.
+        gains: Gains of the next update (K, p) [1].
+        unreachable: RMS of the target that the inverse leaves by itself, by channel relative to its RMS (p,) [1].
+    """
+
+    errors: tuple[PassErrors, ...]
+    best: int
+    rejections: int
+    status: Status
+    drive: Array
+    hits: tuple[LimitHit, ...]
+    H: Complex
+    inverse: Inverse
+    gains: Array
+    unreachable: Array
+
+
+def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
+    """Return the state after the passes, and the next drive.
+
+        X_next = X + G K (Y_d - Y)                                                   (2.7)
+
+    X, Y are those of the last pass. If its error exceeds `REJECTED` times the smallest error, they are those of the
+    best pass, and the gains are halved for each rejected pass in a row. Before the first pass, X and Y are 0.
+
+    Args:
+        problem: Target, response and settings.
+        passes: Passes so far, in their order; empty for the first drive.
+    """
+    target, settings = problem.target, problem.settings
+    errors = tuple(pass_errors(target, one.record) for one in passes)
+    best, rejections = _history([one.total for one in errors])
+    spectra = [_spectra(target, one) for one in passes]
+    H, gain = _response_and_gains(problem, spectra)
+    scale = output_scale(target.lines, problem.wanted, settings.width)
+    inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
+    base = best if rejections else len(passes) - 1
+    gain = gain * 0.5**rejections
+    before, error = np.zeros((len(problem.units), target.lines.samples)), problem.wanted
+    if base >= 0:
+        before, error = passes[base].drive - passes[base].drive[:, :1], _error(target, passes[base])
+    update = target.lines.rows(np.einsum("kij,kj->ki", inverse.G, gain * error))
+    steady = _steady_loads(problem, passes[base] if base >= 0 else None)
+    commands = before + target.drive_window * update + steady[:, None]
+    drive, hits = within_limits(
+        commands, problem.inputs, problem.units, target.lines, settings.limits, target.drive_window
+    )
+    status = _status(problem, errors, best, rejections)
+    left = problem.wanted - np.einsum("kij,kj->ki", H @ inverse.G, problem.wanted)
+    unreachable = np.linalg.norm(left, axis=0) / np.linalg.norm(problem.wanted, axis=0)
+    return Outcome(errors, best, rejections, status, drive, hits, H, inverse, gain, unreachable)
+
+
+def _history(totals: Sequence[float]) -> tuple[int, int]:
+    """Return the index of the best pass (-1: a rig at rest, with an error of 1) and the rejections at the end."""
+    best, smallest, rejections = -1, 1.0, 0
+    for k, total in enumerate(totals):
+        rejections = rejections + 1 if total > (REJECTED if best >= 0 else 1.0) * smallest else 0
+        if total < smallest:
+            best, smallest = k, total
+    return best, rejections
+
+
+def _spectra(target: Target, one: Pass) -> PassSpectra:
+    steady = one.drive[:, :1]
+    moving, _ = target.without_means(one.record)
+    return PassSpectra(target.lines.spectrum(one.drive - steady), target.lines.spectrum(moving))
+
+
+def _error(target: Target, one: Pass) -> Complex:
+    moving, _ = target.without_means(one.record)
+    return target.lines.spectrum(target.error_window * (target.rows - moving))
+
+
+def _response_and_gains(problem: Problem, spectra: Sequence[PassSpectra]) -> tuple[Complex, Array]:
+    """Return the corrected response (K, p, m) and the gains (K, p)."""
+    settings = problem.settings
+    first = start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
+    if not (spectra and settings.is_updated):
+        return problem.response, first
+    found = correction(problem.response, spectra, problem.target.lines, settings.width)
+    return problem.response * found.factor[:, :, None], gains(found.coherence, settings.gain)
+
+
+def _steady_loads(problem: Problem, base: Pass | None) -> Array:
+    """Return the steady commands (m,): those of a pass, changed for its mean displacements."""
+    target, settings = problem.target, problem.settings
+    before = np.zeros(len(problem.units)) if base is None else base.drive[:, 0]
+    if not settings.has_means:
+        return before
+    missing = target.means if base is None else target.means - target.without_means(base.record)[1]
+    rows = np.array([unit == "m" for unit in target.units])
+    inputs = np.array([TYPICAL[unit] for unit in problem.units])
+    inverse = np.linalg.pinv(problem.start.static[rows] * inputs, rcond=_STEADY)
+    return np.asarray(before + settings.gain * inputs * (inverse @ missing[rows]))
+
+
+def _status(problem: Problem, errors: Sequence[PassErrors], best: int, rejections: int) -> Status:
+    if best >= 0 and problem.is_accepted(errors[best]):
+        return Status.CONVERGED
+    if rejections >= PATIENCE:
+        return Status.DIVERGED
+    totals = [one.total for one in errors]
+    if len(totals) > _RECENT and min(totals[-_RECENT:]) > (1.0 - _PROGRESS) * min(totals[:-_RECENT]):
+        return Status.STALLED
+    return Status.RUNNING

@@ -1,0 +1,210 @@
+"""Target of a drive file iteration: channels that were measured on the track."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.interpolate import CubicSpline
+
+from eightpost.array_types import Array
+from eightpost.corners import CORNERS, channel
+from eightpost.drivefile.lines import Lines
+from eightpost.errors import ConstantChannelError, MissingChannelError, ParameterError, TooShortError
+from eightpost.rig.post.rig_test import CHANNEL_UNITS, rig_map
+from eightpost.signals import ChannelMap, TimeSeries
+from eightpost.signals.filters import lowpass
+from eightpost.signals.formats import read_record
+from eightpost.signals.raw_record import mapped_series
+
+#: Quantities of the corners that a drive file reproduces.
+QUANTITIES = ("hub_acceleration", "displacement")
+
+#: Rest before and after the target in a drive file, and time in which the target fades in and out [s].
+REST, FADE = 3.0, 1.0
+
+#: Minimum duration of a target [s].
+_SHORTEST = 8.0
+
+#: Maximum standard deviation of a dead channel, relative to its mean and to the smallest number [1].
+_DEAD = 1e-12
+
+
+@dataclass(frozen=True)
+class Target:
+    """Measured track channels that the rig has to reproduce.
+
+    A drive file has a rest, the time of the target, and another rest, which makes the number of samples a product of
+    small primes. The target fades in and out, because the rig
+    starts and ends at rest. Errors are evaluated between the fades.
+
+    Attributes:
+        series: Track record with the C target channels, evenly sampled.
+        high: Highest frequency to reproduce [Hz].
+    """
+
+    series: TimeSeries
+    high: float
+
+    def __post_init__(self) -> None:
+        """Check the record."""
+        if not self.series.is_uniform:
+            raise ParameterError("the track record is not evenly sampled; resample it")
+        if self.series.duration < _SHORTEST:
+            raise TooShortError(
+                f"the track record has {self.series.duration:.3g} s; a drive file needs at least {_SHORTEST:g} s"
+            )
+        if self.high > 0.4 * self.rate:
+            raise ParameterError(
+                f"the track record has {self.rate:g} Hz, which is too low for errors up to {self.high:g} Hz; use a "
+                f"record of {2.5 * self.high:g} Hz or more, or a lower --high"
+            )
+        for name, row in zip(self.names, self.series.values, strict=True):
+            if np.std(row) <= _DEAD * max(float(np.abs(row).max()), 1e-300):
+                raise ConstantChannelError("the channel is constant; remove it from --channels", channel=name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the C channels."""
+        return self.series.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the C channels."""
+        return self.series.units
+
+    @property
+    def rate(self) -> float:
+        """Sample rate [Hz]."""
+        return self.series.sample_rate
+
+    @property
+    def rest(self) -> int:
+        """Number of samples of the rest before the target."""
+        return round(REST * self.rate)
+
+    @cached_property
+    def lines(self) -> Lines:
+        """Frequency lines of a drive file."""
+        return Lines(int(next_fast_len(len(self.series) + 2 * self.rest, real=True)), self.rate, self.high)
+
+    @property
+    def time(self) -> Array:
+        """Times (N,) of a drive file from its start [s]."""
+        return np.arange(self.lines.samples) / self.rate
+
+    @property
+    def judged(self) -> slice:
+        """Samples of a drive file at which errors are evaluated."""
+        fade = round(FADE * self.rate)
+        return slice(self.rest + fade, self.rest + len(self.series) - fade)
+
+    @property
+    def means(self) -> Array:
+        """Means (C,) of the channels, SI."""
+        return np.asarray(self.series.values.mean(axis=1))
+
+    @cached_property
+    def rows(self) -> Array:
+        """Target (C, N) for the time of a drive file: without means, faded in and out, 0 during the rests."""
+        count = len(self.series)
+        faded = (self.series.values - self.means[:, None]) * _fade_in_and_out(count, round(FADE * self.rate))
+        return np.pad(faded, ((0, 0), (self.rest, self.lines.samples - self.rest - count)))
+
+    @cached_property
+    def error_window(self) -> Array:
+        """Weight (N,) of the error [1]: 1 during the target, 0 where the rig is at rest."""
+        half = self.rest // 2
+        inner = _fade_in_and_out(len(self.series) + 2 * (self.rest - half), self.rest - half)
+        return np.pad(inner, (half, self.lines.samples - half - inner.size))
+
+    @cached_property
+    def drive_window(self) -> Array:
+        """Weight (N,) of the drive [1], which is 0 at its ends."""
+        return _fade_in_and_out(self.lines.samples, self.rest // 3)
+
+    def without_means(self, rows: Array) -> tuple[Array, Array]:
+        """Return records (C, N) of the rig without their means during the target, and the means (C,)."""
+        means = rows[:, self.rest : self.rest + len(self.series)].mean(axis=1)
+        return rows - means[:, None], np.asarray(means)
+
+
+def _fade_in_and_out(count: int, fade: int) -> Array:
+    """Return weights (count,) that grow from 0 to 1 over `fade` samples and decrease to 0 at the end."""
+    window = np.ones(count)
+    window[:fade] = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade) / fade)
+    window[count - fade :] = window[:fade][::-1]
+    return window
+
+
+def target_names(available: Iterable[str]) -> tuple[str, ...]:
+    """Return the target channels of a car: hub acceleration and shock displacement of each corner.
+
+    Raises:
+        MissingChannelError: A channel is missing.
+    """
+    names = set(available)
+    ports = ("",) if "hub_acceleration" in names or "displacement" in names else CORNERS
+    wanted = tuple(channel(port, quantity) for quantity in QUANTITIES for port in ports)
+    if missing := [name for name in wanted if name not in names]:
+        raise MissingChannelError(
+            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--map), or choose "
+            "other channels with --channels"
+        )
+    return wanted
+
+
+def read_channels(
+    path: str | Path,
+    names: Sequence[str] | None,
+    *,
+    optional: Sequence[str] = (),
+    channel_map: ChannelMap | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+) -> TimeSeries:
+    """Read channels of a track or rig record.
+
+    Args:
+        path: Path of the record, in any format of `read_series`.
+        names: Names of the channels; None for those of `target_names`.
+        optional: Names of channels to read if the record has them.
+        channel_map: Columns by channel; other columns must have the names of the channels (docs/rig.md).
+        units: Units by channel, for columns without a unit in the header.
+        flip: Names of the channels whose sign is changed.
+
+    Raises:
+        DataError: The record has a fault, or lacks a channel; the message says which and where.
+    """
+    record = read_record(path)
+    mapping = rig_map(record, channel_map).flipped(flip)
+    wanted = target_names(mapping.channels) if names is None else tuple(names)
+    if missing := [name for name in wanted if name not in mapping.channels]:
+        raise MissingChannelError(
+            f"the record lacks {', '.join(missing)}; name their columns in a channel map (--map)", path=path
+        )
+    kept = (*wanted, *(name for name in optional if name in mapping.channels))
+    for name in kept:
+        record.check_unique(mapping.channels[name].source, channel=name)
+    chosen = ChannelMap({name: mapping.channels[name] for name in kept}, mapping.time, mapping.path)
+    return mapped_series(record, chosen, units=units, expected=CHANNEL_UNITS)
+
+
+def at_rate(series: TimeSeries, rate: float) -> TimeSeries:
+    """Return a series at another sample rate [Hz]: low-pass if the rate decreases, then cubic splines.
+
+    The result starts at time 0.
+    """
+    values = series.values
+    if series.sample_rate > 1.001 * rate:
+        values = lowpass(values, series.sample_rate, 0.45 * rate)
+    start = series.time - series.time[0]
+    count = int(np.floor(series.duration * rate * (1.0 + 1e-9))) + 1
+    grid = np.arange(count) / rate
+    if values.shape[1] == count and abs(series.sample_rate / rate - 1.0) < 1e-9:
+        return TimeSeries(grid, values, series.names, series.units)
+    return TimeSeries(grid, CubicSpline(start, values, axis=1)(grid), series.names, series.units)

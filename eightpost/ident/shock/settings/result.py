@@ -1,0 +1,340 @@
+"""Fit of a shock over its adjusters and temperature: the shock file, the errors of each file, and the verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from eightpost.array_types import Array
+from eightpost.errors import InputError
+from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.result import ShockFit, Story, result_of
+from eightpost.ident.shock.robust import screened_runs
+from eightpost.ident.shock.runs import Runs, prepare_runs
+from eightpost.ident.shock.settings.joint import JointFit, fit_jointly
+from eightpost.ident.shock.settings.table import SettingsTable
+from eightpost.ident.shock.settings.terms import Effects, effects_of
+from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.verdict import DOUBT
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
+from eightpost.shock.curve import KNOTS
+from eightpost.shock.settings import TEMPERATURE
+from eightpost.validity import Validity
+from eightpost.verdict import Reason, Verdict
+
+#: A file should reach this share of the highest speed of all files on each side.
+_FAST = 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """All files of one setting.
+
+    Attributes:
+        setting: Value per axis.
+        tests: Records.
+        names: Names of the files.
+    """
+
+    setting: tuple[float, ...]
+    tests: tuple[DynoTest, ...]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SettingsFit:
+    """A shock fitted over its settings.
+
+    Attributes:
+        shock: Shock that `write_shock` writes.
+        groups: Files of each setting.
+        fits: Fit of each setting, in the order of `groups`.
+        predicted: Error with which the other settings predict each setting's records, in percent of the force's
+            standard deviation and without the level; None where the others do not surround it.
+        joint: Joint fit.
+        seconds: Computing time [s].
+    """
+
+    shock: Shock
+    groups: tuple[Group, ...]
+    fits: tuple[ShockFit, ...]
+    predicted: tuple[float | None, ...]
+    joint: JointFit
+    seconds: float
+
+    @property
+    def settings(self) -> Settings:
+        """The settings section of the shock."""
+        assert self.shock.settings is not None  # set by `fit_settings`
+        return self.shock.settings
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the shock can be used, and why (docs/verdict.md)."""
+        assert self.shock.validity is not None
+        return self.shock.validity.verdict
+
+
+def fit_settings(
+    table: SettingsTable,
+    *,
+    law: str | None = None,
+    gas: str | None = None,
+    robust: str = "auto",
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+) -> SettingsFit:
+    """Fit all files of a table together: one law, a curve on the same knots for each setting.
+
+    Args:
+        table: Files and settings.
+        law: Name of the law, or `auto`; None: that of the table.
+        gas: Treatment of the gas force; None: that of the table.
+        robust: Treatment of outliers.
+        segment: Start and end [s] of each record.
+        cutoff: Cutoff frequency of the low-pass [Hz].
+
+    Raises:
+        InputError: The settings do not separate the effects of the adjusters.
+        ParameterError: An option is unknown or does not suit the records.
+    """
+    started = time.perf_counter()
+    choices = Choices(gas=gas or table.gas, robust=robust, curve="knots")  # type: ignore[arg-type]
+    law = law or table.law
+    choices.check(law)
+    groups = _grouped(table)
+
+    def prepared(tests: Sequence[DynoTest]) -> Runs:
+        return prepare_runs(tests, segment=segment, cutoff=cutoff)
+
+    with threadpool_limits(1, "blas"):
+        screened = [
+            screened_runs(list(g.tests), prepared) if choices.is_screened else (prepared(g.tests), 0, [])
+            for g in groups
+        ]
+        joint = fit_jointly([runs for runs, _, _ in screened], law, choices)
+        fits = tuple(_fits(groups, joint, screened, choices.gas))
+        parameters, values = _values(table.axes, groups, joint)
+        effects = effects_of(table.axes, [group.setting for group in groups], values)
+        settings = _settings(table.axes, groups, parameters, effects, joint)
+        shock = _shock(table, fits, groups, joint, settings, effects)
+        predicted = tuple(_predicted(shock, groups, number, values, joint) for number in range(len(groups)))
+    return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
+
+
+def _grouped(table: SettingsTable) -> tuple[Group, ...]:
+    groups = []
+    for setting in sorted(set(table.settings)):
+        here = [k for k, other in enumerate(table.settings) if other == setting]
+        tests = tuple(test for k in here for test in table.tests[k])
+        groups.append(Group(setting, tests, tuple(table.files[k].name for k in here)))
+    return tuple(groups)
+
+
+def _fits(
+    groups: Sequence[Group], joint: JointFit, screened: Sequence[tuple[Runs, int, list[str]]], gas: str
+) -> Iterator[ShockFit]:
+    for number, (group, (runs, spikes, notes)) in enumerate(zip(groups, screened, strict=True)):
+        story = Story("joint", gas, ", ".join(group.names), (*runs.changes, *notes), spikes)
+        yield result_of(group.tests, joint.solution(number), story, 0.0)
+
+
+# ---- From the curves to the effects of the adjusters ----------------------------------------------------------------
+
+
+def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
+    """Return the names of the varying parameters and the values (G, P) of each setting: slopes, logarithms, preload."""
+    names = tuple(parameter.name for parameter in joint.separate)
+    laws = [joint.law(number) for number in range(len(groups))]
+    own = np.log([[getattr(law, name) for name in names] for law in laws]).reshape(len(groups), len(names))
+    slopes = np.array([joint.slopes(number) for number in range(len(groups))])
+    preload = _preload(axes, groups, np.array([law.port.gas_preload for law in laws]))
+    return names, np.hstack([slopes, own, preload[:, None]])
+
+
+def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
+    """Return the gas preload (G,) [N]: a straight line over the temperature; adjusters do not change it."""
+    for number, axis in enumerate(axes):
+        if axis.name == TEMPERATURE:
+            temperature = np.array([group.setting[number] for group in groups]) - axis.reference
+            slope, at_reference = np.polyfit(temperature, measured, 1)
+            return np.asarray(at_reference + slope * temperature)
+    return np.full(measured.size, measured.mean())
+
+
+def _settings(
+    axes: Sequence[Axis], groups: Sequence[Group], parameters: tuple[str, ...], effects: Effects, joint: JointFit
+) -> Settings:
+    """Return the settings section; what the effects leave unexplained widens the band of its setting."""
+    design = joint.model.basis.subdivided(np.zeros(joint.model.basis.count))[0]
+    left = _knot_forces(design, effects.left[:, :KNOTS])
+    widths = [np.hypot(joint.half_width(k), left[k]) for k in range(len(groups))]
+    return Settings(
+        axes=tuple(axes),
+        parameters=parameters,
+        terms=effects.terms,
+        tested=tuple(group.setting for group in groups),
+        half_width=tuple(tuple(np.nan_to_num(width, nan=0.0).tolist()) for width in widths),
+    )
+
+
+def _knot_forces(velocity: Array, slopes: Array) -> Array:
+    """Return the forces (G, 25) [N] at the knots for slopes (G, 25) [N.s/m]."""
+    rises = 0.5 * (slopes[:, 1:] + slopes[:, :-1]) * np.diff(velocity)
+    forces = np.concatenate([np.zeros((len(slopes), 1)), np.cumsum(rises, axis=1)], axis=1)
+    return np.asarray(forces - forces[:, KNOTS // 2, None])
+
+
+def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
+    """Return the law at the reference setting: that of its files, or without files that of the effects."""
+    reference = tuple(axis.reference for axis in axes)
+    own = [number for number, group in enumerate(groups) if group.setting == reference]
+    law = joint.law(own[0] if own else 0)
+    if not own:
+        law = _law_with_slopes(law, effects.reference[:KNOTS])
+    return replace(law, port=replace(law.port, gas_preload=float(effects.reference[-1])))
+
+
+def _shock(
+    table: SettingsTable,
+    fits: Sequence[ShockFit],
+    groups: Sequence[Group],
+    joint: JointFit,
+    settings: Settings,
+    effects: Effects,
+) -> Shock:
+    reference = min(range(len(groups)), key=lambda k: _distance(table.axes, groups[k].setting))
+    base = fits[reference].shock
+    law = _reference_law(joint, groups, table.axes, effects)
+    if table.gas == "included":
+        law = replace(law, port=base.law.port)
+    percent = [fit.percent for fit in fits]
+    choice = {"law_choice": joint.choice.to_json()} if joint.choice else {}
+    fit: dict[str, Any] = dict(base.fit) | choice | {
+        "recipe": "settings",
+        "runs": sum(len(group.tests) for group in groups),
+        "percent": float(np.sqrt(np.mean(np.square(percent)))),
+        "percent_of_settings": {_label(table.axes, g.setting): p for g, p in zip(groups, percent, strict=True)},
+        "changes": [*dict.fromkeys((*joint.notes, *(c for f in fits for c in f.changes)))],
+        "warnings": [*dict.fromkeys(w for f in fits for w in f.warnings)],
+    }  # fmt: skip
+    verdict = Verdict.combined([*(fit.verdict for fit in fits), Verdict(_doubts(table, groups, joint, settings, law))])
+    assert base.validity is not None
+    inputs = dict.fromkeys((i["name"], i["sha256"]) for f in fits for i in f.shock.inputs)
+    shock = Shock(
+        name=table.name,
+        law=law,
+        conditions=dict(base.conditions) | {"clicks": _label(table.axes, settings.reference)},
+        fit=fit,
+        inputs=tuple({"name": name, "sha256": digest} for name, digest in inputs),
+        validity=Validity(verdict, base.validity.ranges),
+        settings=settings,
+    )
+    return shock
+
+
+def _distance(axes: Sequence[Axis], setting: Sequence[float]) -> int:
+    return sum(value != axis.reference for value, axis in zip(setting, axes, strict=True))
+
+
+def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:
+    return ", ".join(f"{axis.name} {value:.4g}" for axis, value in zip(axes, setting, strict=True))
+
+
+# ---- Doubts ---------------------------------------------------------------------------------------------------------
+
+
+def _doubts(
+    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw
+) -> Iterator[Reason]:
+    """Yield reasons: adjusters that act against their counting, and files slower than others."""
+    for axis in table.axes:
+        yield from _counting(axis, settings, law, table.name)
+    knots = joint.model.basis.knots
+    for group, model in zip(groups, joint.model.models, strict=True):
+        velocity = model.runs.velocity[model.runs.inside]
+        share = min(float(velocity.max()) / knots[-1], float(velocity.min()) / knots[0])
+        if share < _FAST:
+            figure = f"{', '.join(group.names)}: {100.0 * share:.0f} % of the highest speed of all files on one side"
+            yield DOUBT.reason(
+                "a file is slower than others, so its curve is not known at their speeds",
+                figure=figure,
+                origin=", ".join(group.names),
+                remedy="measure all settings with the same speeds",
+            )
+
+
+def _counting(axis: Axis, settings: Settings, law: ShockLaw, origin: str) -> Iterator[Reason]:
+    """Yield a doubt if clicks counted from hard raise the force, or the reverse."""
+    words = axis.counted.lower()
+    expected = -1 if "hard" in words or "closed" in words else 1 if "soft" in words or "open" in words else 0
+    if not expected or not axis.is_whole:
+        return
+    number = settings.axes.index(axis)
+    ends = []
+    for node in (axis.nodes[0], axis.nodes[-1]):
+        setting = list(settings.reference)
+        setting[number] = node
+        ends.append(float(np.ptp(settings.law_at(law, tuple(setting)).curve.knot_force)))
+    if expected * (ends[1] - ends[0]) < 0.0:
+        yield DOUBT.reason(
+            f"{axis.name} acts against its counting, {axis.counted}",
+            figure=f"the force range changes from {ends[0]:.0f} N at {axis.nodes[0]:g} to {ends[1]:.0f} N at "
+            f"{axis.nodes[-1]:g} clicks",
+            origin=origin,
+            remedy="check the counting in the table, and the names of the files",
+        )
+
+
+# ---- Prediction of each setting by the others -----------------------------------------------------------------------
+
+
+def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array, joint: JointFit) -> float | None:
+    """Return the error [%] with which the other settings' curves predict a setting; None outside of them."""
+    assert shock.settings is not None
+    kept = [k for k in range(len(groups)) if k != number]
+    axes = []
+    for i, axis in enumerate(shock.settings.axes):
+        nodes = tuple(sorted({groups[k].setting[i] for k in kept}))
+        if not nodes[0] <= groups[number].setting[i] <= nodes[-1]:
+            return None
+        axes.append(replace(axis, nodes=nodes, reference=min(nodes, key=lambda n, a=axis: abs(n - a.reference))))  # type: ignore[misc]
+    try:
+        effects = effects_of(axes, [groups[k].setting for k in kept], values[kept])
+    except InputError:  # the others alone do not separate the effects
+        return None
+    others = _others(axes, groups, kept, shock.settings.parameters, effects)
+    law = _law_with_slopes(shock.law, effects.reference[:KNOTS])
+    return held_out_percent(others.law_at(law, groups[number].setting), joint.model.models[number].runs)
+
+
+def _others(
+    axes: Sequence[Axis], groups: Sequence[Group], kept: Iterable[int], parameters: tuple[str, ...], effects: Effects
+) -> Settings:
+    tested = tuple(groups[k].setting for k in kept)
+    terms: tuple[Term, ...] = effects.terms
+    return Settings(tuple(axes), parameters, terms, tested, tuple((0.0,) * KNOTS for _ in tested))
+
+
+def _law_with_slopes(law: ShockLaw, slopes: Array) -> ShockLaw:
+    """Return a law whose curve has other slopes (25,) [N.s/m] at its knots."""
+    velocity, slopes = np.array(law.curve.knot_velocity), np.maximum(slopes, 0.0)
+    force = _knot_forces(velocity, slopes[None])[0]
+    curve = StaticCurve.through_knots(law.curve.knot_velocity, tuple(force.tolist()), tuple(slopes.tolist()))
+    return replace(law, curve=curve)
+
+
+def held_out_percent(law: ShockLaw, runs: Runs) -> float:
+    """Return the error of a law over records, without their level, in percent of the force's standard deviation."""
+    squares, count = 0.0, 0
+    for prepared in runs.prepared:
+        error = prepared.filtered(simulate(law, prepared.record))[prepared.inside] - prepared.measured
+        squares += float(np.sum((error - error.mean()) ** 2))
+        count += error.size
+    return 100.0 * float(np.sqrt(squares / count)) / runs.deviation

@@ -1,0 +1,60 @@
+"""Create the shipped files of a shock at five settings of its rebound adjuster, with the table that lists them.
+
+All data are computed on the virtual dynamometer; they contain no measurements. Run it from the project's root:
+
+    python examples/make_settings.py
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+from eightpost.rig.damper import PhysicalDamper, configuration
+from eightpost.rig.damper.valves import Bleed
+from eightpost.rig.dynamometer import Actuator, measure
+from eightpost.rig.excitations import random_multisine
+from eightpost.signals import write_csv
+
+FOLDER = Path(__file__).parent / "settings"
+
+#: Clicks from full hard, and area that a click opens [m2].
+CLICKS, AREA = (0, 7, 14, 21, 28), 0.12e-6
+
+COLUMNS = {
+    "time": ("Time", "s", 4),
+    "displacement": ("Position", "mm", 3),
+    "velocity": ("Velocity", "mm/s", 1),
+    "force": ("Force", "N", 1),
+    "temperature": ("Temperature", "degC", 1),
+}
+
+
+def damper(clicks: int) -> PhysicalDamper:
+    """Return the shock of row 1 of Table 3.1 with its rebound bleed a number of clicks from full hard."""
+    shock = configuration(1)
+    bleed = Bleed(28 - clicks, AREA)  # which counts from fully open
+    return replace(shock, piston=replace(shock.piston, bleed=bleed))
+
+
+def dynamometer_test(clicks: int, seed: int) -> Path:
+    """Measure build C/B at a setting for 10 s at 400 Hz and write the record."""
+    command = random_multisine(seed, duration=10.0, rate=2000.0)
+    series = measure(damper(clicks), command, rate=400.0, actuator=Actuator(), seed=seed)
+    path = FOLDER / f"rebound_{clicks:02d}.csv"
+    write_csv(
+        series,
+        path,
+        titles={name: title for name, (title, _, _) in COLUMNS.items()},
+        units={name: unit for name, (_, unit, _) in COLUMNS.items()},
+        decimals={name: digits for name, (_, _, digits) in COLUMNS.items()},
+        preamble=(
+            f"SYNTHETIC data: configuration 1, rebound {clicks} clicks from full hard, examples/make_settings.py",
+            f"Random multisine of Table 3.2, seed {seed}; 50 psi gas; positive in compression",
+        ),
+    )
+    return path
+
+
+if __name__ == "__main__":
+    for number, setting in enumerate(CLICKS, start=1):
+        file = dynamometer_test(setting, number)
+        print(f"{file.relative_to(FOLDER.parent)}: {file.stat().st_size / 1000:.0f} kB")

@@ -1,0 +1,173 @@
+"""FMUs of shocks over their settings: clicks and temperature change the running FMU as they change the law."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from builder.assembly import read_parts
+from builder.build import build
+from builder.fmu.product import shock_product
+from builder.native.native_fmu import c_sources
+from cosim import FmuComponent
+from eightpost.errors import FmuError
+from eightpost.shock import LAWS, Axis, Port, Settings, Shock, Term, fit_parameters, write_shock
+from eightpost.shock.settings import is_tested
+
+_SPEC = importlib.util.spec_from_file_location(
+    "example_curve", Path(__file__).parents[1] / "shock" / "example_curve.py"
+)
+example_curve = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(example_curve)
+
+NAMES = ("clicks.rebound", "clicks.compression", "temperature")
+REPORTED = ("force", "beyond_settings", "untested_settings")
+
+
+def shock_of(name):
+    """A shock of a law with random effects of two adjusters, the temperature and one combination."""
+    law = LAWS[name]
+    own = {p.name: p.start for p in fit_parameters(law)}
+    varied = tuple(p.name for p in fit_parameters(law) if p.scale == "logarithmic")
+    curve = example_curve.knot_curve()
+    if name == "hysteresis":
+        half = tuple(0.5 * slope for slope in curve.knot_slope)
+        stop = {"stop_stiffness": 2e5, "stop_yield": 4e-4, "stop_time": 0.02}
+        own, varied = {"lagged_slope": half, "time_constant": (4e-3, 2e-3, 5e-3), **stop}, ("time_constant",)
+    random = np.random.default_rng(1)
+    axes = (
+        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
+        Axis("compression", (0.0, 3.0), 0.0),
+        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
+    )
+
+    def rows(count, kept):
+        parts = [(400.0, 25), (0.1, len(varied)), (20.0, 1)]
+        found = np.hstack([random.normal(0.0, size, (count, width)) for size, width in parts])
+        found[[k for k in range(count) if k not in kept]] = 0.0
+        return tuple(map(tuple, found.tolist()))
+
+    terms = (
+        Term(("rebound",), rows(4, (0, 2, 3))),
+        Term(("compression",), rows(2, (1,))),
+        Term(("temperature",), rows(3, (0, 2))),
+        Term(("rebound", "compression"), rows(8, (5, 7))),
+    )
+    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
+    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
+    settings = Settings(axes, varied, terms, tested, ((1.0,) * 25,) * len(tested))
+    port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
+    return Shock(name, law(curve, port=port, **own), settings=settings)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory, one_platform):
+    """Return the FMU of a law and target; the temperature is an input if it is requested."""
+    folder, kept = tmp_path_factory.mktemp("settings"), {}
+
+    def call(name, target="native", *, temperature_input=False, fmi="2"):
+        key = (name, target, temperature_input, fmi)
+        if key not in kept:
+            write_shock(shock_of(name), folder / f"{name}.json")
+            where = folder / "_".join(map(str, key))
+            with one_platform():
+                (item,) = build(
+                    [folder / f"{name}.json"], where, target=target, temperature_input=temperature_input, fmi=fmi
+                )
+            kept[key] = item.path
+        return kept[key]
+
+    return call
+
+
+def settings_and_moves(count=60):
+    random = np.random.default_rng(2)
+    setting = (5.0, 0.0, 320.0)
+    for k in range(count):
+        changed = k % 10 == 5
+        if changed:
+            setting = (float(random.integers(0, 26)), float(random.integers(0, 5)), float(random.uniform(290.0, 350.0)))
+        yield setting, changed, 10.0 ** random.uniform(-5.0, -2.0), float(random.uniform(-1.3, 1.3))
+
+
+@pytest.mark.parametrize("temperature_input", [False, True])
+@pytest.mark.parametrize("target", ["native", "python"])
+@pytest.mark.parametrize("name", list(LAWS))
+def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built, name, target, temperature_input):
+    shock = shock_of(name)
+    fmu = FmuComponent(built(name, target, temperature_input=temperature_input), name)
+    fmu.begin(0.0, 10.0, {})
+    fmu.end_initialization()
+    state, time = shock.law.start(0.0), 0.0
+    for setting, changed, step, velocity in settings_and_moves():
+        if changed:
+            for variable, value in zip(NAMES, setting, strict=True):
+                fmu.set((variable,), (value,))
+        law = shock.settings.law_at(shock.law, setting)
+        state = law.follow(state, velocity, velocity, step)
+        fmu.set(("velocity",), (velocity,))
+        fmu.step(time, step)
+        time += step
+        force, beyond, untested = fmu.get(REPORTED)
+        assert force == pytest.approx(law.response(state, velocity, 0.0).force, rel=1e-11, abs=1e-9)
+        assert beyond == pytest.approx(
+            max(axis.intervals_beyond(value) for axis, value in zip(shock.settings.axes, setting, strict=True))
+        )
+        assert untested == (0.0 if is_tested(shock.settings, setting) else 1.0)
+
+
+def test_fmi_3_gives_the_same_forces_as_fmi_2(built):
+    forces = []
+    for fmi in ("2", "3"):
+        fmu = FmuComponent(built("lpf1", fmi=fmi), "shock")
+        fmu.begin(0.0, 1.0, {"clicks.rebound": 17.0})
+        fmu.end_initialization()
+        forces.append([])
+        for k in range(20):
+            fmu.set(("velocity", "clicks.compression"), (0.05 * k, float(k % 4)))
+            fmu.step(0.01 * k, 0.01)
+            forces[-1] += fmu.get(("force",))
+    assert forces[0] == forces[1]
+
+
+def test_a_restored_state_continues_with_its_own_setting(built):
+    fmu = FmuComponent(built("lpf1"), "shock")
+    fmu.begin(0.0, 1.0, {})
+    fmu.end_initialization()
+    fmu.set(("velocity", "clicks.rebound"), (-0.3, 12.0))
+    fmu.step(0.0, 0.01)
+    state = fmu.save()
+    ends = []
+    for other in (12.0, 0.0, 20.0):
+        fmu.set(("clicks.rebound",), (other,))
+        fmu.step(0.01, 0.01)
+        ends.append(fmu.get(REPORTED))
+        fmu.restore(state)
+        fmu.step(0.01, 0.01)
+        assert fmu.get(REPORTED) == ends[0]
+        fmu.restore(state)
+    assert ends[1] != ends[0]
+
+
+def test_the_interface_and_the_code_without_settings_do_not_mention_them():
+    plain = replace(shock_of("lpf1"), settings=None)
+    product = shock_product(plain, "plain")
+    assert not [v.name for v in product.interface.variables if v.name in (*NAMES, *REPORTED[1:])]
+    sources = c_sources(product, product.interface, "0")
+    assert "settings_data.h" not in sources
+    assert b"HAS_SETTINGS" not in sources["interface.h"]
+
+
+def test_a_temperature_that_was_not_varied_cannot_be_an_input():
+    plain = replace(shock_of("lpf1"), settings=None)
+    with pytest.raises(FmuError, match="no temperature that could be an input"):
+        shock_product(plain, "plain", temperature_input=True)
+
+
+def test_an_assembly_refuses_a_shock_with_adjusters_and_says_what_to_do(built, fmus):
+    with pytest.raises(FmuError, match="build the shock at one setting"):
+        read_parts({"car": fmus["quarter_car"], "shock": built("lpf1")})

@@ -1,0 +1,165 @@
+"""An iteration in a folder: it resumes to the bit, and its two verbs serve a rig as they serve the virtual one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.drivefile import IterationFolder
+from eightpost.rig.post import RigSensors, quarter_truth, run_test
+from eightpost.rig.post.shocks import LinearDamper
+from eightpost.signals import Drivefile, TimeSeries, read_series
+from eightpost.signals.formats import write_series
+from eightpost.units import convert
+from eightpost.vehicle import shipped
+
+#: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
+DAMPER = "16.67 lbf.s/in"
+CHANNELS = ["hub_acceleration", "displacement"]
+
+
+def eightpost(*words, code=0):
+    shown = CliRunner().invoke(main, [str(word) for word in words])
+    assert shown.exit_code == code, shown.output
+    return " ".join(shown.output.split())
+
+
+@pytest.fixture(scope="module")
+def track(tmp_path_factory):
+    """A record of the quarter car on a road: only the two channels that a drive file reproduces."""
+    folder = tmp_path_factory.mktemp("track")
+    car, count = quarter_truth(), 12 * 1250
+    time = np.arange(count) / 1250.0
+    generator = np.random.default_rng(8)
+    frequency = np.arange(1.0, 15.0, 0.37)
+    phase = generator.uniform(0.0, 2.0 * np.pi, frequency.size)
+    road = (0.004 / frequency[:, None] * np.sin(2.0 * np.pi * frequency[:, None] * time + phase[:, None])).sum(axis=0)
+    drive = TimeSeries.from_channels(time, {"road": ("m", road), "aero_force": ("N", np.zeros(count))})
+    damper = LinearDamper(convert(16.67, "lbf.s/in", "N.s/m"))
+    record = run_test(car, Drivefile(drive), [damper], sensors=RigSensors.perfect()).series.select(CHANNELS)
+    write_series(record, folder / "track.parquet")
+    return folder / "track.parquet"
+
+
+@pytest.fixture(scope="module")
+def iteration(track, tmp_path_factory):
+    """An iteration with three passes on the virtual rig."""
+    folder = tmp_path_factory.mktemp("iteration") / "lap"
+    eightpost("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", folder, "--format", "csv")
+    eightpost("drivefile", "simulate", folder, *RIG, "--passes", 3)
+    return folder
+
+
+RIG = ("--car", "quarter_car", "--shock", DAMPER, "--noise", "none")
+
+
+def copy_of(iteration, place, passes):
+    """Copy an iteration, and remove the passes after the first ones and the drive that would follow."""
+    shutil.copytree(iteration, place)
+    for number in range(passes + 1, 10):
+        shutil.rmtree(place / f"pass_{number:02d}", ignore_errors=True)
+    return place
+
+
+def test_the_exact_car_converges_and_writes_its_files(iteration):
+    errors = json.loads((iteration / "pass_03" / "errors.json").read_text())
+    assert errors["status"] == "converged"
+    assert errors["total"] < 0.01
+    best = read_series(iteration / "best_drive.parquet")
+    assert np.array_equal(best.values, read_series(iteration / f"pass_{errors['best']:02d}" / "drive.parquet").values)
+    assert (iteration / "pass_04" / "drive.csv").is_file()
+    assert (iteration / "report.html").stat().st_size > 100_000
+
+
+def test_an_interrupted_iteration_resumes_to_the_bit(iteration, tmp_path):
+    for passes in (1, 2):
+        copy = copy_of(iteration, tmp_path / f"after_{passes}", passes)
+        eightpost("drivefile", "next", copy)
+        eightpost("drivefile", "simulate", copy, *RIG, "--passes", 3)
+        for number in (2, 3, 4):
+            name = f"pass_{number:02d}/drive.parquet"
+            assert (copy / name).read_bytes() == (iteration / name).read_bytes()
+
+
+def test_the_two_verbs_do_with_a_rig_what_simulate_does(iteration, track, tmp_path):
+    folder = tmp_path / "rig"
+    eightpost("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", folder)
+    for number in (1, 2, 3):
+        name = f"pass_{number:02d}/drive.parquet"
+        assert (folder / name).read_bytes() == (iteration / name).read_bytes()
+        eightpost("drivefile", "next", folder, "--record", iteration / f"pass_{number:02d}" / "rig.parquet")
+    assert (folder / "pass_04/drive.parquet").read_bytes() == (iteration / "pass_04/drive.parquet").read_bytes()
+
+
+def changed(iteration, path, change):
+    """Write the rig's record of the first pass after a change of its series."""
+    record = read_series(iteration / "pass_01" / "rig.parquet")
+    write_series(change(record), path)
+    return path
+
+
+@pytest.mark.parametrize("commands", [True, False])
+def test_a_record_of_a_logger_that_started_earlier_is_synchronised(iteration, tmp_path, commands):
+    copy = copy_of(iteration, tmp_path / "copy", 1)
+    (copy / "pass_01" / "record.parquet").unlink()
+
+    def earlier(record):
+        kept = [name for name in record.names if commands or not name.endswith("_command")]
+        record = record.select(kept)
+        time = np.arange(len(record) + 1250) / 1250.0
+        return TimeSeries(time, np.pad(record.values, ((0, 0), (1250, 0)), mode="edge"), record.names, record.units)
+
+    shown = eightpost("drivefile", "next", copy, "--record", changed(iteration, tmp_path / "late.parquet", earlier))
+    assert "before the drive file" in shown
+    found, known = (read_series(place / "pass_01" / "record.parquet") for place in (copy, iteration))
+    # Without commands, the lag of the wheelloaders (2 ms) is attributed to the logger.
+    difference = np.std(found.values[1] - known.values[1]) / np.std(known.values[1])
+    assert difference < (1e-9 if commands else 0.1)
+
+
+def test_records_that_do_not_fit_are_refused_with_a_reason(iteration, tmp_path):
+    copy = copy_of(iteration, tmp_path / "copy", 1)
+    (copy / "pass_01" / "record.parquet").unlink()
+
+    def refused(change, words):
+        path = changed(iteration, tmp_path / "bad.parquet", change)
+        assert words in eightpost("drivefile", "next", copy, "--record", path, code=2)
+
+    other = np.random.default_rng(1)
+    refused(
+        lambda r: r.with_channel("road_command", "m", 0.003 * other.standard_normal(len(r))),
+        "do not agree with the drive",
+    )
+    refused(lambda r: r.with_channel("displacement", "m", -r["displacement"]), "its sign is reversed")
+    refused(lambda r: r.window(0.0, 12.0), "record the whole drive file")
+    refused(lambda r: r.select([n for n in r.names if n != "displacement"]), "lacks displacement")
+    path = changed(
+        iteration, tmp_path / "flipped.parquet", lambda r: r.with_channel("displacement", "m", -r["displacement"])
+    )
+    eightpost("drivefile", "next", copy, "--record", path, "--flip", "displacement")
+
+
+def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, track, tmp_path):
+    copy = copy_of(iteration, tmp_path / "copy", 3)
+    record = iteration / "pass_03" / "rig.parquet"
+    assert "no drive file waits" in eightpost("drivefile", "next", copy, "--record", record, code=2)
+    again = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", copy)
+    assert "contains an iteration" in eightpost(*again, code=2)
+    assert "start an iteration" in eightpost("drivefile", "next", tmp_path, code=2)
+    (copy / "iteration.json").write_text('{"kind": "drivefile_iteration", "schema": 1}')
+    assert "does not contain the state" in eightpost("drivefile", "next", copy, code=2)
+
+
+def test_an_iteration_that_is_not_accepted_exits_with_1(track, tmp_path):
+    """A stroke of 3 mm cannot reproduce the road."""
+    start = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", tmp_path / "lap", "--stroke", "3 mm")
+    assert "road needs a stroke" in eightpost(*start)
+    shown = eightpost("drivefile", "simulate", tmp_path / "lap", *RIG, "--passes", 5, code=1)
+    assert "limit of an actuator" in shown or "the drive is limited" in shown
+    assert "Not usable" in shown or "Unknown" in shown
+    assert IterationFolder.read(tmp_path / "lap").played == 5

@@ -1,0 +1,155 @@
+"""Drive file iteration on linear rigs, where the result of every pass is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.drivefile import Limits, Pass, Settings, Status, Target, advance
+from eightpost.drivefile.iteration import PATIENCE
+from eightpost.errors import ConstantChannelError, ParameterError, TooShortError
+from eightpost.signals import TimeSeries
+
+
+def totals(outcomes):
+    return [errors.total for errors in outcomes[-1].errors]
+
+
+def test_an_exact_response_finds_the_roads_in_one_pass(quarter, problem_of, settings):
+    rig, drive = quarter
+    outcomes = rig.passes(problem_of(rig, settings), 1)
+    assert totals(outcomes)[0] < 1e-3
+    assert outcomes[-1].status is Status.CONVERGED
+    lines = rig.target.lines
+    found, road = (lines.spectrum(rows[:1])[lines.frequency > 1.0] for rows in (outcomes[0].drive, drive))
+    assert np.linalg.norm(found - road) < 2e-3 * np.linalg.norm(
+        road
+    )  # slower roads move the whole car, which no channel shows
+
+
+def test_an_exact_response_of_four_wheels_reproduces_the_target_in_one_pass(seven_dof, problem_of, settings):
+    rig, _ = seven_dof
+    outcomes = rig.passes(problem_of(rig, settings), 1)
+    assert totals(outcomes)[0] < 5e-3
+
+
+@pytest.mark.parametrize(("gain", "wrong"), [(1.0, 1.25), (0.5, 1.0), (0.8, 0.7), (0.6, 1.3 * np.exp(0.5j))])
+def test_each_pass_multiplies_the_error_by_one_minus_gain_over_the_error_of_the_response(
+    quarter, problem_of, settings, gain, wrong
+):
+    """With H = w H_true the error after n passes is (1 - K / w)^n of the target at every line."""
+    rig, _ = quarter
+    problem = problem_of(rig, replace(settings, gain=gain))
+    response = problem.start.response
+    problem = replace(problem, start=replace(problem.start, response=response.with_response(wrong * response.H)))
+    found = totals(rig.passes(problem, 4))
+    assert found == pytest.approx([abs(1.0 - gain / wrong) ** n for n in range(1, 5)], rel=0.02, abs=1e-3)
+
+
+def test_the_correction_finds_the_factor_of_a_wrong_response(quarter, problem_of, settings):
+    rig, _ = quarter
+    wrong = 0.7 * np.exp(0.3j)
+    for is_updated, largest in ((False, 1.0), (True, 5e-3)):
+        problem = problem_of(rig, replace(settings, is_updated=is_updated))
+        response = problem.start.response
+        problem = replace(problem, start=replace(problem.start, response=response.with_response(wrong * response.H)))
+        found = totals(rig.passes(problem, 4))
+        assert found[-1] < largest
+    assert found[-1] < 0.2 * abs(1.0 - 1.0 / wrong) ** 4
+
+
+@pytest.mark.parametrize("seed", range(60, 66))
+def test_another_car_on_another_road_converges_with_the_response_of_the_car_of_table_5_1(
+    make_rig, make_car, seven_dof, problem_of, seed
+):
+    """Masses, springs, tires and dampers differ by 20 %; these seeds were not used for any choice."""
+    rig, _ = make_rig(make_car(seed), seed)
+    outcomes = rig.passes(problem_of(rig, Settings(has_means=False), seven_dof[0].vehicle), 8)
+    assert outcomes[-1].status is Status.CONVERGED, totals(outcomes)
+    assert min(totals(outcomes)) < 0.012
+
+
+def test_a_reversed_response_is_reported_as_divergence_and_the_gains_are_halved(quarter, problem_of, settings):
+    rig, _ = quarter
+    problem = problem_of(rig, settings)
+    response = problem.start.response
+    problem = replace(problem, start=replace(problem.start, response=response.with_response(-response.H)))
+    outcomes = rig.passes(problem, PATIENCE)
+    assert [one.status for one in outcomes] == [Status.RUNNING] * PATIENCE + [Status.DIVERGED]
+    assert totals(outcomes) == pytest.approx([2.0, 1.5, 1.25], rel=0.02)  # 1 + K of a rig at rest, K = 1, 1/2, 1/4
+    assert outcomes[-1].best == -1
+
+
+def test_after_a_rejected_pass_the_best_drive_is_continued(quarter, problem_of, settings):
+    rig, _ = quarter
+    problem = problem_of(rig, replace(settings, gain=0.5))
+    first = advance(problem, [])
+    good = Pass(first.drive, rig.play(first.drive))
+    spoilt = Pass(5.0 * first.drive, rig.play(5.0 * first.drive))
+    after_good, after_both = advance(problem, [good]), advance(problem, [good, spoilt])
+    assert (after_both.best, after_both.rejections) == (0, 1)
+    step = after_good.drive - good.drive
+    assert after_both.drive - good.drive == pytest.approx(0.5 * step, abs=1e-9 + 1e-6 * np.abs(step).max())
+
+
+def test_a_channel_that_no_drive_can_reach_stalls_the_iteration(seven_dof, problem_of):
+    """Seven inputs cannot reproduce independent noise in eight channels."""
+    rig, _ = seven_dof
+    series = rig.target.series
+    noise = np.random.default_rng(3).standard_normal(series.values.shape)
+    values = series.values + 0.3 * series.values.std(axis=1, keepdims=True) * noise
+    noisy = replace(rig, target=Target(TimeSeries(series.time, values, series.names, series.units), rig.target.high))
+    outcomes = noisy.passes(problem_of(noisy, Settings(has_means=False)), 8)
+    assert Status.STALLED in {one.status for one in outcomes}
+    assert outcomes[-1].status is not Status.CONVERGED
+
+
+def test_mean_displacements_are_reproduced_by_steady_loads(seven_dof, problem_of, settings):
+    rig, _ = seven_dof
+    series = rig.target.series
+    loads = np.array([0.0] * 4 + [-3000.0, 200.0, 400.0])
+    values = series.values + (rig.start.static @ loads)[:, None]
+    loaded = replace(rig, target=Target(TimeSeries(series.time, values, series.names, series.units), rig.target.high))
+    problem = problem_of(loaded, replace(settings, has_means=True))
+    outcomes = loaded.passes(problem, 1)
+    assert outcomes[-1].drive[:, 0] == pytest.approx(loads, abs=5.0)
+    assert max(map(abs, outcomes[-1].errors[-1].means.values())) < 0.01
+
+
+def test_a_limited_stroke_is_named_with_its_time_and_prevents_convergence(quarter, problem_of, settings):
+    rig, drive = quarter
+    stroke = 0.5 * float(np.abs(drive[0]).max())
+    outcomes = rig.passes(problem_of(rig, replace(settings, limits=Limits(stroke=stroke))), 6)
+    assert all(np.abs(one.drive[0]).max() <= stroke * (1.0 + 1e-9) for one in outcomes)
+    assert outcomes[-1].status is not Status.CONVERGED
+    first = outcomes[0].hits[0]
+    assert (first.name, first.kind, first.unit) == ("road", "stroke", "m")
+    assert first.time == pytest.approx(float(np.argmax(np.abs(drive[0]))) / rig.target.rate, abs=0.02)
+    assert first.wanted == pytest.approx(2.0 * stroke, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "words"),
+    [
+        ({"gain": 0.0}, ParameterError, "gain must be above 0"),
+        ({"gain": 1.5}, ParameterError, "at most 1"),
+        ({"regularisation": 1.0}, ParameterError, "regularisation"),
+        ({"acceleration": 0.0}, ParameterError, "accepted errors"),
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong, error, words):
+    with pytest.raises(error, match=words):
+        Settings(**wrong)
+
+
+def test_a_target_that_cannot_be_reproduced_is_refused(quarter):
+    series = quarter[0].target.series
+    with pytest.raises(TooShortError, match="at least 8 s"):
+        Target(series.window(0.0, 5.0), 20.0)
+    with pytest.raises(ParameterError, match="too low for errors up to 90 Hz"):
+        Target(series, 90.0)
+    flat = series.with_channel("displacement", "m", np.full(len(series), 0.01))
+    with pytest.raises(ConstantChannelError, match="displacement"):
+        Target(flat, 20.0)

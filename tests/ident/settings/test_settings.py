@@ -1,0 +1,303 @@
+"""Fit of a shock over its settings: a left-out file, bands, combinations, the inverse problem, tables, commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.errors import FileFormatError, InputError
+from eightpost.ident.shock.settings.clicks import TargetCurve, best_clicks, read_target
+from eightpost.ident.shock.settings.result import fit_settings
+from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
+from eightpost.ident.shock.settings.terms import effects_of
+from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.excitations import random_multisine
+from eightpost.shock import Axis, Lpf1, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
+from eightpost.shock.settings import node_weights
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "settings"
+RATE = 500.0
+KNOTS = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+
+
+def curve(slopes, speed=0.8):
+    velocity = speed * KNOTS
+    force = np.concatenate([[0.0], np.cumsum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(velocity))])
+    return StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slopes)))
+
+
+def true_law(rebound, temperature=320.0, seed=0):
+    """A digressive law: rebound softens by clicks progressively, everything by temperature, the gas force rises."""
+    random = np.random.default_rng(seed)
+    knee, soft = random.uniform(0.05, 0.2), random.uniform(0.3, 0.7)
+    slope = 1200.0 + 5000.0 / (1.0 + (0.8 * KNOTS / knee) ** 2)
+    share = np.where(KNOTS < 0.0, 1.0 - soft * (1.0 - (1.0 - rebound / 28.0) ** 2), 1.0)
+    warm = 1.0 - 0.004 * (temperature - 320.0)
+    port = Port(gas_preload=200.0 + 1.5 * (temperature - 320.0), gas_stiffness=900.0)
+    return Lpf1(curve(slope * share * warm), 1.5e-3, port=port)
+
+
+@lru_cache
+def motion(seed):
+    drive = random_multisine(seed, duration=8.0, rate=2000.0).series
+    velocity = np.gradient(drive["displacement"], 1.0 / 2000.0)
+    channels = {"displacement": ("m", drive["displacement"]), "velocity": ("m/s", velocity)}
+    return TimeSeries.from_channels(drive.time, channels)
+
+
+def record(law, seed, noise=3.0, temperature=320.0):
+    fine = motion(seed % 5)
+    every = round(2000.0 / RATE)
+    random = np.random.default_rng(seed)
+    force = simulate(law, fine)[::every]
+    kept = fine.at(slice(None, None, every))
+    kept = kept.with_channel("force", "N", force + noise * random.standard_normal(force.size))
+    return DynoTest(kept.with_channel("temperature", "K", np.full(force.size, temperature)))
+
+
+def table(axes, settings, tests):
+    files = tuple(Path(f"file{k}.csv") for k in range(len(tests)))
+    return SettingsTable("shock", "lpf1", "estimate", tuple(axes), tuple(settings), tuple((t,) for t in tests), files)
+
+
+def rebound_table(clicks=(0.0, 7.0, 14.0, 21.0, 28.0), seed=0):
+    axis = Axis("rebound", clicks, clicks[len(clicks) // 2], counted="from full hard", lowest=0.0, highest=28.0)
+    tests = [record(true_law(c, seed=seed), 10 * seed + k) for k, c in enumerate(clicks)]
+    return table([axis], [(c,) for c in clicks], tests)
+
+
+@pytest.fixture(scope="module")
+def rebound():
+    return fit_settings(rebound_table())
+
+
+def forces(law, velocity):
+    return np.array([law.curve.force(v) for v in velocity])
+
+
+def test_four_files_predict_the_fifth_as_well_as_its_own_fit():
+    fit = fit_settings(rebound_table().without(2))
+    found = fit.shock.at(clicks={"rebound": 14}).law
+    velocity = np.linspace(-0.7, 0.7, 141)
+    truth = forces(true_law(14.0), velocity)
+    assert np.std(forces(found, velocity) - truth) < 0.01 * truth.std()
+    assert found.time_constant == pytest.approx(1.5e-3, rel=0.05)
+
+
+def test_every_inner_file_is_predicted_by_the_others_almost_as_well_as_it_is_fitted(rebound):
+    outer, inner = [rebound.predicted[k] for k in (0, -1)], rebound.predicted[1:-1]
+    assert outer == [None, None]
+    assert all(p < one.percent + 0.5 for p, one in zip(inner, rebound.fits[1:-1], strict=True))
+
+
+def test_the_bands_cover_the_true_curves_of_random_systems_between_the_measured_settings():
+    covered = []
+    for seed in range(8):
+        fit = fit_settings(rebound_table((0.0, 9.0, 18.0, 28.0), seed=seed))
+        for clicks in (4.0, 13.0, 23.0):
+            found = fit.shock.at(clicks={"rebound": clicks})
+            band = found.fit["curve_band"]
+            velocity = np.array(band["velocity [m/s]"])
+            inner = np.abs(velocity) < 0.6
+            error = forces(found.law, velocity) - forces(true_law(clicks, seed=seed), velocity)
+            covered.append(np.mean(np.abs(error)[inner] <= np.array(band["half_width [N]"])[inner]))
+    assert np.mean(covered) > 0.93
+
+
+def test_clicks_and_temperature_are_separated_and_the_gas_force_is_linear_in_temperature():
+    axes = (
+        Axis("rebound", (0.0, 14.0, 28.0), 14.0),
+        Axis("temperature", (300.0, 320.0, 350.0), 320.0, unit="K"),
+    )
+    settings = [(0.0, 320.0), (14.0, 320.0), (28.0, 320.0), (14.0, 300.0), (14.0, 350.0)]
+    tests = [record(true_law(*setting), k, temperature=setting[1]) for k, setting in enumerate(settings)]
+    shock = fit_settings(table(axes, settings, tests)).shock
+    velocity = np.linspace(-0.6, 0.6, 61)
+    truth = forces(true_law(14.0, 335.0), velocity)
+    warm = shock.at(temperature=335.0)
+    assert np.std(forces(warm.law, velocity) - truth) < 0.01 * truth.std()
+    assert warm.law.port.gas_preload - shock.law.port.gas_preload == pytest.approx(22.5, abs=8.0)
+    assert shock.at(clicks={"rebound": 20}, temperature=335.0).validity.verdict.grade is Grade.UNKNOWN
+
+
+def test_a_full_grid_gives_the_interaction_and_one_at_a_time_gives_none():
+    axes = (Axis("a", (0.0, 1.0), 0.0), Axis("b", (0.0, 1.0, 2.0), 0.0))
+    settings = [(a, b) for a in (0.0, 1.0) for b in (0.0, 1.0, 2.0)]
+    values = np.array([[1.0 + 2.0 * a + 3.0 * b + 5.0 * a * b] for a, b in settings])
+    grid = effects_of(axes, settings, values)
+    assert [term.axes for term in grid.terms] == [("a",), ("b",), ("a", "b")]
+    assert np.array(grid.terms[2].deviations).ravel() == pytest.approx([0.0, 0.0, 0.0, 0.0, 5.0, 10.0])
+    single = [0, 1, 2, 3]
+    alone = effects_of(axes, [settings[k] for k in single], values[single])
+    assert [term.axes for term in alone.terms] == [("a",), ("b",)]
+    assert not alone.left.any()
+
+
+def test_three_adjusters_in_a_full_grid_are_reproduced_at_every_measured_setting():
+    random = np.random.default_rng(3)
+    axes = tuple(Axis(name, (0.0, 1.0, 2.0), 1.0) for name in "abc")
+    settings = [(a, b, c) for a in (0.0, 1.0, 2.0) for b in (0.0, 1.0, 2.0) for c in (0.0, 1.0, 2.0)]
+    values = random.standard_normal((27, 26))
+    found = effects_of(axes, settings, values)
+    whole = Settings(axes, (), found.terms, tuple(settings), ((0.0,) * 25,) * 27)
+    for setting, value in zip(settings, values, strict=True):
+        assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value)
+
+
+def test_adjusters_that_change_together_are_refused_by_name():
+    axes = (Axis("rebound", (0.0, 5.0), 0.0), Axis("compression", (0.0, 3.0), 0.0))
+    with pytest.raises(InputError, match="do not separate the effects of rebound, compression"):
+        effects_of(axes, [(0.0, 0.0), (5.0, 3.0)], np.zeros((2, 26)))
+
+
+def two_adjusters():
+    """A shock with rebound and compression adjusters whose effects are known exactly."""
+    base = true_law(14.0)
+    random = np.random.default_rng(1)
+    effects = []
+    for side in (-1.0, 1.0):
+        per_click = np.where(side * KNOTS > 0.0, random.uniform(20.0, 60.0, 25), 0.0)
+        effects.append(per_click)
+    axes = tuple(Axis(name, (0.0, 10.0, 20.0), 10.0, lowest=0.0, highest=20.0) for name in ("rebound", "compression"))
+    terms = tuple(
+        Term((axis.name,), tuple((*(-(node - 10.0) * effect).tolist(), 0.0) for node in axis.nodes))
+        for axis, effect in zip(axes, effects, strict=True)
+    )
+    tested = tuple((float(r), float(c)) for r in (0, 10, 20) for c in (0, 10, 20))
+    return Shock("two", base, settings=Settings(axes, (), terms, tested, ((2.0,) * 25,) * 9))
+
+
+@pytest.mark.parametrize("clicks", [(3, 17), (10, 10), (20, 0), (13, 6)])
+def test_the_inverse_problem_finds_the_clicks_of_a_curve_among_all_combinations(clicks):
+    shock = two_adjusters()
+    setting = dict(zip(("rebound", "compression"), clicks, strict=True))
+    velocity = np.linspace(-0.7, 0.7, 41)
+    target = TargetCurve("target", velocity, forces(shock.at(clicks=setting).law, velocity) + 80.0)
+    answer = best_clicks(shock, target, level="free")
+    assert answer.best.setting == clicks
+    assert answer.is_exhaustive and answer.combinations == 441
+    assert answer.is_reachable and answer.best.rms < 1e-6
+    assert np.diff([choice.rms for choice in answer.choices]).min() > -1e-9
+
+
+def test_a_constant_force_between_shock_and_target_is_noted():
+    shock = two_adjusters()
+    velocity = np.linspace(-0.7, 0.7, 41)
+    stiffest = shock.at(clicks={"rebound": 0, "compression": 0}).law
+    target = TargetCurve("target", velocity, forces(stiffest, velocity) + 200.0)
+    fixed = {"rebound": 0.0, "compression": 0.0}
+    assert any("constant force of -200 N" in note for note in best_clicks(shock, target, fixed=fixed).notes)
+
+
+def test_many_adjusters_are_searched_in_turn_with_the_same_answer(monkeypatch):
+    shock = two_adjusters()
+    velocity = np.linspace(-0.7, 0.7, 41)
+    target = TargetCurve("target", velocity, forces(shock.at(clicks={"rebound": 4, "compression": 15}).law, velocity))
+    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 10)
+    answer = best_clicks(shock, target)
+    assert not answer.is_exhaustive
+    assert answer.best.setting == (4.0, 15.0)
+
+
+def test_a_target_out_of_reach_is_reported_with_the_range_of_speeds_and_what_can_be_reached():
+    shock = two_adjusters()
+    velocity = np.linspace(-0.7, 0.7, 41)
+    stiff = forces(shock.law, velocity) + np.where(velocity > 0.15, 3000.0 * (velocity - 0.15), 0.0)
+    answer = best_clicks(shock, TargetCurve("target", velocity, stiff))
+    assert not answer.is_reachable
+    (sentence, *others) = answer.unreachable
+    assert sentence.startswith("compression") and "all settings are between" in answer.unreachable[-1]
+    assert not any(other.startswith("rebound") for other in others)
+
+
+def test_a_fixed_adjuster_keeps_its_clicks():
+    shock = two_adjusters()
+    velocity = np.linspace(-0.7, 0.7, 41)
+    target = TargetCurve("target", velocity, forces(shock.at(clicks={"rebound": 4, "compression": 15}).law, velocity))
+    assert best_clicks(shock, target, fixed={"compression": 2.0}).best.setting == (4.0, 2.0)
+
+
+def test_a_target_is_read_in_its_own_units_and_without_its_gas_force(tmp_path):
+    path = tmp_path / "target.csv"
+    path.write_text("Velocity [mm/s],Force [kN]\n-200,-0.4\n0,0.1\n200,0.9\n")
+    target = read_target(path)
+    assert target.velocity == pytest.approx([-0.2, 0.0, 0.2])
+    assert target.force == pytest.approx([-500.0, 0.0, 800.0])
+    assert "100 N at zero velocity" in target.notes[0]
+    path.write_text("Velocity,Force [kN]\n-200,-0.4\n0,0.1\n200,0.9\n")
+    with pytest.raises(InputError, match="has no unit"):
+        read_target(path)
+
+
+def test_temperatures_within_three_kelvin_are_one_setting():
+    assert joined_temperatures([313.0, 300.0, 314.0, 301.0]) == pytest.approx([313.5, 300.5, 313.5, 300.5])
+
+
+def test_clicks_counted_the_wrong_way_are_a_doubt():
+    wrong = rebound_table()
+    wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))
+    reasons = fit_settings(wrong).verdict.reasons
+    assert any("rebound acts against its counting, from full soft" in reason.statement for reason in reasons)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("clicks.rebound = 7", "clicks.bump = 7"), "no section .adjuster.bump."),
+        (("clicks.rebound = 7", "clicks.rebound = 40"), "beyond the adjuster's stops, 0.0 to 28.0"),
+        (("clicks.rebound = 7", "clicks.rebound = 7.5"), "not a whole number"),
+        (("reference = 14", "reference = 15"), "not the setting of a file; there are: 0, 7, 14, 21, 28"),
+        (("[adjuster.rebound]", "[adjuster.'low speed']"), "letters, digits and _"),
+        (("lowest = 0", "lowermost = 0"), "is not an entry"),
+        (('path = "rebound_07.csv"', 'path = "missing.csv"'), "there is no such file"),
+    ],
+)
+def test_a_wrong_entry_of_a_table_is_reported_with_the_file(tmp_path, change, message):
+    text = (EXAMPLES / "rebound.toml").read_text()
+    assert change[0] in text
+    text = text.replace(*change).replace('path = "rebound', f'path = "{EXAMPLES.as_posix()}/rebound')
+    (tmp_path / "table.toml").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_settings_table(tmp_path / "table.toml")
+
+
+def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_path):
+    text = (EXAMPLES / "rebound.toml").read_text().replace('path = "rebound', f'path = "{EXAMPLES.as_posix()}/rebound')
+    text = text.replace("[[file]]", "[temperature]\n\n[[file]]", 1)
+    (tmp_path / "table.toml").write_text(text)
+    with pytest.raises(FileFormatError, match="temperature has the same setting in all files"):
+        read_settings_table(tmp_path / "table.toml")
+    text = text.replace("clicks.rebound = 28", 'clicks.rebound = 14\ntemperature = "80 degC"')
+    (tmp_path / "table.toml").write_text(text)
+    warm = read_settings_table(tmp_path / "table.toml").axes[1]
+    assert warm.nodes[1] == pytest.approx(353.15)
+    assert 310.0 < warm.nodes[0] < 325.0
+
+
+def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_path):
+    output = tmp_path / "shock.json"
+    shown = CliRunner().invoke(main, ["settings", str(EXAMPLES / "rebound.toml"), "-o", str(output)])
+    assert shown.exit_code == 0, shown.output
+    assert "rebound 14" in shown.output
+    assert (tmp_path / "shock.png").stat().st_size > 20_000
+    shock = read_shock(output)
+    write_shock(shock.at(clicks={"rebound": 10}), tmp_path / "target.json")
+    words = ["clicks", str(output), "--curve", str(tmp_path / "target.json"), "--plot", str(tmp_path / "best.png")]
+    shown = CliRunner().invoke(main, words)
+    assert shown.exit_code == 0, shown.output
+    assert "the target can be reached: rebound 10" in shown.output
+    assert (tmp_path / "best.png").stat().st_size > 10_000
+
+
+def test_interpolated_weights_sum_to_one():
+    for value in (-3.0, 0.0, 2.5, 11.0, 40.0):
+        assert sum(node_weights((0.0, 5.0, 12.0), value)) == pytest.approx(1.0)

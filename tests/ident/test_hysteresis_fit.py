@@ -1,0 +1,256 @@
+"""The fit of the law Hysteresis finds known parameters, and a stop only where the records show one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from eightpost.errors import ParameterError
+from eightpost.ident import choose_law, evaluate, fit_shock
+from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
+from eightpost.ident.shock.hysteresis_search import Projection, _non_negative
+from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.runs import prepare_runs
+from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Hysteresis, Maxwell, Polylinear, Port, read_shock, write_shock
+from eightpost.signals import TimeSeries
+
+RATE = 500.0
+#: Range of velocities of the random record [m/s], so that the nodes of ln tau of truth and fit agree.
+RANGE = np.array([-0.790, 0.672])
+TAUS = (6e-3, 2e-3, 4e-3)
+STOP = (4e5, 3e-4, 2e-2)
+PORT = Port(gas_preload=150.0, gas_stiffness=900.0)
+
+
+def hysteresis(*, stop=(), port=PORT, share=0.6):
+    """Return a degressive law, asymmetric, with a given share of its slopes behind the lag."""
+    basis = KnotBasis.of(RANGE, cells=12)
+    knots = np.array(basis.knots)
+    slopes = (900.0 + 5000.0 / (1.0 + (knots / 0.15) ** 2)) * np.where(knots > 0.0, 1.0, 1.3)
+    lagged = tuple((share * slopes).tolist())
+    return Hysteresis(basis.static_curve(slopes), lagged, TAUS, *stop, port=port)
+
+
+def f1(law, velocity):
+    """Return the lagged part of a law's curve [N] at velocities."""
+    return KnotBasis(law.curve.knot_velocity).design(velocity) @ np.array(law.lagged_slope)
+
+
+def sine(law, speed, *, hertz=1.6, duration=6.0):
+    """Return the record of a law under a sine of a peak speed [m/s], sampled finely in the simulation."""
+    time = np.arange(round(duration * 4.0 * RATE)) / (4.0 * RATE)
+    phase = 2.0 * np.pi * hertz * time
+    motion = {
+        "velocity": ("m/s", speed * np.sin(phase)),
+        "displacement": ("m", -speed / (2.0 * np.pi * hertz) * np.cos(phase)),
+    }
+    series = TimeSeries.from_channels(time, motion)
+    force = simulate(law, series) + np.random.default_rng(1).standard_normal(time.size)
+    return DynoTest(series.with_channel("force", "N", force).at(slice(None, None, 4)))
+
+
+@lru_cache
+def projection(*, has_stop):
+    """Return the problem of a short record, and a point of its search."""
+    law = hysteresis(stop=STOP if has_stop else ())
+    fitted = fit_hysteresis(
+        prepare_runs([sine(law, 1.2, duration=3.0), sine(law, 0.3, duration=3.0)]), "hysteresis", Choices()
+    ).fit
+    model = fitted.model
+    if has_stop and not model.dynamics.has_stop:
+        model = replace(model, dynamics=model.dynamics.with_stop())
+    point = np.log([8e-3, 3e-3, 2e-3, 5e-4, 1e-2][: 5 if has_stop else 3])
+    return Projection(model, is_thin=False), point
+
+
+# ---- Recovery -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fit(law_record):
+    """The fit to a record of a law without a stop."""
+    return fit_shock(law_record(hysteresis(), 1, rate=RATE), "hysteresis")
+
+
+def test_curves_time_constants_and_gas_of_a_known_law_are_found(fit):
+    truth, found = hysteresis(), fit.shock.law
+    velocity = np.linspace(*(0.9 * RANGE), 200)
+    whole, lagged = curve_forces(truth.curve, velocity), f1(truth, velocity)
+    assert np.sqrt(np.mean((curve_forces(found.curve, velocity) - whole) ** 2)) < 0.005 * np.std(whole)
+    assert np.sqrt(np.mean((f1(found, velocity) - lagged) ** 2)) < 0.05 * np.std(lagged)
+    assert found.time_constant == pytest.approx(TAUS, rel=0.12)  # its evenness is rewarded a little
+    assert fit.parameter("gas_preload").value == pytest.approx(150.0, abs=15.0)
+    assert fit.parameter("gas_stiffness").value == pytest.approx(900.0, rel=0.1)
+    assert found.stop_stiffness == 0.0
+    assert fit.percent < 0.3
+    assert fit.converged
+
+
+def test_the_intervals_of_the_time_constants_are_narrow_and_close_to_the_truth(fit):
+    for number, true in enumerate(TAUS, start=1):
+        tau = fit.parameter(f"time_constant[{number}]")
+        assert tau.unit == "s"
+        assert abs(tau.value - true) < tau.reach * tau.error + 0.1 * true
+        assert tau.error < 0.05 * true
+
+
+def test_the_stated_residual_is_that_of_the_shipped_law_and_that_of_the_search(law_record):
+    test = law_record(hysteresis(port=Port()), 1, rate=RATE)
+    fit = fit_shock(test, "hysteresis", gas="included", robust="none")
+    search = fit_hysteresis(prepare_runs([test]), "hysteresis", Choices(gas="included", robust="none")).fit
+    assert evaluate(fit.shock, test).rms == pytest.approx(fit.rms, rel=1e-9)
+    assert fit.rms == pytest.approx(np.sqrt(np.mean(search.error**2)), rel=0.02)
+
+
+def test_a_known_stop_is_found_and_noted(law_record):
+    fit = fit_shock(law_record(hysteresis(stop=STOP), 1, rate=RATE), "hysteresis")
+    found = [fit.parameter(name) for name in ("stop_stiffness", "stop_yield", "stop_time")]
+    assert [one.value for one in found] == pytest.approx(STOP, rel=0.25)
+    assert [one.unit for one in found] == ["N/m", "m", "s"]
+    assert any(change.startswith("the law has a stop: held-out error") for change in fit.changes)
+
+
+def test_a_stop_that_predicts_no_better_is_left_out(fit):
+    (note,) = [change for change in fit.changes if "stop" in change]
+    assert note.startswith("the law has no stop: held-out error")
+    assert "stop_stiffness" not in {parameter.name for parameter in fit.parameters}
+
+
+def test_a_test_of_one_speed_gives_no_stop_and_says_why():
+    fit = fit_shock(sine(hysteresis(stop=STOP), 0.4), "hysteresis", segment=(0.5, 5.5))
+    assert fit.shock.law.stop_stiffness == 0.0
+    assert any("single speed, at which a stop and a lag cannot be distinguished" in change for change in fit.changes)
+
+
+def test_two_speeds_give_the_stop_of_the_law():
+    law = hysteresis(stop=STOP)
+    fit = fit_shock([sine(law, 0.15), sine(law, 0.6)], "hysteresis", segment=(0.5, 5.5))
+    assert fit.shock.law.stop_stiffness > 0.0
+
+
+def test_outliers_are_down_weighted(law_record):
+    test = law_record(hysteresis(), 1, rate=RATE)
+    force = test.series["force"].copy()
+    force[2500:2530] += 6000.0
+    fit = fit_shock(replace(test, series=test.series.with_channel("force", "N", force)), "hysteresis")
+    assert 20 <= fit.downweighted <= 200  # the low-pass spreads them
+    assert fit.shock.law.time_constant == pytest.approx(TAUS, rel=0.15)
+
+
+def test_each_run_has_its_own_offset(law_record):
+    one, other = (
+        law_record(hysteresis(port=replace(PORT, gas_preload=preload)), 1, rate=RATE) for preload in (100.0, 300.0)
+    )
+    fit = fit_shock([one, other], "hysteresis", segment=(1.0, 5.0))
+    assert fit.percent < 0.5
+    assert fit.parameter("gas_preload").value == pytest.approx(200.0, abs=15.0)
+
+
+def test_a_fit_is_saved_and_read_back(fit, tmp_path):
+    write_shock(fit.shock, tmp_path / "shock.json")
+    assert read_shock(tmp_path / "shock.json").law == fit.shock.law
+
+
+# ---- Choice ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
+    choice = choose_law(law_record(hysteresis(stop=STOP), 1, rate=RATE))
+    assert choice.law == "hysteresis"
+
+
+@pytest.mark.parametrize(
+    ("law", "name"), [(Polylinear, "polylinear"), (lambda curve: Maxwell(curve, 1.5e6), "maxwell")]
+)
+def test_a_record_of_a_simpler_law_does_not_give_hysteresis(law, name, rising, law_record):
+    assert choose_law(law_record(law(rising), 1, rate=RATE)).law == name
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"order": 5}, "an order of the inner polynomial"),
+        ({"shape": "free"}, "the shape 'free'"),
+        ({"curve": "polynomial"}, "a curve of polynomials"),
+        ({"recipe": "boggs"}, "the recipe 'boggs'"),
+    ],
+)
+def test_options_of_polynomials_are_refused_with_the_way_out(options, why, law_record):
+    with pytest.raises(ParameterError, match="needs a curve that rises through knots") as error:
+        fit_shock(law_record(hysteresis(), 1, rate=RATE), "hysteresis", **options)
+    assert why in str(error.value)
+    assert "omit that, or fit another law" in str(error.value)
+
+
+def test_auto_compares_the_other_laws_where_an_option_excludes_hysteresis(law_record):
+    choice = fit_shock(law_record(hysteresis(), 1, rate=RATE), "auto", order=5).choice
+    assert "needs a curve that rises through knots" in choice["hysteresis"].trouble
+
+
+# ---- The search -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("has_stop", [False, True])
+def test_the_step_of_the_search_follows_the_gradient_of_the_cost(has_stop):
+    problem, point = projection(has_stop=has_stop)
+    here = problem.at(point)
+    _, right = here.normal_equations
+    step = 1e-4
+    units = step * np.eye(point.size)
+    slopes = [(problem.at(point + unit).cost - problem.at(point - unit).cost) / (2.0 * step) for unit in units]
+    assert -2.0 * right == pytest.approx(np.array(slopes), rel=0.02, abs=1e-3 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("has_stop", [False, True])
+def test_the_linear_parameters_are_the_best_ones_for_given_states(has_stop):
+    problem, point = projection(has_stop=has_stop)
+    here = problem.at(point)
+    rows = np.vstack([here.columns, problem.penalty])
+    target = np.append(problem.model.runs.target, np.zeros(len(problem.penalty)))
+    low = np.where(problem.is_free, -np.inf, 0.0)
+    best = lsq_linear(rows, target, bounds=(low, np.inf), method="bvls", tol=1e-14).x
+    cost = [float(np.sum((rows @ x - target) ** 2)) for x in (here.linear, best)]
+    assert (here.linear[~problem.is_free] >= 0.0).all()
+    assert cost[0] <= cost[1] * (1.0 + 1e-6)
+
+
+def test_a_free_element_may_be_negative_and_others_may_not():
+    columns = np.random.default_rng(0).standard_normal((50, 4))
+    target = columns @ np.array([2.0, -3.0, -1.0, 1.0])
+    found = _non_negative(columns.T @ columns, columns.T @ target, np.array([False, False, True, False]))
+    best = lsq_linear(columns, target, bounds=([0.0, 0.0, -np.inf, 0.0], np.inf)).x
+    assert found == pytest.approx(best, abs=1e-6)
+    assert found[1] == 0.0
+    assert found[2] < 0.0
+
+
+@pytest.mark.parametrize("has_stop", [False, True])
+def test_the_derivatives_of_the_force_are_those_of_differences(has_stop):
+    problem, point = projection(has_stop=has_stop)
+    model, generator = problem.model, np.random.default_rng(2)
+    slopes = 1000.0 + 500.0 * generator.random(25)
+    stop = [80.0] * has_stop
+    theta = np.concatenate([0.5 * slopes, point[:3], stop, point[3:]])
+    parameters = np.concatenate([slopes, 50.0 * np.ones(model.gas.count), theta])
+    jacobian = model.rows_jacobian(parameters)
+    for number in range(0, parameters.size, 3):
+        step = np.zeros(parameters.size)
+        step[number] = 1e-4 * max(abs(parameters[number]), 1.0)
+        change = (model.rows(parameters + step) - model.rows(parameters - step)) / (2.0 * step[number])
+        assert jacobian[:, number] == pytest.approx(change, abs=2e-3 * np.abs(jacobian[:, number]).max() + 1e-9)
+
+
+def test_the_search_on_a_thinned_record_has_the_same_rows():
+    problem, point = projection(has_stop=True)
+    thin = replace(problem, is_thin=True)
+    linear = problem.at(point).linear
+    error = thin.rows(point, linear) - problem.rows(point, linear)
+    assert np.std(error) < 2e-3 * problem.model.runs.deviation

@@ -1,0 +1,169 @@
+"""A shock over its settings: interpolation, rising curves, the section of the shock file, validity."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eightpost.errors import ParameterError
+from eightpost.shock import Axis, Lpf1, Settings, Shock, Term, read_shock, write_shock
+from eightpost.shock.settings import is_tested, node_weights
+from eightpost.verdict import Grade
+
+_SPEC = importlib.util.spec_from_file_location("example_curve", Path(__file__).with_name("example_curve.py"))
+example_curve = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(example_curve)
+
+NODES = st.lists(st.integers(0, 40), min_size=2, max_size=6, unique=True).map(lambda n: tuple(sorted(map(float, n))))
+
+
+def law():
+    return Lpf1(example_curve.knot_curve(), 1.3e-3)
+
+
+def settings(seed=0, size=300.0):
+    """Two adjusters and the temperature with random effects, measured one at a time and in two combinations."""
+    random = np.random.default_rng(seed)
+    axes = (
+        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
+        Axis("compression", (0.0, 3.0), 0.0),
+        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
+    )
+
+    def rows(count, kept):
+        found = np.hstack([random.normal(0.0, size, (count, 25)), random.normal(0.0, 0.1, (count, 2))])
+        found[[k for k in range(count) if k not in kept]] = 0.0
+        return tuple(map(tuple, found.tolist()))
+
+    terms = (
+        Term(("rebound",), rows(4, (0, 2, 3))),
+        Term(("compression",), rows(2, (1,))),
+        Term(("temperature",), rows(3, (0, 2))),
+        Term(("rebound", "compression"), rows(8, (5, 7))),
+    )
+    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
+    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
+    return Settings(axes, ("time_constant",), terms, tested, tuple((5.0,) * 25 for _ in tested))
+
+
+@given(NODES, st.floats(-10.0, 50.0), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+def test_within_the_nodes_every_parabola_is_reproduced_and_beyond_them_its_tangent(nodes, value, coefficients):
+    a, b, c = coefficients if len(nodes) > 2 else (*coefficients[:2], 0.0)
+    found = float(np.dot(node_weights(nodes, value), [a + b * x + c * x * x for x in nodes]))
+    end = min(max(value, nodes[0]), nodes[-1])
+    expected = a + b * end + c * end * end + (value - end) * (b + 2.0 * c * end)
+    assert found == pytest.approx(expected, abs=1e-7, rel=1e-9)
+
+
+@given(st.integers(0, 50), st.floats(-5.0, 30.0), st.floats(-2.0, 8.0), st.floats(250.0, 400.0))
+def test_the_curve_rises_at_every_setting_and_is_that_of_its_slopes(seed, rebound, compression, temperature):
+    at = settings(seed, size=3000.0).law_at(law(), (rebound, compression, temperature))
+    curve = at.curve
+    assert min(curve.knot_slope) >= 0.0
+    rises = 0.5 * (np.add(curve.knot_slope[1:], curve.knot_slope[:-1])) * np.diff(curve.knot_velocity)
+    assert np.diff(curve.knot_force) == pytest.approx(rises, abs=1e-6)
+    assert at.time_constant > 0.0
+
+
+def test_at_the_reference_the_law_is_the_measured_one():
+    assert settings().law_at(law(), settings().reference) == law()
+
+
+def test_at_a_measured_setting_the_slopes_are_the_measured_ones():
+    found = settings().law_at(law(), (12.0, 3.0, 320.0)).curve.knot_slope
+    one, two, both = (settings().terms[k].deviations[row][:25] for k, row in ((0, 2), (1, 1), (3, 5)))
+    expected = np.maximum(np.array(law().curve.knot_slope) + one + np.array(two) + both, 0.0)
+    assert found == pytest.approx(expected)
+
+
+def test_a_shock_file_keeps_the_settings(tmp_path):
+    shock = Shock("two adjusters", law(), settings=settings())
+    write_shock(shock, tmp_path / "shock.json")
+    assert read_shock(tmp_path / "shock.json") == shock
+
+
+def test_a_shock_file_without_settings_has_no_section_for_them(tmp_path):
+    write_shock(Shock("plain", law()), tmp_path / "shock.json")
+    assert "settings" not in json.loads((tmp_path / "shock.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s["axes"][0].update(reference=6.0), "the reference 6.0 must be one of the nodes"),
+        (lambda s: s["axes"][0].update(nodes=[5.0, 0.0, 12.0, 20.0]), "nodes must be ascending"),
+        (lambda s: s["axes"][0].update(name="low speed"), "letters, digits and _"),
+        (lambda s: s["terms"][0].update(axes=["bump"]), "unknown axis 'bump'"),
+        (lambda s: s["terms"][0]["deviations"].pop(), "must have 4 rows of 27 numbers"),
+        (lambda s: s["terms"][0]["deviations"][0].__setitem__(3, "soft"), "numbers only"),
+        (lambda s: s.update(tested=[]), "each tested combination must have 3 values"),
+        (lambda s: s.update(half_width=[]), "half_width must have a row"),
+        (lambda s: s.update(parameters=["stiffness"]), "stiffness"),
+    ],
+)
+def test_a_wrong_entry_of_the_settings_is_refused_by_name(tmp_path, change, message):
+    path = tmp_path / "shock.json"
+    write_shock(Shock("two adjusters", law(), settings=settings()), path)
+    document = json.loads(path.read_text())
+    change(document["settings"])
+    path.write_text(json.dumps(document))
+    with pytest.raises(ParameterError, match=message):
+        read_shock(path)
+
+
+def test_a_curve_without_knots_has_no_settings():
+    with pytest.raises(ValueError, match="must have knots"):
+        Shock("polynomials", Lpf1(example_curve.curve(), 1e-3), settings=settings())
+
+
+@pytest.mark.parametrize(
+    ("clicks", "temperature", "grade"),
+    [
+        ({}, None, Grade.USABLE),
+        ({"rebound": 7}, None, Grade.USABLE),
+        ({"rebound": 16, "compression": 3}, None, Grade.USABLE),
+        ({}, 333.0, Grade.USABLE),
+        ({"rebound": 24}, None, Grade.LIMITED),
+        ({"compression": 7}, None, Grade.UNKNOWN),
+        ({"rebound": 3, "compression": 3}, None, Grade.UNKNOWN),
+        ({"rebound": 7}, 333.0, Grade.UNKNOWN),
+    ],
+)
+def test_the_verdict_on_a_setting_says_measured_extrapolated_or_untested(clicks, temperature, grade):
+    shock = Shock("two adjusters", law(), settings=settings()).at(clicks=clicks, temperature=temperature)
+    assert shock.settings is None
+    assert shock.validity.verdict.grade is grade
+
+
+def test_an_untested_combination_has_a_wider_band_than_a_tested_one():
+    found = settings()
+    one_at_a_time = replace(found, tested=found.tested[:-2], half_width=found.half_width[:-2])
+    tested, untested = (
+        np.array(shock.at(clicks={"rebound": 12, "compression": 3}).fit["curve_band"]["half_width [N]"])
+        for shock in (Shock("tested", law(), settings=found), Shock("untested", law(), settings=one_at_a_time))
+    )
+    assert (untested >= tested).all() and untested.sum() > 2.0 * tested.sum()
+
+
+def test_a_setting_beyond_the_stops_and_an_unknown_adjuster_are_refused():
+    shock = Shock("two adjusters", law(), settings=settings())
+    with pytest.raises(ParameterError, match="rebound = 26 is beyond the adjuster's stops, 0 to 25"):
+        shock.at(clicks={"rebound": 26})
+    with pytest.raises(ParameterError, match="unknown setting 'bump'; this shock has: rebound, compression"):
+        shock.at(clicks={"bump": 2})
+    with pytest.raises(ParameterError, match="was measured at one setting"):
+        Shock("plain", law()).at(clicks={"rebound": 2})
+
+
+def test_a_combination_is_tested_only_if_all_its_measured_neighbours_are():
+    found = settings()
+    assert is_tested(found, (16.0, 3.0, 320.0))
+    assert not is_tested(found, (10.0, 3.0, 320.0)) or (5.0, 3.0, 320.0) in found.tested
+    assert not is_tested(found, (2.0, 3.0, 320.0))
