@@ -13,6 +13,7 @@ from eightpost.shock.laws import (
     law_title,
     own_parameters,
     own_values,
+    parameter_units,
     state_names,
     step_nanoseconds,
 )
@@ -49,6 +50,7 @@ __all__ = [
     "law_title",
     "own_parameters",
     "own_values",
+    "parameter_units",
     "read_shock",
     "state_names",
     "step_nanoseconds",

@@ -29,10 +29,14 @@ SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
 #: It has a recipe of its own.
 FIT_FORM = "lagged velocity"
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
+UNITS = {"lagged_slope": "N.s/m", "time_constant": "s", "stop_stiffness": "N/m", "stop_yield": "m", "stop_time": "s"}
 
 #: Places in `own`: the slopes c_k begin at 0, then follow tau at its three nodes, ks, e_y and t_s.
 _TAU = KNOTS
 _STIFFNESS, _YIELD, _TIME = KNOTS + 3, KNOTS + 4, KNOTS + 5
+
+#: Speed [m/s] up to which a shock is at rest at the start: in the coupled start of a car, rounding moves its shocks.
+REST = 1e-9
 
 #: Largest number of times that the stop yields or stops to yield in a piece.
 _MOST_TURNS = 8
@@ -43,7 +47,7 @@ _ROUNDING = 1e-9
 
 def start_core(velocity: float, static_force: float, own: tuple[float, ...], valve: Valve) -> tuple[float, float]:
     """Return the states of steady motion at a damper velocity [m/s]: u = v, and a yielding stop unless at rest."""
-    travel = 0.0 if velocity == 0.0 else copysign(own[_YIELD] + abs(velocity) * own[_TIME], velocity)
+    travel = 0.0 if abs(velocity) <= REST else copysign(own[_YIELD] + abs(velocity) * own[_TIME], velocity)
     return velocity, travel
 
 

@@ -13,7 +13,8 @@ A law is a single file (docs/add_a_law.md). Besides its class, the file has at m
   `advance_core(states, piece, own, valve) -> states` and `force_core(states, velocity, static_force, own, valve) ->
   F_v`; states are tuples of floats. If own parameters are tuples, `SIZES` has their numbers of values by name, and
   `own` contains these values one after the other.
-- `FIT_PARAMETERS`: a `FitParameter` for each of these parameters.
+- `FIT_PARAMETERS`: a `FitParameter` for each of these parameters. If it has not all of them, `UNITS` has their units by
+  name.
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
   lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
   0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1

@@ -64,6 +64,12 @@ def fit_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
     return declared
 
 
+def parameter_units(law: type[ShockLaw]) -> dict[str, str]:
+    """Return the unit of each of a law's own parameters by name."""
+    stated: Mapping[str, str] = getattr(law_module(law), "UNITS", {})
+    return {**stated, **{entry.name: entry.unit for entry in fit_parameters(law)}}
+
+
 def fit_form(law: type[ShockLaw]) -> str:
     """Return the name of the closed form with which a law is fitted; "stepped" for a law that declares none."""
     return getattr(law_module(law), "FIT_FORM", "stepped")

@@ -4,8 +4,10 @@
 #include "lag.h"
 #include "shock.h"
 
-/* Constants of hysteresis.py: largest number of turns of the stop in a piece; largest relative deviation of a quadratic cell. */
+/* Constants of hysteresis.py: largest number of turns of the stop in a piece; speed at rest; largest relative deviation of a
+ * quadratic cell. */
 enum { MOST_TURNS = 8, MIDDLE = KNOTS / 2 };
+static const double REST = 1e-9;
 static const double CELL_ROUNDING = 1e-9;
 
 static double signed_like(double size, double sign)
@@ -128,7 +130,7 @@ double law_lag_weight(const Parameters *p, double static_force)
 State law_start(const Parameters *p, double velocity, double static_force)
 {
     const double reach = p->stop_yield + size_of(velocity) * p->stop_time;
-    const State state = {{velocity, velocity == 0.0 ? 0.0 : signed_like(reach, velocity)}};
+    const State state = {{velocity, size_of(velocity) <= REST ? 0.0 : signed_like(reach, velocity)}};
     (void)static_force;
     return state;
 }

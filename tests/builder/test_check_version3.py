@@ -26,6 +26,7 @@ from builder.documents import Disclosure
 from cosim.system_file import read_case
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
+from eightpost.shock import LAWS
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
 
@@ -87,7 +88,7 @@ def others(fmus, fmus3, model_files, tmp_path_factory, one_platform):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", ["lpf1", "lpnl2", "maxwell", "polylinear", "quarter_car", "seven_dof"])
+@pytest.mark.parametrize("name", [*LAWS, "quarter_car", "seven_dof"])
 def test_our_fmus_of_fmi_3_break_no_rule_on_this_platform(name, fmus3):
     report = check(fmus3[name])
     assert rules(report) == {"platforms"}

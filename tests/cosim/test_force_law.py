@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from cosim import ExtrapolatedForce, FmuComponent, ForceLaw, HeldForce
 from eightpost.errors import InputError, StepError, WiringError
+from eightpost.shock import LAWS
 
-LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
 PORT = ("velocity", "displacement")
 CORNERS = ("lf", "rf", "lr", "rr")
 
@@ -115,8 +115,10 @@ def test_a_jump_at_the_accepted_time_can_be_accepted(laws):
 @pytest.mark.parametrize("name", LAWS)
 @given(first=POINTS, second=POINTS, h=st.one_of(st.just(0.0), STEPS))
 @settings(max_examples=25)
-def test_the_jacobian_is_the_derivative_of_the_force(laws, name, first, second, h):
-    law = laws[name]
+def test_the_jacobian_is_the_derivative_of_the_force(laws, shocks, name, first, second, h):
+    law, curve = laws[name], shocks[name].law.curve
+    bends = np.diff(curve.knot_slope) / np.diff(curve.knot_velocity) if curve.has_knots else np.zeros(2)
+    kink = 3e-6 * np.abs(np.diff(bends)).max()  # of the difference below at a knot, where the slope has a kink
     law.start(0.0, *first)
     found = law.jacobian(h, *second)
     for k, derivative in enumerate(found):
@@ -126,7 +128,7 @@ def test_the_jacobian_is_the_derivative_of_the_force(laws, name, first, second, 
             near[k] += 2e-6 * side
             far[k] += 3e-6 * side
             sides.append((law.force(h, *far) - law.force(h, *near)) / (far[k] - near[k]))
-        assert derivative == pytest.approx(0.5 * sum(sides), rel=1e-6, abs=1e-3)
+        assert derivative == pytest.approx(0.5 * sum(sides), rel=1e-6, abs=1e-3 + kink)
 
 
 @pytest.mark.parametrize("name", ["lpf1", "lpnl2"])

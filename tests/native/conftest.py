@@ -65,8 +65,8 @@ def _source_folders(
 
 @pytest.fixture(scope="session")
 def assembly(fmus: dict[str, Path]) -> Assembly:
-    """The seven-DOF car with a shock of each law."""
-    laws = {"lf": "lpnl2", "rf": "lpf1", "lr": "polylinear", "rr": "maxwell"}
+    """The seven-DOF car with shocks of different laws."""
+    laws = {"lf": "lpnl2", "rf": "hysteresis", "lr": "polylinear", "rr": "maxwell"}
     links = [
         Wire(*ends)
         for corner in laws

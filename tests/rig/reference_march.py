@@ -94,14 +94,14 @@ class _LawBank:
     """Bank for any law, which calls the methods `advance` and `response` of the law for each port."""
 
     def __init__(self, law: ShockLaw, ports: int) -> None:
-        self._law, self._lagged = law, [0.0] * ports
+        self._law, self._states = law, [law.start(0.0)] * ports
 
     def advance(self, before: Array, after: Array, displacement: Array, step: float) -> Array:
         starts, ends = before.tolist(), after.tolist()
         law = self._law
-        self._lagged = [law.advance(f, v, w, step) for f, v, w in zip(self._lagged, starts, ends, strict=True)]
-        outputs = zip(self._lagged, ends, displacement.tolist(), strict=True)
-        return np.array([law.response(f, w, x).force for f, w, x in outputs])
+        self._states = [law.advance(s, v, w, step) for s, v, w in zip(self._states, starts, ends, strict=True)]
+        outputs = zip(self._states, ends, displacement.tolist(), strict=True)
+        return np.array([law.response(s, w, x).force for s, w, x in outputs])
 
 
 class _FluidBank:

@@ -50,10 +50,10 @@ def test_each_corner_has_its_own_shock():
 @pytest.mark.parametrize("name", LAWS)
 def test_a_shock_law_gives_the_same_force_as_outside_the_rig(shocks, name):
     law = shocks[name].law
-    lagged, expected = 0.0, [0.0]
+    state, expected = law.start(0.0), [0.0]
     for k in range(1, TIME.size):
-        lagged = law.advance(lagged, SPEED[k - 1], SPEED[k], STEP)
-        expected.append(law.response(lagged, SPEED[k], PLACE[k]).force)
+        state = law.advance(state, SPEED[k - 1], SPEED[k], STEP)
+        expected.append(law.response(state, SPEED[k], PLACE[k]).force)
     found = forces_of(law)[0]
     assert np.abs(found[1:] - np.array(expected)[1:]).max() < 1e-9 * np.std(expected)
 

@@ -185,13 +185,14 @@ def test_the_far_wheel_of_the_solid_axle_moves_a_rear_shock_ten_decibels_less():
     assert car.shock[0, 5] == 0.0  # independent in front
 
 
-@pytest.mark.parametrize("kind", ["linear", "demonstration", "physical", "laws"])
+@pytest.mark.parametrize("kind", ["linear", "demonstration", "physical", "first laws", "last laws"])
 def test_the_compiled_integration_takes_the_reference_steps(kind, shocks):
     setups = {
         "linear": [LinearDamper(c * DAMPING_UNIT) for c in (20, 9, 20, 30)],
         "demonstration": [demo_damper(name) for name in "ABCA"],
         "physical": [configuration(1), shim_build("C/B"), configuration(12), configuration(1)],
-        "laws": [shocks[name].law for name in LAWS],
+        "first laws": [shocks[name].law for name in [*LAWS][:4]],
+        "last laws": [shocks[name].law for name in [*LAWS][-4:]],
     }
     car = stand_in_truth()
     run = Run(drive_of(car, 0.5, road=0.5 * INCH), tuple(setups[kind]))

@@ -1,13 +1,27 @@
 """Shock files: round trips, and errors of bad files."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.errors import FileFormatError, ParameterError
-from eightpost.shock import LAWS, Lpf1, Lpnl2, Polylinear, Port, Shock, StaticCurve, read_shock, write_shock
+from eightpost.shock import (
+    LAWS,
+    Lpf1,
+    Lpnl2,
+    Polylinear,
+    Port,
+    Shock,
+    StaticCurve,
+    own_parameters,
+    parameter_units,
+    read_shock,
+    write_shock,
+)
 
 numbers = st.floats(-1e6, 1e6)
 positive = st.floats(1e-6, 1e3)
@@ -72,6 +86,15 @@ def test_a_file_that_is_missing_or_not_json_is_refused(tmp_path):
     (tmp_path / "broken.json").write_text('{\n "a": 1,\n')
     with pytest.raises(FileFormatError, match="line 3"):
         read_shock(tmp_path / "broken.json")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_units_of_a_law_are_those_of_its_fmu(law):
+    path = Path(__file__).parents[2] / "fmus" / f"shock_{law}" / "interface.toml"
+    variables = tomllib.loads(path.read_text(encoding="utf-8")).get("variable", [])
+    expected = {v["start"]: v["unit"] for v in variables if v["causality"] == "parameter"}
+    assert parameter_units(LAWS[law]) == expected
+    assert set(expected) == set(own_parameters(LAWS[law]))
 
 
 def test_every_law_has_a_name():

@@ -25,7 +25,7 @@ from eightpost.shock import (
     write_shock,
 )
 from eightpost.shock.compiled import law_numbers, law_step, stepped_force
-from eightpost.shock.hysteresis import lagged_curve, time_constant_at
+from eightpost.shock.hysteresis import REST, lagged_curve, time_constant_at
 
 from .example_curve import curve, knot_curve
 
@@ -97,10 +97,16 @@ def test_the_stop_never_goes_further_than_its_steady_deflection_or_its_start(tra
 @given(st.floats(-2.0, 2.0), st.floats(1e-6, 0.1))
 def test_steady_motion_stays_steady(v, step):
     u, e = LAW.start(v)
-    assert LAW.follow((u, e), v, v, step) == (u, pytest.approx(e, rel=1e-12)) if v else (0.0, 0.0)
+    assert LAW.follow((u, e), v, v, step) == (u, pytest.approx(e, rel=1e-12, abs=step * REST))
     force = LAW.valve_force((u, e), v)
-    stop = copysign(LAW.stop_yield + abs(v) * LAW.stop_time, v) if v else 0.0
+    stop = copysign(LAW.stop_yield + abs(v) * LAW.stop_time, v) if abs(v) > REST else 0.0
     assert force == pytest.approx(CURVE.force(v) + 2e5 * stop, rel=1e-12, abs=1e-9)
+
+
+@pytest.mark.parametrize("v", [0.0, -0.0, 1e-17, -1e-17, REST, -REST])
+def test_rounding_of_a_shock_at_rest_does_not_move_the_stop_at_the_start(v):
+    assert LAW.start(v)[1] == 0.0
+    assert abs(LAW.start(2.0 * v)[1]) == (LAW.stop_yield + 2.0 * REST * LAW.stop_time if abs(v) == REST else 0.0)
 
 
 def test_the_lagged_curve_is_the_integral_of_its_slopes():

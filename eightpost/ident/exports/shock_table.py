@@ -15,7 +15,7 @@ from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import sha256_of
-from eightpost.shock import Shock, fit_parameters, law_title, own_parameters, own_values, read_shock
+from eightpost.shock import Shock, law_title, own_parameters, parameter_units, read_shock
 from eightpost.shock.law import ShockLaw, valve_force
 
 #: Number of velocities on each side at which a curve is computed before points are chosen, and in each transition.
@@ -211,15 +211,22 @@ def _remarks(
     return tuple(re.sub(r"\s+", " ", line).encode("ascii", "replace").decode("ascii") for line in lines)
 
 
+def _own(law: ShockLaw) -> str:
+    """Return the law's own parameters with their units; those of several values have spaces between them."""
+    units, found = parameter_units(type(law)), []
+    for name in own_parameters(type(law)):
+        value = getattr(law, name)
+        numbers = " ".join(f"{one:.6g}" for one in (value if isinstance(value, tuple) else (value,)))
+        found.append(f"{name} {numbers} {units[name]}")
+    return ", ".join(found) or "none"
+
+
 def _shock_remarks(shock: Shock, path: Path) -> list[str]:
     law = shock.law
     port, curve = law.port, law.curve
-    units = {entry.name: entry.unit for entry in fit_parameters(type(law))}
-    values = zip(own_parameters(type(law)), own_values(law), strict=True)
-    own = ", ".join(f"{name} {value:.6g} {units.get(name, '')}".strip() for name, value in values) or "none"
     lines = [
         f"{shock.name} ({path.name}, sha256 {sha256_of(path)})",
-        f"law {law_title(shock.law_name)}, parameters of its lag: {own}; the lag is not in the table",
+        f"law {law_title(shock.law_name)}; its own parameters, which have no effect on the table: {_own(law)}",
         f"not in the table: gas force {port.gas_preload:.6g} N at the reference with {port.gas_stiffness:.6g} N/m, "
         f"seal friction {port.seal_friction:.6g} N",
         f"fitted from -{curve.rebound_speed:.6g} to {curve.compression_speed:.6g} m/s, straight lines beyond",

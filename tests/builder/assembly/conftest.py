@@ -11,7 +11,7 @@ from cosim.system_file import read_case
 
 from .hosts import CORNERS, host
 
-#: All laws on one car, gas springs, and a damper that is positive in extension at rr.
+#: Different laws on one car, gas springs, and a damper that is positive in extension at rr.
 SYSTEM = """
 schema = 1
 name = "a car with four dampers"
@@ -30,7 +30,7 @@ parameters = {{ gas_stiffness = "10 lbf/in", compression_scale = 1.2 }}
 fmu = "{folder}/lpf1.fmu"
 
 [components.lr]
-fmu = "{folder}/polylinear.fmu"
+fmu = "{folder}/hysteresis.fmu"
 parameters = {{ seal_friction = 20.0 }}
 
 [components.rr]

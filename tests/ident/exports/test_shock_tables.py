@@ -19,10 +19,21 @@ from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.exports.shock_formats import TABLE_FORMATS
 from eightpost.ident.exports.shock_table import Setting, shock_table, table_points
-from eightpost.shock import Lpnl2, Polylinear, Port, Shock, write_shock
+from eightpost.shock import (
+    LAWS,
+    Lpnl2,
+    Polylinear,
+    Port,
+    Shock,
+    ShockLaw,
+    fit_parameters,
+    own_parameters,
+    parameter_units,
+    write_shock,
+)
 from eightpost.shock.law import valve_force
 from eightpost.signals.formats import read_record
-from tests.shock.example_curve import curve
+from tests.shock.example_curve import curve, knot_curve
 
 PORT = Port(motion_ratio=0.7, compression_scale=1.1, gas_preload=210.0, gas_stiffness=900.0, seal_friction=35.0)
 
@@ -91,13 +102,29 @@ def test_a_table_of_a_rising_curve_rises_and_is_within_the_permitted_error(
         compression_speed=compression,
         rebound_speed=rebound,
     )
-    law = Polylinear(shape)
+    check_table(Polylinear(shape), error)
+
+
+@pytest.mark.parametrize("error", [1e-4, 1e-2])
+@pytest.mark.parametrize("kind", [Polylinear, Lpnl2])
+def test_a_table_of_a_curve_through_knots_rises_and_is_within_the_permitted_error(
+    kind: type[ShockLaw], error: float
+) -> None:
+    own = {entry.name: entry.start for entry in fit_parameters(kind)}
+    shape = knot_curve()
+    cubic = replace(shape, knot_slope=tuple(0.8 * slope for slope in shape.knot_slope))  # its cells are not quadratic
+    for law in (kind(shape, **own), kind(cubic, port=Port(rebound_scale=1.3), **own)):
+        check_table(law, error)
+
+
+def check_table(law: ShockLaw, error: float) -> None:
+    shape = law.curve
     velocity, force, found = table_points([law], error=error)
     assert found <= error
     assert (np.diff(velocity) > 0.0).all()
     assert 0.0 in velocity
     assert shape.falls_at() is not None or (np.diff(force[0]) > 0.0).all()
-    assert (velocity[0], velocity[-1]) == (-rebound, compression)
+    assert (velocity[0], velocity[-1]) == (-shape.rebound_speed, shape.compression_speed)
     tried = np.random.default_rng(1).uniform(velocity[0], velocity[-1], 400)
     exact = np.array([valve_force(law.valve, v) for v in tried.tolist()])
     assert np.abs(np.interp(tried, velocity, force[0]) - exact).max() <= error * np.ptp(force)
@@ -213,6 +240,33 @@ def test_every_format_states_signs_units_parameters_and_what_it_omits(shock: Pat
         assert words in printed
     assert "velocity and force are positive in" in text
     assert "motion ratio 0.7 is not" in text
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_shock_of_every_law_is_exported_in_every_format_with_all_its_own_parameters(
+    shocks: dict[str, Shock], tmp_path: Path, law: str
+) -> None:
+    path, shock = tmp_path / f"{law}.json", shocks[law]
+    write_shock(shock, path)
+    printed = {name: succeeded(path, "--format", name, "-o", tmp_path / name) for name in TABLE_FORMATS}
+    units = parameter_units(type(shock.law))
+    for name in own_parameters(type(shock.law)):
+        value = getattr(shock.law, name)
+        numbers = " ".join(f"{one:.6g}" for one in (value if isinstance(value, tuple) else (value,)))
+        assert all(f"{name} {numbers} {units[name]}" in text for text in printed.values())
+    table = shock_table([path])
+    forces = [valve_force(shock.law.valve, v) for v in table.velocity.tolist()]
+    np.testing.assert_array_equal(table.force[0], forces)
+
+
+def test_shocks_of_different_laws_and_curves_make_one_table(shocks: dict[str, Shock], tmp_path: Path) -> None:
+    names = ("lpnl2", "hysteresis", "maxwell")
+    for name in names:
+        write_shock(shocks[name], tmp_path / f"{name}.json")
+    table = shock_table([tmp_path / f"{name}.json" for name in names], over="gas pressure=1,2,3")
+    assert table.names == names
+    assert table.error <= 1e-3
+    assert (np.diff(table.force, axis=1) > 0.0).all()
 
 
 def test_a_curve_that_falls_is_exported_with_a_remark(tmp_path: Path) -> None:
