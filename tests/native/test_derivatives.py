@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from eightpost.shock import LAWS
+from eightpost.shock.laws import state_names
 from eightpost.vehicle import read_vehicle, shipped
 
 OK, ERROR = 0, 3
@@ -42,18 +43,24 @@ def set_up(fmu, law):
     return replace(law, port=type(law.port)(**PORT))
 
 
+def state_of(fmu, law):
+    """Return the state of an FMU as its law has it: a number, or a tuple."""
+    states = fmu.get(*state_names(type(law)))
+    return states[0] if len(states) == 1 else tuple(states)
+
+
 @pytest.mark.parametrize("damper_velocity", VELOCITIES)
 @pytest.mark.parametrize("name", LAWS)
 def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, shocks, name, damper_velocity):
-    """The lagged force is fixed at a value that differs from the static force after a step."""
+    """The states are fixed at values that differ from those of steady motion after a step."""
     fmu, velocity = host(name), damper_velocity / PORT["motion_ratio"]
     law = set_up(fmu, shocks[name].law)
     fmu.set_named({"velocity": velocity, "displacement": 0.01})
     assert fmu.step(0.0, 3e-4) == OK
-    (lagged,) = fmu.get("lagged_force")
+    state = state_of(fmu, law)
     per_velocity, per_displacement, change = 0.7, -30.0, 1e-6
     ends = [
-        law.response(lagged, velocity + d * per_velocity, 0.01 + d * per_displacement).force for d in (-change, change)
+        law.response(state, velocity + d * per_velocity, 0.01 + d * per_displacement).force for d in (-change, change)
     ]
     status, (found,) = slopes(fmu, ["force"], ["velocity", "displacement"], [per_velocity, per_displacement])
     assert status == OK
@@ -67,10 +74,10 @@ def test_the_end_of_the_fitted_range_belongs_to_it(host, shocks, name):
     for k, edge in enumerate((law.curve.compression_speed, -law.curve.rebound_speed)):
         fmu.set_named({"velocity": edge, "displacement": 0.0})
         assert fmu.step(0.1 * k, 0.1) == OK
-        lagged, beyond = fmu.get("lagged_force", "beyond_fit")
-        assert beyond == 0.0 == law.response(lagged, edge, 0.0).beyond_fit
+        state, (beyond,) = state_of(fmu, law), fmu.get("beyond_fit")
+        assert beyond == 0.0 == law.response(state, edge, 0.0).beyond_fit
         inside = edge * (1.0 - 1e-6)
-        difference = law.response(lagged, edge, 0.0).force - law.response(lagged, inside, 0.0).force
+        difference = law.response(state, edge, 0.0).force - law.response(state, inside, 0.0).force
         status, (found,) = slopes(fmu, ["force"], ["velocity"], [1.0])
         assert status == OK
         assert found == pytest.approx(difference / (edge - inside), rel=1e-4, abs=1.0)
@@ -122,11 +129,11 @@ def test_an_input_derivative_applies_to_one_step(host, shocks, name):
     fmu, law = host(name).start(), shocks[name].law
     fmu.set_named({"velocity": 0.1, "displacement": 0.0})
     assert ramp(fmu, "velocity", 50.0) == OK
-    lagged = law.static_force(0.0)
+    state = law.start(0.0)
     for k, (start, end) in enumerate(((0.1, 0.2), (0.2, 0.2), (0.2, 0.2))):
         assert fmu.step(2e-3 * k, 2e-3) == OK
-        lagged = law.follow(lagged, start, end, 2e-3)
-        assert fmu.get("velocity", "force") == pytest.approx([end, law.response(lagged, end, 0.0).force], rel=1e-12)
+        state = law.follow(state, start, end, 2e-3)
+        assert fmu.get("velocity", "force") == pytest.approx([end, law.response(state, end, 0.0).force], rel=1e-12)
 
 
 def test_a_cars_input_derivative_applies_to_one_step(host):
