@@ -1,14 +1,17 @@
 """Benchmark of native FMUs: cost of a step compared with Python FMUs and in a C loop, file sizes, build times.
 
     python benchmarks/native.py
+    taskset -c 1 python benchmarks/native.py --cost
 
 A step consists of the calls of a coupling master: set all inputs, with or without their derivatives, fmi2DoStep, get
 the port's outputs. Ratios are from one run on one machine; absolute times are valid for that machine only. The worst
-case is the slowest of 200,000 steps: on a busy machine, it is dominated by the operating system.
+case is the slowest of 200,000 steps: on a busy machine, it is dominated by the operating system. `--cost` prints only
+the costs of the laws relative to Polylinear, which the files of the laws state as `STEP_COST`.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -29,28 +32,50 @@ from builder.native.toolchain import fmi_headers
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
 from eightpost.corners import CORNERS
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, law_name, write_shock
+from eightpost.shock import (
+    LAWS,
+    Hysteresis,
+    Lpf1,
+    Lpnl2,
+    Maxwell,
+    Polylinear,
+    Shock,
+    StaticCurve,
+    law_name,
+    state_names,
+    write_shock,
+)
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, shipped, write_vehicle
 
 STEPS, REPEATS, C_STEPS = 5000, 5, 200_000
+ROUNDS = 15
 AMPLITUDES = {"velocity": 0.5, "displacement": 0.02, "force": 500.0, "road": 0.005}
 PORT = ("force", "velocity", "displacement")
+
+#: The first FMUs are those of the shocks.
+SHOCKS = len(LAWS)
 
 
 def main() -> None:
     """Build FMUs, measure times and print tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cost", action="store_true", help="Print only the relative costs of the laws.")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sources = _sources(folder)
+        if parser.parse_args().cost:
+            _cost_table([one.path for one in build(sources[:SHOCKS], folder / "native")], folder)
+            return
         os.environ["EIGHTPOST_CACHE"] = str(folder / "cache")
         for label in ("cold", "warm"):
             begin = time.perf_counter()
-            native = build(sources[:4], folder / "native")
+            native = build(sources[: SHOCKS + 1], folder / "native")
             print(f"build of {len(native)} FMUs, {label}: {time.perf_counter() - begin:.1f} s")
-        python = build(sources[:4], folder / "python", target="python")
-        native += build(sources[4:], folder / "native")
-        _fmpy_table([one.path for one in native[:4]], [one.path for one in python])
+        python = build(sources[: SHOCKS + 1], folder / "python", target="python")
+        native += build(sources[SHOCKS + 1 :], folder / "native")
+        _fmpy_table([one.path for one in native[: SHOCKS + 1]], [one.path for one in python])
         _c_table([one.path for one in native], folder)
+        _cost_table([one.path for one in native[:SHOCKS]], folder)
         _sizes([one.path for one in native])
 
 
@@ -59,13 +84,24 @@ def _sources(folder: Path) -> list[Path]:
         (1800.0, 60.0, -400.0, *[0.0] * 12), (1490.0, 900.0, 40.0, 5.0), (-1400.0, -1100.0, -20.0, 3.0),
         0.381, 0.0127, 1.2, 1.1, 3000.0, 3500.0,
     )  # fmt: skip
-    laws = (Polylinear(curve), Lpf1(curve, 0.0013), Lpnl2(curve, 0.0013, 800.0, 1600.0))
+    laws = (
+        Polylinear(curve), Lpf1(curve, 0.0013), Lpnl2(curve, 0.0013, 800.0, 1600.0), Maxwell(curve, 4e6), _hysteresis(),
+    )  # fmt: skip
     files = []
     for law in laws:
         files.append(folder / f"{law_name(type(law))}.json")
         write_shock(Shock(law_name(type(law)), law), files[-1])
     write_vehicle(folder / "states_150.json", IdentifiedVehicle("states_150", _large_model(150)))
     return [*files, shipped("seven_dof"), shipped("quarter_car"), folder / "states_150.json"]
+
+
+def _hysteresis() -> Hysteresis:
+    """Return a law with a stop on a digressive curve through knots with quadratic cells."""
+    velocity = 1.2 * np.sign(np.arange(-12, 13)) * (np.abs(np.arange(-12, 13)) / 12) ** 1.8
+    slope = 1500.0 + 3300.0 / (1.0 + (velocity / 0.12) ** 2)
+    force = np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))))
+    curve = StaticCurve.through_knots(*(tuple(one.tolist()) for one in (velocity, force - force[12], slope)))
+    return Hysteresis(curve, tuple((0.6 * slope).tolist()), (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01)
 
 
 def _large_model(states: int) -> StateSpace:
@@ -116,35 +152,61 @@ def _port(variables: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _c_table(fmus: list[Path], folder: Path) -> None:
-    compiler = _compiler()
-    if compiler is None:
+    program = _step_program(folder)
+    if program is None:
         print("\nThe C loop is skipped: neither a C compiler nor ziglang is installed.")
         return
-    program = folder / "step"
-    source = str(Path(__file__).with_name("step.c"))
-    subprocess.run(
-        [*compiler, "-std=c99", "-O2", "-I", str(fmi_headers()), source, "-o", str(program), "-ldl"], check=True
-    )
     print(
         f"\nIn a C loop, {C_STEPS:,} steps; mean [ns], median of {REPEATS} runs (1 in 1,000; worst, of the last run):\n"
     )
     print("| FMU | states | inputs | held | ramped | ramped, irregular steps |\n|---|---|---|---|---|---|")
     for path in fmus:
-        where = folder / "unpacked" / path.stem
-        extract_archive(path, where)
+        where = _unpacked(path, folder)
         cells = [_nanoseconds(program, where, kind) for kind in ("held", "ramped", "irregular")]
         description = fmpy.read_model_description(str(where))
         counts = f"{_states(path)} | {len(_port(description.modelVariables)[0])}"
         print(f"| {path.stem} | {counts} | {' | '.join(cells)} |")
 
 
+def _cost_table(fmus: list[Path], folder: Path) -> None:
+    """Print the cost of a ramped step of each FMU relative to the first; the runs of all FMUs take turns."""
+    program = _step_program(folder)
+    if program is None:
+        return
+    lines = [_line(program, _unpacked(path, folder), "ramped") for path in fmus]
+    fastest = np.min([[_run(line)[0] for line in lines] for _ in range(ROUNDS)], axis=0)
+    print(f"\nRamped steps in a C loop, minimum of {ROUNDS} runs:\n\n| law | time [ns] | cost |\n|---|---|---|")
+    for path, time_of_step in zip(fmus, fastest, strict=True):
+        print(f"| {path.stem} | {time_of_step:.0f} | {time_of_step / fastest[0]:.2f} |")
+
+
+def _step_program(folder: Path) -> Path | None:
+    """Compile the C loop; return None without a compiler."""
+    compiler, program = _compiler(), folder / "step"
+    if compiler is None or program.exists():
+        return program if compiler else None
+    source = str(Path(__file__).with_name("step.c"))
+    subprocess.run(
+        [*compiler, "-std=c99", "-O2", "-I", str(fmi_headers()), source, "-o", str(program), "-ldl"], check=True
+    )
+    return program
+
+
+def _unpacked(path: Path, folder: Path) -> Path:
+    where = folder / "unpacked" / path.stem
+    if not where.exists():
+        extract_archive(path, where)
+    return where
+
+
 def _states(path: Path) -> int:
-    """Return the number of states: for a vehicle, from its source; a shock has one."""
+    """Return the number of states: for a vehicle, from its source."""
+    if path.stem in LAWS:
+        return len(state_names(LAWS[path.stem]))
     with zipfile.ZipFile(path) as archive:
-        names = archive.namelist()
-        text = archive.read("sources/vehicle_data.h").decode() if "sources/vehicle_data.h" in names else ""
+        text = archive.read("sources/vehicle_data.h").decode()
     counts = dict(re.findall(r"\b([A-Z]+_COUNT) = (\d+)", text))
-    return int(counts["MODE_COUNT"]) + int(counts["PAIR_COUNT"]) if text else 1
+    return int(counts["MODE_COUNT"]) + int(counts["PAIR_COUNT"])
 
 
 def _compiler() -> list[str] | None:
@@ -157,7 +219,8 @@ def _compiler() -> list[str] | None:
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
-def _nanoseconds(program: Path, where: Path, kind: str) -> str:
+def _line(program: Path, where: Path, kind: str) -> list[str]:
+    """Return the command that times the steps of an unpacked FMU."""
     description = fmpy.read_model_description(str(where))
     inputs, outputs = _port(description.modelVariables)
     references = {v.name: str(v.valueReference) for v in description.modelVariables}
@@ -167,10 +230,17 @@ def _nanoseconds(program: Path, where: Path, kind: str) -> str:
     amplitudes = [str(AMPLITUDES[name.rpartition(".")[2]]) for name in inputs]
     line = [str(program), str(library), description.guid, str(C_STEPS), kind]
     line += [",".join(part) for part in ([references[n] for n in inputs], amplitudes, [references[n] for n in outputs])]
-    runs = [
-        [float(number) for number in subprocess.run(line, check=True, capture_output=True, text=True).stdout.split()]
-        for _ in range(REPEATS)
-    ]
+    return line
+
+
+def _run(line: list[str]) -> list[float]:
+    """Return the mean, the slowest of 1,000 and the worst time of a step [ns]."""
+    return [float(number) for number in subprocess.run(line, check=True, capture_output=True, text=True).stdout.split()]
+
+
+def _nanoseconds(program: Path, where: Path, kind: str) -> str:
+    line = _line(program, where, kind)
+    runs = [_run(line) for _ in range(REPEATS)]
     return f"{statistics.median(run[0] for run in runs):.0f} ({runs[-1][1]:.0f}; {runs[-1][2]:.0f})"
 
 

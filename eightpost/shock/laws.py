@@ -75,9 +75,9 @@ def fit_form(law: type[ShockLaw]) -> str:
     return getattr(law_module(law), "FIT_FORM", "stepped")
 
 
-def step_nanoseconds(law: type[ShockLaw]) -> float | None:
-    """Return the time of a step of a law's native FMU [ns] that its file states; None if it states none."""
-    stated: float | None = getattr(law_module(law), "STEP_NANOSECONDS", None)
+def step_cost(law: type[ShockLaw]) -> float | None:
+    """Return the cost of a step of a law's native FMU relative to Polylinear; None if its file states none."""
+    stated: float | None = getattr(law_module(law), "STEP_COST", None)
     return stated
 
 

@@ -22,7 +22,7 @@ from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import LAWS, law_title, own_parameters, step_nanoseconds
+from eightpost.shock import LAWS, law_title, own_parameters, step_cost
 
 #: A law is the same as a simpler one if its residual is at most this share below or above that of the simpler law: its
 #: own parameters are without effect then, and it cannot be better on other records.
@@ -44,7 +44,7 @@ class LawScore:
         fit_percent: RMS of the residual of the fit to everything, in percent of the force's standard deviation.
         own_parameters: Number of the law's own parameters.
         parameters: Number of all fitted parameters, with curve and gas force.
-        step_nanoseconds: Time of a step of the native FMU [ns], measured once; None if not stated.
+        step_cost: Cost of a step of the native FMU relative to Polylinear [1], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
         curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
     """
@@ -55,7 +55,7 @@ class LawScore:
     fit_percent: float
     own_parameters: int
     parameters: int
-    step_nanoseconds: float | None
+    step_cost: float | None
     trouble: str = ""
     curve: CurveComparison | None = None
 
@@ -123,7 +123,7 @@ def _json_of(score: LawScore) -> dict[str, Any]:
         "held_out_quarters_percent": None if score.blocks is None else score.blocks.percent,
         "fit_percent": score.fit_percent,
         "parameters": score.parameters,
-        "step_nanoseconds": score.step_nanoseconds,
+        "step_cost": score.step_cost,
     }
 
 
@@ -243,7 +243,7 @@ def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
         fit_percent=100.0 * float(np.sqrt(np.average(residual**2, weights=counted))) / fit.runs.deviation,
         own_parameters=len(own_parameters(kind)),
         parameters=fit.parameter_count,
-        step_nanoseconds=step_nanoseconds(kind),
+        step_cost=step_cost(kind),
         trouble="" if fit.has_converged else "the fit did not converge",
     )
 
@@ -258,7 +258,7 @@ def _cross_validated(found: CrossValidation, score: LawScore, counted: Array) ->
 
 def _excluded(law: str, trouble: str) -> LawScore:
     kind = LAWS[law]
-    return LawScore(law, None, None, np.nan, len(own_parameters(kind)), 0, step_nanoseconds(kind), trouble)
+    return LawScore(law, None, None, np.nan, len(own_parameters(kind)), 0, step_cost(kind), trouble)
 
 
 def chosen_law(scores: Sequence[LawScore]) -> LawChoice:

@@ -50,7 +50,7 @@ def parameter_table(fit: ShockFit) -> Table:
 
 def choice_table(choice: LawChoice) -> Table:
     """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost."""
-    columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "ns per step")
+    columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "cost, x Polylinear")
     what = "whole runs, without their level" if choice.left_out == "runs" else "quarters of the record"
     rows = [_choice_row(score, choice) for score in choice.scores]
     title = f"Choice of the law: errors on left-out {what}"
@@ -58,7 +58,7 @@ def choice_table(choice: LawChoice) -> Table:
 
 
 def _choice_row(score: LawScore, choice: LawChoice) -> tuple[str, ...]:
-    cost = "-" if score.step_nanoseconds is None else f"{score.step_nanoseconds:.0f}"
+    cost = "-" if score.step_cost is None else f"{score.step_cost:.2g}"
     notes = [*(["chosen"] if score.law == choice.law else []), *([score.trouble] if score.trouble else [])]
     curve = "-" if score.curve is None else score.curve.kind
     if score.blocks is None:
