@@ -189,8 +189,11 @@ def test_an_fmu_runs_from_any_read_only_folder_without_environment_variables(fol
 
 @pytest.mark.parametrize("step", [1e-7, 3.3e-5, 1e-3, 0.05])
 def test_the_result_does_not_depend_on_the_step_size(host, step):
-    """One step equals ten steps of a tenth for held inputs, because the step is exact."""
-    for name in ALL:
+    """One step equals ten steps of a tenth for held inputs, because the step is exact.
+
+    That of Hysteresis, whose time constant changes with its state, is of second order.
+    """
+    for name in (each for each in ALL if each != "hysteresis"):
         whole, parts = host(name).start(-1.5), host(name).start(-1.5)
         values = dict.fromkeys(whole.inputs(), 0.05)
         whole.set_named(values), parts.set_named(values)
