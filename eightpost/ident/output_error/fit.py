@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import norm
+from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
@@ -52,8 +53,8 @@ class OutputErrorFit:
     Attributes:
         table: Parameters.
         values: Estimated values by parameter.
-        theta: Estimated coordinates (P,); see `ParameterTable`.
-        covariance: Covariance (P, P) of the coordinates.
+        theta: Estimated coordinates (F,); see `ParameterTable`.
+        covariance: Covariance (F, F) of the coordinates.
         residual: RMS of the residual in the band over that of the output [1], by output.
         gate: Verdict on the residuals.
         simulated: Simulated outputs (N, Y) of every record.
@@ -80,23 +81,25 @@ class OutputErrorFit:
         """Standard deviations of the values, in their units, by parameter."""
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return {p.name: float(s) * (self.values[p.name] if p.is_logarithmic else p.typical)
-                for p, s in zip(self.table, sigma, strict=True)}  # fmt: skip
+                for p, s in zip(self.table.free, sigma, strict=True)}  # fmt: skip
 
     def intervals(self, level: float = 0.95) -> Mapping[str, tuple[float, float]]:
         """Return the confidence intervals of the values, by parameter; those of logarithmic ones are not symmetric."""
         reach = norm.isf(0.5 * (1.0 - level)) * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         low, high = self.table.values(self.theta - reach), self.table.values(self.theta + reach)
-        return {n: (float(a), float(b)) for n, a, b in zip(self.table.names, low, high, strict=True)}
+        pairs = {n: (float(a), float(b)) for n, a, b in zip(self.table.names, low, high, strict=True)}
+        return {p.name: pairs[p.name] for p in self.table.free}
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of two estimates [1]."""
-        i, j = self.table.names.index(first), self.table.names.index(second)
+        names = [p.name for p in self.table.free]
+        i, j = names.index(first), names.index(second)
         return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
 
     def as_markdown(self) -> str:
         """Return a table of parameters with values, units, 95 % intervals and bounds."""
         lines = ["| parameter | value | 95 % interval | unit | bounds |", "|---|---|---|---|---|"]
-        for p in self.table:
+        for p in self.table.free:
             low, high = self.intervals()[p.name]
             mark = " (at a bound)" if p.name in self.at_bounds else ""
             lines.append(
@@ -153,12 +156,23 @@ class OutputError:
             TooShortError: A record has no line in the band.
         """
         _check(records, outputs)
+        with threadpool_limits(1, "blas"):  # many small matrices: more threads are slower
+            return self._fit(model, table, records, tuple(outputs), start or {})
+
+    def _fit(
+        self,
+        model: Model,
+        table: ParameterTable,
+        records: Sequence[Record],
+        outputs: Sequence[str],
+        start: Mapping[str, float],
+    ) -> OutputErrorFit:
         begun = perf_counter()
         names = tuple(outputs) or tuple(f"y{k + 1}" for k in range(records[0].outputs.shape[1]))
-        sizes = np.sqrt(_powers(records, [r.outputs - r.outputs.mean(axis=0) for r in records], self.band))
+        sizes = np.sqrt(_powers(records, [r.outputs - r.counted(r.outputs).mean(axis=0) for r in records], self.band))
         noise = np.array(self.noise) if self.noise else _FIRST * sizes
         problem = Problem(model, table, records, self.band, noise, self.difference)
-        theta = table.start() if start is None else table.inside(_started(table, start))
+        theta = table.inside(table.theta(start))
         theta = self._multiple_shooting(problem, theta)
         for number in range(1 if self.noise else self.passes):
             if number:
@@ -201,10 +215,10 @@ class OutputError:
         spread = covariance(
             problem.residual_lines(theta), problem.slope_lines(theta), self.band, table.prior_weights()
         )
-        bounds = zip(table.names, theta, *table.bounds(), strict=True)
+        bounds = zip((p.name for p in table.free), theta, *table.bounds(), strict=True)
         return OutputErrorFit(
             table,
-            dict(zip(table.names, table.values(theta).tolist(), strict=True)),
+            table.named(theta),
             theta,
             spread,
             dict(zip(names, (left / sizes).tolist(), strict=True)),
@@ -224,20 +238,13 @@ def simulate(model: Model, values: Mapping[str, float], table: ParameterTable, r
     return np.asarray(model.run(row, model.start(row), inputs, record.rate)[0][0])
 
 
-def _started(table: ParameterTable, start: Mapping[str, float]) -> Array:
-    unknown = sorted(set(start) - set(table.names))
-    if unknown:
-        raise ParameterError(f"there is no parameter {', '.join(unknown)}; the parameters are {', '.join(table.names)}")
-    return table.theta([start.get(p.name, p.start) for p in table])
-
-
 def _errors(problem: Problem, theta: Array) -> list[Array]:
     return [y - record.outputs for y, record in zip(problem.simulated(theta), problem.records, strict=True)]
 
 
 def _powers(records: Sequence[Record], signals: Sequence[Array], band: Band) -> Array:
     """Return the mean squares (Y,) per line in the band of signals (N, Y), as of white noise of the same power."""
-    lines = [band.lines(signal.T, record.rate) for record, signal in zip(records, signals, strict=True)]
+    lines = [band.lines(record.counted(signal).T, record.rate) for record, signal in zip(records, signals, strict=True)]
     total = sum(np.sum(np.abs(line) ** 2, axis=1) for line in lines)
     return np.asarray(total / sum(2 * line.shape[1] for line in lines))
 

@@ -126,6 +126,8 @@ def residual_gate(
         tolerance: Limits; default: `Tolerance()`.
     """
     outputs = {}
+    simulated = [record.counted(signals) for record, signals in zip(records, simulated, strict=True)]
+    records = [Record(r.counted(r.inputs), r.counted(r.outputs), r.rate) for r in records]
     for y, name in enumerate(names):
         tests = list(_tests(records, simulated, y, band))
         power = sum(_power(record.outputs[:, y], record.rate, band) for record in records)

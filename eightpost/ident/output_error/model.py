@@ -21,11 +21,13 @@ class Record:
         inputs: Inputs (N, U).
         outputs: Measured outputs (N, Y).
         rate: Sample rate [Hz].
+        settling: Number of samples at the start that are simulated and do not count, e.g. because the start is unknown.
     """
 
     inputs: Array
     outputs: Array
     rate: float
+    settling: int = 0
 
     def __post_init__(self) -> None:
         """Check the shapes and that all values are finite."""
@@ -36,6 +38,12 @@ class Record:
             )
         if not (np.isfinite(self.inputs).all() and np.isfinite(self.outputs).all()):
             raise ParameterError("a record has values that are not finite; remove or repair these samples")
+        if not 0 <= self.settling < len(self.inputs):
+            raise ParameterError(f"the settling of {self.settling} samples must be within the {len(self.inputs)} samples")
+
+    def counted(self, signals: Array) -> Array:
+        """Return signals (..., N, Y) of the record without the settling at the start."""
+        return signals[..., self.settling :, :]
 
 
 class Model(Protocol):

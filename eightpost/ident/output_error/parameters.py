@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
@@ -29,6 +31,7 @@ class Parameter:
         size: Typical size of a linear parameter; 0 uses |start|, or the width of the bounds if start is 0.
         prior: Standard deviation of what is known before the test, in the unit of the parameter, or relative (of the
             logarithm) if the scale is logarithmic; None if nothing is known.
+        fixed: Whether the parameter keeps its start value.
     """
 
     name: str
@@ -39,6 +42,7 @@ class Parameter:
     scale: Literal["linear", "logarithmic"] = "linear"
     size: float = 0.0
     prior: float | None = None
+    fixed: bool = False
 
     def __post_init__(self) -> None:
         """Check that bounds, start and prior agree."""
@@ -67,9 +71,9 @@ class Parameter:
         return self.size or abs(self.start) or (width if np.isfinite(width) else 1.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ParameterTable:
-    """P parameters in the order of a model's values.
+    """P parameters in the order of a model's values, of which F are not fixed.
 
     Attributes:
         parameters: Parameters with unique names.
@@ -85,74 +89,90 @@ class ParameterTable:
             raise ParameterError(f"the parameter {', '.join(twice)} is declared more than once; use unique names")
 
     def __iter__(self) -> Iterator[Parameter]:
-        """Iterate over the parameters."""
+        """Iterate over all parameters."""
         return iter(self.parameters)
-
-    def __len__(self) -> int:
-        """Return the number of parameters."""
-        return len(self.parameters)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
+        """Names of all parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    def starting_from(self, values: Mapping[str, float]) -> ParameterTable:
-        """Return the table with other start values, moved inside the bounds; priors must not be present.
+    @cached_property
+    def free(self) -> tuple[Parameter, ...]:
+        """The F parameters that are not fixed, in the order of the optimiser's coordinates."""
+        return tuple(parameter for parameter in self if not parameter.fixed)
 
-        Raises:
-            ParameterError: A changed parameter has a prior, whose mean is the start.
-        """
-        for parameter in self:
-            if parameter.prior is not None and parameter.name in values:
-                raise ParameterError(f"{parameter.name}: the start is the mean of the prior; pass `start` to the fit")
-        return ParameterTable(
-            tuple(replace(p, start=float(np.clip(values.get(p.name, p.start), p.low, p.high))) for p in self)
-        )
+    def fixed(self, *names: str) -> ParameterTable:
+        """Return the table in which exactly the given parameters are fixed."""
+        self._check(names)
+        return ParameterTable(tuple(replace(p, fixed=p.name in names) for p in self))
+
+    def _check(self, names: Iterable[str]) -> None:
+        unknown = sorted(set(names) - set(self.names))
+        if unknown:
+            raise ParameterError(
+                f"there is no parameter {', '.join(unknown)}; the parameters are {', '.join(self.names)}"
+            )
 
     # ---- Coordinates of the optimiser -------------------------------------------------------------------------------
 
-    @property
-    def _logarithmic(self) -> Array:
-        return np.array([p.is_logarithmic for p in self], dtype=bool)
+    @cached_property
+    def _is_free(self) -> NDArray[np.bool_]:
+        return np.array([not p.fixed for p in self], dtype=bool)
 
-    @property
+    @cached_property
+    def _logarithmic(self) -> NDArray[np.bool_]:
+        return np.array([p.is_logarithmic for p in self.free], dtype=bool)
+
+    @cached_property
     def _sizes(self) -> Array:
-        return np.array([p.typical for p in self], dtype=np.float64)
+        return np.array([p.typical for p in self.free], dtype=np.float64)
 
-    def theta(self, values: Sequence[float] | Array) -> Array:
-        """Return the optimiser's coordinates (P,) of values (P,)."""
-        given = np.asarray(values, dtype=np.float64)
+    def theta(self, values: Mapping[str, float]) -> Array:
+        """Return the optimiser's coordinates (F,) of values by name; missing ones have their start values.
+
+        Raises:
+            ParameterError: There is no parameter with one of the names.
+        """
+        self._check(values)
+        given = np.array([values.get(p.name, p.start) for p in self.free], dtype=np.float64)
         safe = np.where(self._logarithmic, np.maximum(given, 1e-300), 1.0)
         return np.asarray(np.where(self._logarithmic, np.log(safe), given / self._sizes))
 
     def values(self, theta: Array) -> Array:
-        """Return the values (..., P) of the optimiser's coordinates (..., P)."""
+        """Return the values (..., P) of coordinates (..., F), with the start values of fixed parameters."""
+        found = np.empty((*theta.shape[:-1], len(self.parameters)))
+        found[...] = [p.start for p in self]
         logarithms = np.where(self._logarithmic, theta, 0.0)
-        return np.asarray(np.where(self._logarithmic, np.exp(logarithms), theta * self._sizes))
+        found[..., self._is_free] = np.where(self._logarithmic, np.exp(logarithms), theta * self._sizes)
+        return found
+
+    def named(self, theta: Array) -> dict[str, float]:
+        """Return the values of coordinates (F,) by name."""
+        return dict(zip(self.names, self.values(theta).tolist(), strict=True))
 
     def start(self) -> Array:
-        """Return the coordinates (P,) of the start values, slightly inside the bounds."""
-        return self.inside(self.theta([p.start for p in self]))
+        """Return the coordinates (F,) of the start values, slightly inside the bounds."""
+        return self.inside(self.theta({}))
 
     def inside(self, theta: Array) -> Array:
-        """Return coordinates (P,) moved slightly inside the bounds."""
+        """Return coordinates (F,) moved slightly inside the bounds."""
         low, high = self.bounds()
         gap = _INSIDE * np.where(np.isfinite(high - low), high - low, 1.0)
         return np.asarray(np.clip(theta, low + gap, high - gap))
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest coordinates (P,)."""
+        """Return the lowest and the highest coordinates (F,)."""
         low = [np.log(p.low) if p.is_logarithmic and p.low > 0.0 else -np.inf if p.is_logarithmic else p.low / p.typical
-               for p in self]  # fmt: skip
-        high = [np.log(p.high) if p.is_logarithmic else p.high / p.typical for p in self]
+               for p in self.free]  # fmt: skip
+        high = [np.log(p.high) if p.is_logarithmic else p.high / p.typical for p in self.free]
         return np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
 
     def prior_weights(self) -> Array:
-        """Return one over the prior's standard deviation in coordinates (P,); 0 without a prior."""
-        weights = [0.0 if p.prior is None else (1.0 if p.is_logarithmic else p.typical) / p.prior for p in self]
+        """Return one over the prior's standard deviation in coordinates (F,); 0 without a prior."""
+        weights = [0.0 if p.prior is None else (1.0 if p.is_logarithmic else p.typical) / p.prior for p in self.free]
         return np.array(weights, dtype=np.float64)
 
     def prior_means(self) -> Array:
-        """Return the coordinates (P,) of the prior means."""
-        return self.theta([p.start for p in self])
+        """Return the coordinates (F,) of the prior means."""
+        return self.theta({})

@@ -24,8 +24,8 @@ from eightpost.workers.process import usable_processors
 #: Value that replaces residuals of simulations that diverged, relative to the expected noise.
 _DIVERGED = 1e6
 
-#: Minimum number of simulations per thread.
-_TOGETHER = 2
+#: Minimum number of simulations per thread, and of simulated samples for which threads are started.
+_TOGETHER, _HEAVY = 2, 200_000
 
 
 class _Segment(NamedTuple):
@@ -63,7 +63,7 @@ class Problem:
 
     @cached_property
     def _parts(self) -> tuple[_Segment, ...]:
-        found, column = [], len(self.table)
+        found, column = [], len(self.table.free)
         for number, record in enumerate(self.records):
             ends = np.linspace(0, len(record.inputs), self.segments + 1).round().astype(int)
             for k, (begin, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
@@ -74,12 +74,12 @@ class Problem:
     @property
     def unknowns(self) -> int:
         """Number of unknowns: parameters and states of segments."""
-        return len(self.table) + self.model.state_sizes.size * (self.segments - 1) * len(self.records)
+        return len(self.table.free) + self.model.state_sizes.size * (self.segments - 1) * len(self.records)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and upper bounds of the unknowns."""
         low, high = self.table.bounds()
-        free = np.full(self.unknowns - len(self.table), np.inf)
+        free = np.full(self.unknowns - len(self.table.free), np.inf)
         return np.concatenate([low, -free]), np.concatenate([high, free])
 
     def states(self, theta: Array) -> Array:
@@ -88,7 +88,7 @@ class Problem:
         A simulation of a segment starts where the previous one ends; if it leaves a range of three typical sizes, it
         starts at the typical range instead.
         """
-        z = np.concatenate([theta, np.zeros(self.unknowns - len(self.table))])
+        z = np.concatenate([theta, np.zeros(self.unknowns - len(self.table.free))])
         sizes, values = self.model.state_sizes, self.table.values(theta)[None]
         for part in self._parts:
             if part.column >= 0:
@@ -103,7 +103,7 @@ class Problem:
 
     def residual(self, z: Array) -> Array:
         """Return the residuals for unknowns z."""
-        theta = z[: len(self.table)]
+        theta = z[: len(self.table.free)]
         outputs, ends = self._simulate([(part, *self._batch(part, z)) for part in self._parts])
         found = [self._real(lines) for lines in self._lines(outputs)]
         found += [self._gaps(z, [end[:1] for end in ends])[0], self._prior(theta)]
@@ -128,7 +128,7 @@ class Problem:
         outputs, ends = self._simulate(jobs)
         rows = [self._real(lines) for lines in self._slope_lines(outputs)]
         gaps = self._gap_slopes(ends)
-        prior = np.zeros((len(self.table), self.unknowns))
+        prior = np.zeros((len(self.table.free), self.unknowns))
         np.fill_diagonal(prior, self.table.prior_weights())
         return _finite(np.vstack([*(row.T for row in rows), gaps, prior[self.table.prior_weights() > 0.0]]), 0.0)
 
@@ -143,8 +143,9 @@ class Problem:
 
     def _record_lines(self, number: int, signals: Array) -> Complex:
         """Return lines (..., Y, B) of signals (..., N, Y) of a record over the noise."""
-        rows = np.moveaxis(signals, -1, -2) / self.noise[:, None]
-        return self.band.lines(rows, self.records[number].rate)
+        record = self.records[number]
+        rows = np.moveaxis(record.counted(signals), -1, -2) / self.noise[:, None]
+        return self.band.lines(rows, record.rate)
 
     def _lines(self, outputs: list[Array]) -> list[Complex]:
         found = []
@@ -155,7 +156,7 @@ class Problem:
 
     def _slope_lines(self, outputs: list[Array]) -> list[Complex]:
         """Return the derivatives (unknowns, Y, B) of every record's lines from outputs (K, N, Y) of its segments."""
-        found, count, n = [], len(self.table), self.model.state_sizes.size
+        found, count, n = [], len(self.table.free), self.model.state_sizes.size
         for number, record in enumerate(self.records):
             slopes = np.zeros((self.unknowns, *record.outputs.shape))
             for part, y in zip(self._parts, outputs, strict=True):
@@ -182,7 +183,7 @@ class Problem:
         """Weight of a difference of one typical state; the gaps of stiffness 1 weigh as much as the outputs."""
         samples = sum(record.outputs.size for record in self.records)
         spread = np.sqrt(np.mean([np.mean(np.var(r.outputs, axis=0) / self.noise**2) for r in self.records]))
-        return float(self.stiffness * spread * np.sqrt(samples / max(1, self.unknowns - len(self.table))))
+        return float(self.stiffness * spread * np.sqrt(samples / max(1, self.unknowns - len(self.table.free))))
 
     def _gaps(self, z: Array, ends: list[Array]) -> Array:
         """Return the weighted differences (K, n gaps) between the ends (K, n) of segments and the next starts."""
@@ -194,7 +195,7 @@ class Problem:
         return np.concatenate(found, axis=1)
 
     def _gap_slopes(self, ends: list[Array]) -> Array:
-        n, sizes, count = self.model.state_sizes.size, self.model.state_sizes, len(self.table)
+        n, sizes, count = self.model.state_sizes.size, self.model.state_sizes, len(self.table.free)
         pairs = self._pairs()
         slopes = np.zeros((n * len(pairs), self.unknowns))
         for row, (before, after) in enumerate(pairs):
@@ -211,7 +212,7 @@ class Problem:
 
     def _batch(self, part: _Segment, z: Array, *, perturbed: bool = False) -> tuple[Array, Array]:
         """Return the parameters (K, P) and the states (K, n) of a segment's simulations."""
-        count, n = len(self.table), self.model.state_sizes.size
+        count, n = len(self.table.free), self.model.state_sizes.size
         extra = n if part.column >= 0 else 0
         steps = self.difference * np.eye(count + extra) if perturbed else np.zeros((0, count + extra))
         steps = np.vstack([np.zeros(count + extra), steps])
@@ -222,17 +223,21 @@ class Problem:
 
     def _simulate(self, jobs: Sequence[tuple[_Segment, Array, Array]]) -> tuple[list[Array], list[Array]]:
         """Return outputs (K, N, Y) and end states (K, n) of every job, computed in threads."""
+        heavy = sum((part.end - part.begin) * len(values) for part, values, _ in jobs) > _HEAVY
         pieces: list[tuple[_Segment, Array, Array]] = []
         owners: list[int] = []
         for number, (part, values, states) in enumerate(jobs):
-            count = max(1, min(usable_processors(), len(values) // _TOGETHER))
+            count = max(1, min(usable_processors(), len(values) // _TOGETHER)) if heavy else 1
             for rows in np.array_split(np.arange(len(values)), count):
                 pieces.append((part, values[rows], states[rows]))
                 owners.append(number)
         with np.errstate(all="ignore"):
-            found = for_each(pieces, lambda piece: self._run(*piece))
+            found = for_each(pieces, self._piece) if heavy else [self._piece(piece) for piece in pieces]
         whole = [[f for f, owner in zip(found, owners, strict=True) if owner == k] for k in range(len(jobs))]
         return [np.concatenate([y for y, _ in f]) for f in whole], [np.concatenate([x for _, x in f]) for f in whole]
+
+    def _piece(self, piece: tuple[_Segment, Array, Array]) -> tuple[Array, Array]:
+        return self._run(*piece)
 
     def _run(self, part: _Segment, values: Array, states: Array) -> tuple[Array, Array]:
         record = self.records[part.record]
