@@ -2,10 +2,10 @@
 
     python -m benchmarks.output_error [--case silverbox] [--json FILE]
 
-The records are in the folder `nonlinear` of EIGHTPOST_DATA; they are not part of the project. Silverbox is an electronic
-mass-spring-damper (610.35 Hz); the fit uses the first multisines after the arrow, and is judged on the arrow, whose end
-is beyond the amplitudes of the fit, and on the later multisines. The cascaded tanks (4 s sampling) have a record for the
-fit and one for the test; the initial levels are the same in both. Rows: {case, model, parameters, fit, test, unit,
+The records are in the folder `nonlinear` of EIGHTPOST_DATA; they are not part of the project. Silverbox is an
+electronic mass-spring-damper (610.35 Hz); the fit uses the first multisines after the arrow, and is judged on the
+arrow, whose end is beyond the amplitudes of the fit, and on the later multisines. The cascaded tanks (4 s sampling)
+have a record for the fit and one for the test; the initial levels are the same in both. Rows: {case, model, parameters, fit, test, unit,
 residual_percent, adequate, seconds}; fit and test are RMS errors of a free-running simulation, residual_percent is that
 of the fit relative to the output. The linear model of each case is beside the nonlinear one.
 """
@@ -85,11 +85,13 @@ def silverbox() -> tuple[Model, ParameterTable]:
             Parameter("lag", "s", 0.0, size=1e-4),
         )
     )
-    model = SteppedModel(silverbox_derivative, silverbox_output, outputs=1, state_sizes=np.array([0.1, 0.1 * _W]), steps=4)
+    model = SteppedModel(
+        silverbox_derivative, silverbox_output, outputs=1, state_sizes=np.array([0.1, 0.1 * _W]), steps=4
+    )
     return model, table
 
 
-# ---- Cascaded tanks: a pump fills the upper tank, which empties into the lower one -------------------------------------
+# ---- Cascaded tanks: a pump fills the upper tank, which empties into the lower one ----------------------------------
 
 
 @derivative_function
@@ -102,11 +104,11 @@ def tanks_derivative(x: Array, u: Array, p: Array, dx: Array) -> None:
     lower = p[1] * max(x[1] - p[2], 0.0) ** 0.5 + p[3] * x[1]
     spilled = p[6] * max(x[0] - p[5], 0.0)
     dx[0] = p[4] * u[0] - upper - spilled
-    dx[1] = upper - lower + p[7] * spilled
+    dx[1] = upper - lower + p[7] * spilled - p[6] * max(x[1] - 10.0, 0.0)
 
 
 @derivative_function
-def tanks_output(x: Array, u: Array, p: Array, y: Array) -> None:
+def tanks_output(x: Array, _u: Array, _p: Array, y: Array) -> None:
     """Fill y with the level of the lower tank, which its rim limits to 10 V."""
     y[0] = min(x[1], 10.0)
 
@@ -125,19 +127,19 @@ def tanks() -> tuple[Model, ParameterTable]:
             Parameter("lower_linear_outflow", "1/s", 0.0, size=0.01),
             Parameter("pump", "1/s", 0.06, 1e-3, 1.0, "logarithmic"),
             Parameter("upper_rim", "V", 33.0, 5.0, 100.0, "logarithmic"),
-            Parameter("spilling", "1/s", 1.0, 0.01, 5.0, "logarithmic"),
+            Parameter("spilling", "1/s", 0.5, 0.01, 2.0, "logarithmic"),
             Parameter("spilled_share", "1", 0.6, 0.0, 1.0),
             Parameter("upper_start", "V", 25.0, 0.0, 100.0),
             Parameter("lower_start", "V", 5.2, 0.0, 10.0),
         )
     )
     model = SteppedModel(
-        tanks_derivative, tanks_output, outputs=1, state_sizes=np.array([10.0, 3.0]), start=_levels, steps=3, hold=True
+        tanks_derivative, tanks_output, outputs=1, state_sizes=np.array([10.0, 3.0]), start=_levels, steps=4, hold=True
     )
     return model, table
 
 
-# ---- The cases -------------------------------------------------------------------------------------------------------
+# ---- The cases ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +190,7 @@ CASES = {
     for case in (
         Case(
             "silverbox", silverbox, {"square_stiffness": 0.0, "cubic_stiffness": 0.0},
-            _silverbox_records, 1e3, "mV", OutputError(passes=1),
+            _silverbox_records, 1e3, "mV", OutputError(passes=1, difference=1e-4),
         ),
         Case(
             "cascaded_tanks", tanks, {"lower_outflow": 1e-12, "spilling": 1e-12},

@@ -1,4 +1,4 @@
-"""Output-error identification: a model, declared parameters and records in; an estimate, its covariance and a gate out."""
+"""Output-error identification: model, declared parameters and records in; estimate, covariance and gate out."""
 
 from eightpost.ident.output_error.band import Band
 from eightpost.ident.output_error.fit import OutputError, OutputErrorFit, Shooting, simulate

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -38,12 +38,15 @@ class Shooting:
         stiffness: Weights of the differences between segments, one search each.
         evaluations: Maximum number of evaluations of each search.
         tolerance: Relative change of cost and unknowns at which a search ends [1].
+        states: Function that returns a guess of the states (N, n) of a record, e.g. from its measured outputs; None
+            starts the segments with the states of a simulation with the start values.
     """
 
     segments: int = 1
     stiffness: tuple[float, ...] = (0.1, 1.0, 10.0)
     evaluations: int = 40
     tolerance: float = 1e-8
+    states: Callable[[Record], Array] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +190,8 @@ class OutputError:
         if self.shooting.segments < 2:
             return theta
         cut = replace(problem, segments=self.shooting.segments)
-        z = cut.states(theta)
+        guess = self.shooting.states
+        z = cut.states(theta) if guess is None else cut.states_from(theta, [guess(r) for r in problem.records])
         for stiffness in self.shooting.stiffness:
             z = np.asarray(self._search(replace(cut, stiffness=stiffness), z).x)
         return problem.table.inside(z[: theta.size])
@@ -212,9 +216,7 @@ class OutputError:
         theta, table = np.asarray(found.x), problem.table
         simulated = problem.simulated(theta)
         left = np.sqrt(_powers(problem.records, _errors(problem, theta), self.band))
-        spread = covariance(
-            problem.residual_lines(theta), problem.slope_lines(theta), self.band, table.prior_weights()
-        )
+        spread = covariance(problem.residual_lines(theta), problem.slope_lines(theta), self.band, table.prior_weights())
         bounds = zip((p.name for p in table.free), theta, *table.bounds(), strict=True)
         return OutputErrorFit(
             table,

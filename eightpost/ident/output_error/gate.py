@@ -193,7 +193,9 @@ def _judged(tests: Sequence[_Test], power: float) -> OutputGate:
     by_chance = np.array([test.left / test.free * test.regressors for test in tests])
     surplus = np.array([test.explained for test in tests]) - by_chance
     spread = np.sqrt(sum((t.left / t.free) ** 2 * t.regressors * (1.0 + t.regressors / t.free) for t in tests))
-    spread = float(np.sqrt(spread**2 + 4.0 * max(float(surplus.sum()), 0.0) * np.mean([t.left / t.free for t in tests])))
+    spread = float(
+        np.sqrt(spread**2 + 4.0 * max(float(surplus.sum()), 0.0) * np.mean([t.left / t.free for t in tests]))
+    )
     whole = sum(test.explained + test.left for test in tests)
     return OutputGate(
         float(np.sqrt(whole / power)),

@@ -39,7 +39,9 @@ class Record:
         if not (np.isfinite(self.inputs).all() and np.isfinite(self.outputs).all()):
             raise ParameterError("a record has values that are not finite; remove or repair these samples")
         if not 0 <= self.settling < len(self.inputs):
-            raise ParameterError(f"the settling of {self.settling} samples must be within the {len(self.inputs)} samples")
+            raise ParameterError(
+                f"the settling is {self.settling} samples of {len(self.inputs)}; it must be within them"
+            )
 
     def counted(self, signals: Array) -> Array:
         """Return signals (..., N, Y) of the record without the settling at the start."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class Problem:
         found, column = [], len(self.table.free)
         for number, record in enumerate(self.records):
             ends = np.linspace(0, len(record.inputs), self.segments + 1).round().astype(int)
-            for k, (begin, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            for k, (begin, end) in enumerate(pairwise(ends)):
                 found.append(_Segment(number, int(begin), int(end), column if k else -1))
                 column += self.model.state_sizes.size if k else 0
         return tuple(found)
@@ -90,6 +91,7 @@ class Problem:
         """
         z = np.concatenate([theta, np.zeros(self.unknowns - len(self.table.free))])
         sizes, values = self.model.state_sizes, self.table.values(theta)[None]
+        reached = sizes[None]
         for part in self._parts:
             if part.column >= 0:
                 z[part.column : part.column + sizes.size] = np.clip(np.nan_to_num(reached[0] / sizes), -3.0, 3.0)
@@ -97,6 +99,15 @@ class Problem:
             else:
                 start = self.model.start(values)
             _, reached = self._run(part, values, start)
+        return z
+
+    def states_from(self, theta: Array, guesses: Sequence[Array]) -> Array:
+        """Return unknowns with coordinates theta (P,) and the states of guesses (N, n), one for each record."""
+        z = np.concatenate([theta, np.zeros(self.unknowns - len(self.table.free))])
+        n, sizes = self.model.state_sizes.size, self.model.state_sizes
+        for part in self._parts:
+            if part.column >= 0:
+                z[part.column : part.column + n] = guesses[part.record][part.begin] / sizes
         return z
 
     # ---- Residuals --------------------------------------------------------------------------------------------------
@@ -168,7 +179,7 @@ class Problem:
             found.append(self._record_lines(number, _bounded(slopes, self.noise)))
         return found
 
-    # ---- Priors, and differences between segments ---------------------------------------------------------------------
+    # ---- Priors, and differences between segments -------------------------------------------------------------------
 
     def _prior(self, theta: Array) -> Array:
         weights = self.table.prior_weights()
@@ -208,7 +219,7 @@ class Problem:
             slopes[rows, column : column + n] -= np.eye(n)
         return self._gap_weight * slopes
 
-    # ---- Simulations --------------------------------------------------------------------------------------------------
+    # ---- Simulations ------------------------------------------------------------------------------------------------
 
     def _batch(self, part: _Segment, z: Array, *, perturbed: bool = False) -> tuple[Array, Array]:
         """Return the parameters (K, P) and the states (K, n) of a segment's simulations."""
