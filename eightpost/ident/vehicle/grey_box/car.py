@@ -28,7 +28,7 @@ STEP_RATE = 1250.0
 _STATES = 28
 
 #: Stribeck velocity of the friction [m/s], and breakaway over sliding force.
-_STRIBECK, _BREAKAWAY = 0.01, 1.15
+STRIBECK, BREAKAWAY = 0.01, 1.15
 
 #: Parameters that the base fit leaves at their start values.
 OPTIONAL = (
@@ -216,7 +216,7 @@ class GreyBoxCar:
         springs = np.array([[p[f"{c}.spring_rate"], p[f"{c}.spring_progression"]] for c in CORNERS])
         tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
                           for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
-        friction = np.array([[p[f"{c}.friction"], _BREAKAWAY, p["friction_reach"], _STRIBECK] for c in CORNERS])
+        friction = np.array([[p[f"{c}.friction"], BREAKAWAY, p["friction_reach"], STRIBECK] for c in CORNERS])
         return (m.shock, m.spring, push, -inverse @ m.stiffness, -inverse @ m.damping, springs, tires, friction,
                 *output_rows(p, m, self._experiment.outputs))  # fmt: skip
 

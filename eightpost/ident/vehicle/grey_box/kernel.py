@@ -73,6 +73,17 @@ def bristle(before: float, velocity: float, numbers: Array, h: float) -> float:
 
 
 @_compile
+def bristle_forces(velocity: Array, numbers: Array, step: float) -> Array:
+    """Return the friction (N,) [N] along a velocity (N,) [m/s]; `numbers` is a row of `Numbers.friction`."""
+    found = np.empty(velocity.size)
+    z = 0.0
+    for k in range(velocity.size):
+        z = bristle(z, velocity[k], numbers, step)
+        found[k] = numbers[0] * z
+    return found
+
+
+@_compile
 def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, outputs: Array) -> None:
     """Fill outputs (K, N, Y) and move states (K, 28) of q, q', q'' and bristles to the end.
 
