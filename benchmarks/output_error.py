@@ -5,9 +5,10 @@
 The records are in the folder `nonlinear` of EIGHTPOST_DATA; they are not part of the project. Silverbox is an
 electronic mass-spring-damper (610.35 Hz); the fit uses the first multisines after the arrow, and is judged on the
 arrow, whose end is beyond the amplitudes of the fit, and on the later multisines. The cascaded tanks (4 s sampling)
-have a record for the fit and one for the test; the initial levels are the same in both. Rows: {case, model, parameters, fit, test, unit,
-residual_percent, adequate, seconds}; fit and test are RMS errors of a free-running simulation, residual_percent is that
-of the fit relative to the output. The linear model of each case is beside the nonlinear one.
+have a record for the fit and one for the test; the initial levels are the same in both. Rows: {case, model, parameters,
+fit, record, test, unit, residual_percent, adequate, converged, seconds}; fit and test are RMS errors of a free-running
+simulation, residual_percent is that of the fit relative to the output. The linear model of each case is beside the
+nonlinear one.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _ARROW, _SETTLED, _FIT = 40_000, 200, (40_650, 92_650)
 #: Resonance about which the parameters of Silverbox are of the order of one [rad/s].
 _W = 2.0 * np.pi * 68.0
 
-# ---- Silverbox: a mass on a damper and a spring with square and cubic terms, driven through a direct term --------------
+# ---- Silverbox: a mass on a damper and a spring with square and cubic terms, and a direct term ----------------------
 
 
 @derivative_function

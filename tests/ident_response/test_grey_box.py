@@ -114,8 +114,9 @@ def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(ex
     frequency = np.array([0.8, 2.0, 8.0, 15.0])
     expected = known.select(inputs=other.inputs, outputs=outputs).frequency_response(frequency)
     found = model.frequency_response(frequency)
-    largest = np.abs(expected).max(axis=2, keepdims=True)
-    assert (np.abs(found - expected) < 0.01 * largest + 1e-12).all()
+    for part in (slice(0, 4), slice(4, 7), slice(7, 11)):  # roads, loads, shock forces: each has its own scale
+        largest = np.abs(expected[:, part]).max(axis=(1, 2), keepdims=True)
+        assert (np.abs(found - expected)[:, part] < 0.01 * largest).all()
 
 
 def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
@@ -127,9 +128,10 @@ def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
 
 @pytest.fixture(scope="module")
 def quick() -> GreyBox:
-    return GreyBox(seconds=(12.0, 16.0))
+    return GreyBox(seconds=(10.0, 12.0))
 
 
+@pytest.mark.slow
 def test_the_recipe_recovers_a_known_car_and_its_file_carries_the_parameters(experiment, quick, tmp_path):
     tests = [_test(experiment, seed) for seed in (21, 31)]
     fit = quick.identify(tests, experiment)
@@ -146,6 +148,7 @@ def test_the_recipe_recovers_a_known_car_and_its_file_carries_the_parameters(exp
     assert again.vehicle.friction["lf"].force == pytest.approx(60.0, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_car_with_another_mode_is_flagged(experiment, quick):
     tests = [_with_hidden_mode(_test(experiment, seed)) for seed in (41, 51)]
     fit = quick.identify(tests, experiment)

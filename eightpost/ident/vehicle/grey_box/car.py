@@ -120,7 +120,9 @@ class Matrices:
 
 
 #: Chassis heights at the corners per q (4, 8), and hubs.
-CHASSIS = np.array([[1, 0, s, 0, 0, 0, 0, 0] for s in (1, -1)] + [[0, 1, 0, s, 0, 0, 0, 0] for s in (1, -1)], dtype=float)
+CHASSIS = np.array(
+    [[1, 0, s, 0, 0, 0, 0, 0] for s in (1, -1)] + [[0, 1, 0, s, 0, 0, 0, 0] for s in (1, -1)], dtype=float
+)
 WHEEL = np.eye(8)[4:]
 _TRAVEL = WHEEL - CHASSIS
 
@@ -161,12 +163,12 @@ def _loads(p: Mapping[str, float], rig: Sequence[str]) -> Array:
             rows += [[f, 1.0 - f, s * w * f, s * w * (1.0 - f), 0, 0, 0, 0] for s in (1.0, -1.0)]
         return -np.array(rows)
     share, arm = p["heave_share"], p["pitch_arm"]
-    rows = {
+    modes = {
         "heave_force": [share, 1.0 - share, 0, 0, 0, 0, 0, 0],
         "roll_moment": [0, 0, p["front.roll_arm"], p["rear.roll_arm"], 0, 0, 0, 0],
         "pitch_moment": [-arm, arm, 0, 0, 0, 0, 0, 0],
     }
-    return np.array([rows[name] for name in rig if quantity(name) != "road"]).reshape(-1, 8)
+    return np.array([modes[name] for name in rig if quantity(name) != "road"]).reshape(-1, 8)
 
 
 class GreyBoxCar:
@@ -207,7 +209,10 @@ class GreyBoxCar:
         rows = [self._one(dict(zip(self._names, row.tolist(), strict=True))) for row in values]
         stacked = [np.ascontiguousarray(np.stack(parts)) for parts in zip(*rows, strict=True)]
         tire = np.array([[float(n == channel(c, "tire_force")) for c in CORNERS] for n in self._experiment.outputs])
-        return Numbers(*stacked[:8], self._baseline, *stacked[8:], tire)
+        shock, spring, push, stiffness, damping, springs, tires, friction, *rows_of_outputs = stacked
+        position, velocity, acceleration, road = rows_of_outputs
+        return Numbers(shock, spring, push, stiffness, damping, springs, tires, friction, self._baseline, position,
+                       velocity, acceleration, road, tire)  # fmt: skip
 
     def _one(self, p: Mapping[str, float]) -> tuple[Array, ...]:
         m = matrices(p, self._experiment.rig)
@@ -217,8 +222,9 @@ class GreyBoxCar:
         tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
                           for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
         friction = np.array([[p[f"{c}.friction"], BREAKAWAY, p["friction_reach"], STRIBECK] for c in CORNERS])
-        return (m.shock, m.spring, push, -inverse @ m.stiffness, -inverse @ m.damping, springs, tires, friction,
-                *output_rows(p, m, self._experiment.outputs))  # fmt: skip
+        other = -inverse @ m.stiffness, -inverse @ m.damping
+        rows = m.shock, m.spring, push, *other, springs, tires, friction, *output_rows(p, m, self._experiment.outputs)
+        return tuple(np.asarray(row, dtype=np.float64) for row in rows)
 
 
 def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> tuple[Array, Array, Array, Array]:

@@ -98,7 +98,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
     dofs = 8
     loads = inputs.shape[1] - 12
     forces = np.zeros(12 + loads)
-    guess, ports, tires = np.zeros(dofs), np.zeros(4), np.zeros(4)
+    guess, ports = np.zeros(dofs), np.zeros(4)
     for run in range(states.shape[0]):
         q, v, a, z = states[run, :8], states[run, 8:16], states[run, 16:24], states[run, 24:]
         shock, spring, push = numbers.shock[run], numbers.spring[run], numbers.push[run]
@@ -107,14 +107,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             ports[c] = _dot(shock[c], v)
         for k in range(outputs.shape[1] * every):
             if k % every == 0:
-                for c in range(4):
-                    tires[c] = _tire(numbers.tires[run, c], inputs[k, c] - q[4 + c], inputs[k, 4 + c] - v[4 + c])
-                for y in range(outputs.shape[2]):
-                    total = _dot(numbers.position[run, y], q) + _dot(numbers.velocity[run, y], v)
-                    total += _dot(numbers.acceleration[run, y], a)
-                    for c in range(4):
-                        total += numbers.road[run, y, c] * inputs[k, c] + numbers.tire[y, c] * tires[c]
-                    outputs[run, k // every, y] = total
+                _observe(numbers, run, inputs[k], states[run], outputs[run, k // every])
             drive = inputs[k + 1]
             for i in range(dofs):
                 q[i] += step * (v[i] + 0.5 * step * a[i])
@@ -138,6 +131,20 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             if k % 500 == 0 and not abs(q[0]) < 1e3:
                 outputs[run] = np.nan
                 break
+
+
+@_compile
+def _observe(numbers: Any, run: int, drive: Array, state: Array, outputs: Array) -> None:
+    """Fill the outputs (Y,) of a state (28,)."""
+    q, v, a, tires = state[:8], state[8:16], state[16:24], np.empty(4)
+    for c in range(4):
+        tires[c] = _tire(numbers.tires[run, c], drive[c] - q[4 + c], drive[4 + c] - v[4 + c])
+    for y in range(outputs.size):
+        total = _dot(numbers.position[run, y], q) + _dot(numbers.velocity[run, y], v)
+        total += _dot(numbers.acceleration[run, y], a)
+        for c in range(4):
+            total += numbers.road[run, y, c] * drive[c] + numbers.tire[y, c] * tires[c]
+        outputs[y] = total
 
 
 @_compile

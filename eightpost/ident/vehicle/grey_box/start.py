@@ -35,7 +35,9 @@ class _Lines(NamedTuple):
 
 def start_values(tests: Sequence[TimeSeries], experiment: Experiment) -> dict[str, float]:
     """Return start values by parameter; empty if a channel that the balances need is missing."""
-    needed = [channel(c, q) for c in CORNERS for q in ("displacement", "tire_force", "hub_acceleration", "force", "road")]
+    needed = [
+        channel(c, q) for c in CORNERS for q in ("displacement", "tire_force", "hub_acceleration", "force", "road")
+    ]
     if any(name not in test for test in tests for name in needed):
         return {}
     lines = _lines(tests, [*needed, *experiment.rig])
@@ -57,9 +59,9 @@ def _lines(tests: Sequence[TimeSeries], names: Sequence[str]) -> _Lines:
         kept = (every >= _LOW) & (every <= _HIGH)
         frequencies.append(2.0 * np.pi * every[kept])
         window = np.hanning(len(test))
-        for name in parts:
+        for name, part in parts.items():
             values = test[name]
-            parts[name].append(np.fft.rfft(window * (values - values.mean()))[kept] / np.sqrt(len(test)))
+            part.append(np.fft.rfft(window * (values - values.mean()))[kept] / np.sqrt(len(test)))
     return _Lines(np.concatenate(frequencies), {name: np.concatenate(part) for name, part in parts.items()})
 
 

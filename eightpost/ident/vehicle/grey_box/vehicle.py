@@ -1,4 +1,4 @@
-"""Vehicle of the file format from a grey-box car: a linear state space about the tests' mean, and friction at the ports."""
+"""Vehicle of the file format from a grey-box car: a linear model about the mean of the tests, and friction."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def linear_model(p: Mapping[str, float], experiment: Experiment) -> StateSpace:
             c = CORNERS.index(name.rpartition(".")[0])
             C[k] = np.concatenate([-tire[c, c] * WHEEL[c], -damper[c, c] * WHEEL[c], -_LAG * damper[c]])
             D[k, roads[c]] = tire[c, c] + _LAG * damper[c, c]
-    channels = [tuple(Channel(n, _unit(n)) for n in names) for names in (experiment.inputs, experiment.outputs)]
-    return StateSpace(A, B, C, D, *channels, name=experiment.name)
+    channels, outputs = (tuple(Channel(n, _unit(n)) for n in ns) for ns in (experiment.inputs, experiment.outputs))
+    return StateSpace(A, B, C, D, channels, outputs, name=experiment.name)
 
 
 def _unit(name: str) -> str:
@@ -84,8 +84,8 @@ def port_friction(p: Mapping[str, float], test: TimeSeries, ports: Sequence[str]
         laws, left = {}, 0.0
         for c in ports:
             shape = np.tanh(fine[c] / width)
-            size = float(max(shape @ forces[c] / max(shape @ shape, 1e-300), 0.0))
-            left += float(np.sum((forces[c] - size * shape) ** 2) / max(np.sum(forces[c] ** 2), 1e-300))
+            size = max(float(shape @ forces[c]) / max(float(shape @ shape), 1e-300), 0.0)
+            left += float(np.sum((forces[c] - size * shape) ** 2)) / max(float(np.sum(forces[c] ** 2)), 1e-300)
             laws[c] = Friction(size, width)
         if left < best[0]:
             best = left, laws
