@@ -13,7 +13,7 @@ from eightpost.ident.output_error import Record, simulate
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
-from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_friction
+from eightpost.ident.vehicle.grey_box.vehicle import linear_model
 from eightpost.ident.vehicle.recipes.grey_box import GreyBox
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
@@ -165,14 +165,6 @@ def _with_hidden_mode(test: TimeSeries) -> TimeSeries:
             added = np.fft.irfft(np.fft.rfft(test[name]) * mode * (frequency > 8.0) * (frequency < 14.0), len(test))
             test = test.with_channel(name, "1", test[name] + added)
     return test
-
-
-def test_friction_of_the_file_format_is_the_closest_to_the_bristle(experiment):
-    test = _test(experiment, 61)
-    values = {p.name: p.start for p in declared(TRUE, RIG)}
-    friction = port_friction(values, test, CORNERS)
-    assert {law.velocity for law in friction.values()} <= {0.001, 0.002, 0.003, 0.006, 0.012, 0.024, 0.048}
-    assert all(40.0 < law.force < 75.0 for law in friction.values())
 
 
 def test_a_short_test_is_refused_with_the_duration_that_is_needed(experiment, quick):

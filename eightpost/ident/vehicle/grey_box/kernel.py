@@ -30,7 +30,8 @@ class Numbers(NamedTuple):
         damping: Accelerations per q' of the other elements (K, 8, 8).
         springs: Rate, progression of the springs (K, 4, 2).
         tires: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
-        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4).
+        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4); a breakaway of 0 is the
+            law of the vehicle file, tanh of velocity over the third number.
         baseline: Damping about which the ports are driven (4,).
         position: Outputs per q (K, Y, 8).
         velocity: Outputs per q' (K, Y, 8).
@@ -61,8 +62,10 @@ def _compile(function: Callable[..., Any]) -> Any:
 
 
 @_compile
-def bristle(before: float, velocity: float, numbers: Array, h: float) -> float:
-    """Return the deflection over the reach after a step h at a constant velocity, in units of the sliding force."""
+def friction_after(before: float, velocity: float, numbers: Array, h: float) -> float:
+    """Return the friction over the sliding force after a step h at a constant velocity."""
+    if numbers[1] == 0.0:
+        return math.tanh(velocity / numbers[2])
     speed = abs(velocity)
     if speed < 1e-12:
         return before
@@ -70,17 +73,6 @@ def bristle(before: float, velocity: float, numbers: Array, h: float) -> float:
     level = 1.0 + (numbers[1] - 1.0) * math.exp(-ratio * ratio)
     steady = math.copysign(level, velocity)
     return steady + (before - steady) * math.exp(-speed * h / (numbers[2] * level))
-
-
-@_compile
-def bristle_forces(velocity: Array, numbers: Array, step: float) -> Array:
-    """Return the friction (N,) [N] along a velocity (N,) [m/s]; `numbers` is a row of `Numbers.friction`."""
-    found = np.empty(velocity.size)
-    z = 0.0
-    for k in range(velocity.size):
-        z = bristle(z, velocity[k], numbers, step)
-        found[k] = numbers[0] * z
-    return found
 
 
 @_compile
@@ -115,7 +107,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             for c in range(4):
                 speed, way = _dot(shock[c], guess), _dot(spring[c], q)
                 law = numbers.friction[run, c]
-                z[c] = bristle(z[c], 0.5 * (ports[c] + speed), law, step)
+                z[c] = friction_after(z[c], speed if law[1] == 0.0 else 0.5 * (ports[c] + speed), law, step)
                 rate = numbers.springs[run, c]
                 forces[c] = drive[8 + loads + c] + numbers.baseline[c] * speed + law[0] * z[c]
                 forces[4 + c] = rate[0] * way * (1.0 + rate[1] * way)

@@ -26,7 +26,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
-from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_friction
+from eightpost.ident.vehicle.grey_box.vehicle import linear_model
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
@@ -37,9 +37,6 @@ from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
-
-#: Frequency above which the derivative of the displacement fades out [Hz].
-_SHARP = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +68,12 @@ class GreyBox:
             TooShortError: A record is too short.
         """
         started = process_time()
-        tests = [_with_sharp_velocities(test) for test in tests]
         fit = self.explain(tests, experiment)
-        friction = port_friction(fit.values, tests[0], CORNERS)
+        lawful = self._with_laws_of_the_file(fit, tests, experiment)
+        width = lawful.values["friction_velocity"]
+        friction = {c: Friction(lawful.values[f"{c}.friction"], width) for c in CORNERS}
         vehicle = IdentifiedVehicle(
-            experiment.name, linear_model(fit.values, experiment), experiment.baseline_damping, experiment.static,
+            experiment.name, linear_model(lawful.values, experiment), experiment.baseline_damping, experiment.static,
             experiment.sources, friction,
         )  # fmt: skip
         stability = closed_loop_stability(vehicle)
@@ -87,8 +85,8 @@ class GreyBox:
             vehicle,
             "grey-box",
             self._response(tests, experiment, friction),
-            fit.residual,
-            (*_notes(fit), *flags.values(), stability.summary()),
+            lawful.residual,
+            (*_notes(fit, lawful), *flags.values(), stability.summary()),
             process_time() - started,
             stability.stable,
             ranges_of(tests, experiment, (self.band.low, self.band.high)).as_mapping(),
@@ -104,13 +102,7 @@ class GreyBox:
             TooShortError: A record is too short.
         """
         table = self._with_priors(declared(start_values(tests, experiment), experiment.rig))
-        static = np.array([experiment.means.get(channel(c, "tire_force"), np.inf) for c in CORNERS])
-        car = GreyBoxCar(experiment, table.names, np.where(static > 0.0, static, np.inf))
-        unused = _unused(table, experiment)
-        engine = OutputError(
-            band=self.band, passes=1, difference=1e-4, tolerance=self.limits,
-            shooting=Shooting(evaluations=15, tolerance=1e-4),
-        )  # fmt: skip
+        car, unused, engine = _car(experiment, table), _unused(table, experiment), self._engine
         brief, whole = ([_record(test, experiment, s) for test in tests] for s in self.seconds)
         base = engine.fit(car, table.fixed(*unused, *OPTIONAL), brief, outputs=experiment.outputs)
         # Optional effects divert a fit that has not found the car yet.
@@ -118,6 +110,21 @@ class GreyBox:
         return replace(engine, passes=2).fit(
             car, table.fixed(*unused, *optional), whole, outputs=experiment.outputs, start=base.values
         )
+
+    @property
+    def _engine(self) -> OutputError:
+        shooting = Shooting(evaluations=15, tolerance=1e-4)
+        return OutputError(band=self.band, passes=1, difference=1e-4, tolerance=self.limits, shooting=shooting)
+
+    def _with_laws_of_the_file(
+        self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment
+    ) -> OutputErrorFit:
+        """Return a fit with the laws that the vehicle file can hold, so that the other parameters make up for them."""
+        table = declared({n: v for n, v in fit.values.items() if n not in OPTIONAL}, experiment.rig, sticking=False)
+        records = [_record(test, experiment, self.seconds[1]) for test in tests]
+        # The best v_f for the waveform is larger and dissipates too little in setups that move less.
+        fixed = (*_unused(table, experiment), *OPTIONAL, "friction_velocity")
+        return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
 
     def _with_priors(self, table: ParameterTable) -> ParameterTable:
         table.theta({name: value for name, (value, _) in self.priors.items()})  # refuses names that do not exist
@@ -142,21 +149,9 @@ class GreyBox:
         )
 
 
-def _with_sharp_velocities(test: TimeSeries) -> TimeSeries:
-    """Return a test whose shock velocities are the derivatives of the displacements up to `_SHARP`, where it has both.
-
-    The low-pass of measured velocities would act as an error of the force F - c v at the hubs' frequencies.
-    """
-    for c in CORNERS:
-        source, target = channel(c, "displacement"), channel(c, "velocity")
-        if source in test and target in test:
-            ends = np.linspace(test[source][0], test[source][-1], len(test))
-            omega = 2.0 * np.pi * np.fft.rfftfreq(len(test), 1.0 / test.sample_rate)
-            kept = np.clip(2.0 - omega / (2.0 * np.pi * _SHARP), 0.0, 1.0)
-            slope = (test[source][-1] - test[source][0]) * test.sample_rate / max(len(test) - 1, 1)
-            spectrum = 1j * omega * kept * np.fft.rfft(test[source] - ends)
-            test = test.with_channel(target, "m/s", np.fft.irfft(spectrum, len(test)) + slope)
-    return test
+def _car(experiment: Experiment, table: ParameterTable) -> GreyBoxCar:
+    static = np.array([experiment.means.get(channel(c, "tire_force"), np.inf) for c in CORNERS])
+    return GreyBoxCar(experiment, table.names, np.where(static > 0.0, static, np.inf))
 
 
 def _record(test: TimeSeries, experiment: Experiment, seconds: float) -> Record:
@@ -207,14 +202,15 @@ def _springs(fit: OutputErrorFit, tests: Sequence[TimeSeries]) -> dict[str, Forc
     return found
 
 
-def _notes(fit: OutputErrorFit) -> list[str]:
+def _notes(fit: OutputErrorFit, lawful: OutputErrorFit) -> list[str]:
     masses = [fit.values[f"{axle}.mass heave"] for axle in ("front", "rear")]
     sprung = sum(masses) + 2.0 * fit.values["mass coupling heave"]
     notes = [
         f"sprung mass {sprung:.1f} kg; residuals of the simulation are {100 * min(fit.residual.values()):.2g} to "
         f"{100 * max(fit.residual.values()):.2g} % of the outputs",
-        "the vehicle file has friction as tanh(v / v_f) and linear springs and tires about the mean of the tests; "
-        "sticking, progressive springs and tires that lift off are in the fit only",
+        "the vehicle file has friction as tanh(v / v_f) and linear springs and tires about the mean of the tests; its "
+        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Sticking, progressive springs and tires that "
+        "lift off are in the parameters only",
     ]
     stiffening = [c for c in CORNERS if _is_significant(fit, f"{c}.tire_stiffening")]
     if stiffening:
