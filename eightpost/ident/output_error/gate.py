@@ -102,7 +102,7 @@ class Gate:
         return ""
 
     def summary(self) -> str:
-        """Return one sentence per failure, or that there is none."""
+        """Return one sentence per failure, or one that the residual is acceptable."""
         return " ".join(f"{sentence}." for sentence in self.failures.values()) or (
             "The inputs explain no part of the residual that matters."
         )

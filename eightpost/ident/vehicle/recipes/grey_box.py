@@ -209,8 +209,8 @@ def _notes(fit: OutputErrorFit, lawful: OutputErrorFit) -> list[str]:
         f"sprung mass {sprung:.1f} kg; residuals of the simulation are {100 * min(fit.residual.values()):.2g} to "
         f"{100 * max(fit.residual.values()):.2g} % of the outputs",
         "the vehicle file has friction as tanh(v / v_f) and linear springs and tires about the mean of the tests; its "
-        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Sticking, progressive springs and tires that "
-        "lift off are in the parameters only",
+        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Sticking, progressive springs and tires "
+        "that lift off are in the parameters only",
     ]
     stiffening = [c for c in CORNERS if _is_significant(fit, f"{c}.tire_stiffening")]
     if stiffening:
