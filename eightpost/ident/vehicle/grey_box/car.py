@@ -61,7 +61,7 @@ def declared(starts: Mapping[str, float], rig: Sequence[str], *, sticking: bool 
         Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, size=0.1),
         _positive("friction_reach", "m", 1e-4, 1e-6, 3e-3)
         if sticking
-        else _positive("friction_velocity", "m/s", 0.01, 1e-3, 0.2),
+        else _positive("friction_velocity", "m/s", 0.012, 1e-3, 0.2),
     ]
     for c in CORNERS:
         rows += [

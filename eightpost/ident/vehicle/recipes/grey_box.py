@@ -122,8 +122,7 @@ class GreyBox:
         """Return a fit with the laws that the vehicle file can hold, so that the other parameters make up for them."""
         table = declared({n: v for n, v in fit.values.items() if n not in OPTIONAL}, experiment.rig, sticking=False)
         records = [_record(test, experiment, self.seconds[1]) for test in tests]
-        # The best v_f for the waveform is larger and dissipates too little in setups that move less.
-        fixed = (*_unused(table, experiment), *OPTIONAL, "friction_velocity")
+        fixed = (*_unused(table, experiment), *OPTIONAL)
         return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
 
     def _with_priors(self, table: ParameterTable) -> ParameterTable:
