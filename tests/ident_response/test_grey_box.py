@@ -132,19 +132,22 @@ def quick() -> GreyBox:
 
 
 @pytest.mark.slow
-def test_the_recipe_recovers_a_known_car_and_its_file_carries_the_parameters(experiment, quick, tmp_path):
-    tests = [_test(experiment, seed) for seed in (21, 31)]
-    fit = quick.identify(tests, experiment)
-    found = {p.name: p for p in fit.parameters}
+def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
+    fit = quick.explain([_test(experiment, seed) for seed in (21, 31)], experiment)
     for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
-        assert found[name].value == pytest.approx(TRUE[name], rel=0.03)
+        assert fit.values[name] == pytest.approx(TRUE[name], rel=0.03)
     assert max(fit.residual.values()) < 0.02
-    assert fit.trust is not None
-    assert "gate" not in fit.trust.flags
+    assert fit.gate.is_adequate
+
+
+@pytest.mark.slow
+def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(experiment, quick, tmp_path):
+    fit = quick.identify([_test(experiment, 21)], experiment)
     assert fit.stable
     write_fit(tmp_path / "car.json", fit)
     again = read_fit(tmp_path / "car.json")
     assert again.parameters == fit.parameters
+    assert {p.name for p in again.parameters} >= {"lf.spring_rate", "friction_reach"}
     assert again.vehicle.friction["lf"].force == pytest.approx(60.0, rel=0.2)
 
 
