@@ -129,6 +129,9 @@ def residual_gate(
     simulated = [record.counted(signals) for record, signals in zip(records, simulated, strict=True)]
     records = [Record(r.counted(r.inputs), r.counted(r.outputs), r.rate) for r in records]
     for y, name in enumerate(names):
+        if not all(np.isfinite(signals[:, y]).all() for signals in simulated):  # the simulation diverged
+            outputs[name] = OutputGate(np.inf, np.inf, np.inf, 0.0, 0.0)
+            continue
         tests = list(_tests(records, simulated, y, band))
         power = sum(_power(record.outputs[:, y], record.rate, band) for record in records)
         outputs[name] = _judged(tests, power)

@@ -131,7 +131,7 @@ class Problem:
     def residual_lines(self, theta: Array) -> list[Complex]:
         """Return the spectral lines (Y, B) of model minus measurement over the noise, for every record."""
         outputs = self.simulated(theta)
-        return [self._record_lines(k, y - self.records[k].outputs) for k, y in enumerate(outputs)]
+        return [self._record_lines(k, _bounded(y - self.records[k].outputs, self.noise)) for k, y in enumerate(outputs)]
 
     def jacobian(self, z: Array) -> Array:
         """Return the derivatives of the residuals by the unknowns."""

@@ -38,6 +38,9 @@ from eightpost.vehicle import Friction, IdentifiedVehicle
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
 
+#: Smallest mean tire force that is a static load [N]; records of changes from the mean have none.
+_LOADED = 200.0
+
 
 @dataclass(frozen=True, slots=True)
 class GreyBox:
@@ -150,7 +153,7 @@ class GreyBox:
 
 def _car(experiment: Experiment, table: ParameterTable) -> GreyBoxCar:
     static = np.array([experiment.means.get(channel(c, "tire_force"), np.inf) for c in CORNERS])
-    return GreyBoxCar(experiment, table.names, np.where(static > 0.0, static, np.inf))
+    return GreyBoxCar(experiment, table.names, np.where(static > _LOADED, static, np.inf))
 
 
 def _record(test: TimeSeries, experiment: Experiment, seconds: float) -> Record:
