@@ -35,8 +35,8 @@ def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
     truth = shim_build(build).respond(Actuator().follow(command), rate=2000.0)
     write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
     # The car's static loads and ride heights already include the gas force.
-    name = f"build {build} (synthetic data)"
-    fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", curve="polynomial", name=name)
+    title = f"build {build} (synthetic data)"
+    fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", curve="polynomial", name=title)
     path = folder / f"{name}.json"
     write_shock(fit.shock, path)
     print(f"{build}: {fit.seconds:.1f} s, record {sha256_of(record)[:8]}, {path.stat().st_size / 1000:.0f} kB")

@@ -39,7 +39,8 @@ def _recipes() -> list[str]:
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
 @click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
-              help="Identification method: docs/common_poles.md, docs/identification.md.")  # fmt: skip
+              help="Identification method: docs/common_poles.md, docs/identification.md, "
+              "docs/output_error.md.")  # fmt: skip
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
               help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
 @click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
@@ -17,6 +17,17 @@ from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 
 #: Schema version of the files that are written, and the newest one that can be read.
 SCHEMA = 1
+
+
+class FittedParameter(NamedTuple):
+    """A physical parameter of a vehicle: name, unit, value, 95 % interval, and whether it is at a bound of the fit."""
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    at_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +46,7 @@ class VehicleFit:
         ranges: Ranges that the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty
             if the recipe does not give them.
         trust: Uncertainty, friction, flags and choice of the order; None if the recipe does not give them.
+        parameters: Physical parameters with 95 % intervals; empty if the recipe has none.
     """
 
     vehicle: IdentifiedVehicle
@@ -46,6 +58,7 @@ class VehicleFit:
     stable: bool = True
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     trust: Trust | None = None
+    parameters: tuple[FittedParameter, ...] = ()
 
     @property
     def sources(self) -> Mapping[str, str]:
@@ -89,6 +102,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "stable": fit.stable,
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
         "trust": None if fit.trust is None else fit.trust.as_json(),
+        "parameters": [parameter._asdict() for parameter in fit.parameters],
     }
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -119,6 +133,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             bool(content["stable"]),
             {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
             None if content.get("trust") is None else Trust.of_json(content["trust"]),
+            tuple(FittedParameter(**row) for row in content.get("parameters", [])),
         )
     except MALFORMED as error:
         what = f"is not a complete fit as this version writes it ({error}); identify again"

@@ -1,0 +1,216 @@
+"""Residual gate: whether the inputs still explain a part of the residual, which an adequate model leaves as noise.
+
+In narrow frequency bands the residual's lines are regressed on those of the inputs and of powers of the simulated
+output. The regression is compared with its own remainder (F test), so the noise may have any colour and need not be
+known. A missing mode shows in the inputs, a missing nonlinearity in the powers. What the records do not excite, and a
+missing effect that resembles noise, cannot be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f as f_distribution
+from scipy.stats import norm
+
+from eightpost.array_types import Array, Complex
+from eightpost.ident.output_error.band import Band
+from eightpost.ident.output_error.model import Record
+
+#: Significance level of all tests of a fit together [1].
+LEVEL = 1e-3
+
+#: Number of lines per regressor and band.
+_SPARE = 3
+
+#: Powers of the simulated output among the regressors.
+_POWERS = (2, 3)
+
+#: Smallest share of a regressor that the others do not explain, relative to its size [1].
+_INDEPENDENT = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Limits of an adequate model, relative to the RMS of each output in the band.
+
+    Attributes:
+        explained: Largest part of the residual that inputs explain [1]; a smaller one is adequate even if significant.
+        residual: Largest residual [1]; a larger one is not accepted as noise, because no test separates the two.
+    """
+
+    explained: float = 0.01
+    residual: float = 0.1
+
+
+class OutputGate(NamedTuple):
+    """Residual of one output.
+
+    Attributes:
+        residual: RMS of the residual over that of the output [1].
+        explained: RMS of the part of the residual that the inputs explain, without that of chance, over the output [1].
+        upper: Upper 95 % limit of `explained` [1].
+        probability: Probability of such a relation by chance [1], corrected for the number of bands.
+        frequency: Frequency at which the relation is strongest [Hz].
+    """
+
+    residual: float
+    explained: float
+    upper: float
+    probability: float
+    frequency: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Whether a model is adequate for its records.
+
+    Attributes:
+        outputs: Residuals by output.
+        tolerance: Limits.
+    """
+
+    outputs: Mapping[str, OutputGate]
+    tolerance: Tolerance
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Sentences on the outputs that are not adequate, by output."""
+        found = {name: self._failure(name, one) for name, one in self.outputs.items()}
+        return {name: sentence for name, sentence in found.items() if sentence}
+
+    @property
+    def is_adequate(self) -> bool:
+        """Whether the residual of every output is noise, or too small to matter."""
+        return not self.failures
+
+    def _failure(self, name: str, one: OutputGate) -> str:
+        limit = self.tolerance
+        if one.probability < LEVEL / len(self.outputs) and one.upper > limit.explained:
+            return (
+                f"{name}: the inputs explain a part of the residual that is {100 * one.explained:.2g} % of the output "
+                f"(limit {100 * limit.explained:g} %), most at {one.frequency:.3g} Hz; the model lacks an effect"
+            )
+        if one.residual > limit.residual:
+            return (
+                f"{name}: the residual is {100 * one.residual:.2g} % of the output (limit {100 * limit.residual:g} %); "
+                "it is not known whether this is noise"
+            )
+        return ""
+
+    def summary(self) -> str:
+        """Return one sentence per failure, or one that the residual is acceptable."""
+        return " ".join(f"{sentence}." for sentence in self.failures.values()) or (
+            "The inputs explain no part of the residual that matters."
+        )
+
+
+def residual_gate(
+    names: Sequence[str],
+    records: Sequence[Record],
+    simulated: Sequence[Array],
+    *,
+    band: Band,
+    tolerance: Tolerance | None = None,
+) -> Gate:
+    """Judge the residuals of a simulation.
+
+    Args:
+        names: Names of the outputs (Y,).
+        records: Measured records.
+        simulated: Simulated outputs (N, Y) of every record.
+        band: Frequency band of the fit.
+        tolerance: Limits; default: `Tolerance()`.
+    """
+    outputs = {}
+    simulated = [record.counted(signals) for record, signals in zip(records, simulated, strict=True)]
+    records = [Record(r.counted(r.inputs), r.counted(r.outputs), r.rate) for r in records]
+    for y, name in enumerate(names):
+        if not all(np.isfinite(signals[:, y]).all() for signals in simulated):  # the simulation diverged
+            outputs[name] = OutputGate(np.inf, np.inf, np.inf, 0.0, 0.0)
+            continue
+        tests = list(_tests(records, simulated, y, band))
+        power = sum(_power(record.outputs[:, y], record.rate, band) for record in records)
+        outputs[name] = _judged(tests, power)
+    return Gate(outputs, tolerance or Tolerance())
+
+
+class _Test(NamedTuple):
+    """Regression in one band: centre [Hz], sums of squares explained and left, and their degrees of freedom."""
+
+    frequency: float
+    explained: float
+    left: float
+    regressors: int
+    free: int
+
+
+def _power(signal: Array, rate: float, band: Band) -> float:
+    lines = band.lines(signal - signal.mean(), rate)
+    return float(np.sum(np.abs(lines) ** 2))
+
+
+def _tests(records: Sequence[Record], simulated: Sequence[Array], y: int, band: Band) -> Iterator[_Test]:
+    plain = Band(band.low, band.high)  # the window would correlate the lines
+    frequency = np.concatenate([plain.frequencies(len(r.inputs), r.rate) for r in records])
+    residual = np.concatenate(
+        [plain.lines(r.outputs[:, y] - s[:, y], r.rate) for r, s in zip(records, simulated, strict=True)]
+    )
+    signals = [_regressors(r, s[:, y]) for r, s in zip(records, simulated, strict=True)]
+    columns = np.concatenate([plain.lines(x, r.rate) for x, r in zip(signals, records, strict=True)], axis=1).T
+    kept = frequency > 0.0
+    order = np.argsort(frequency[kept], kind="stable")
+    frequency, residual, columns = frequency[kept][order], residual[kept][order], columns[kept][order]
+    width = _SPARE * columns.shape[1]
+    for rows in np.array_split(np.arange(frequency.size), max(1, frequency.size // width)):
+        yield _regression(float(frequency[rows].mean()), residual[rows], columns[rows])
+
+
+def _regressors(record: Record, simulated: Array) -> Array:
+    """Return the inputs and the powers of a simulated output (R, N), of unit size."""
+    deviation = simulated - simulated.mean()
+    deviation = deviation / max(float(deviation.std()), 1e-300)
+    rows = np.vstack([record.inputs.T, *(deviation**power for power in _POWERS)])
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    return np.asarray(rows / np.maximum(rows.std(axis=1, keepdims=True), 1e-300))
+
+
+def _regression(frequency: float, residual: Complex, columns: Complex) -> _Test:
+    U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    rank = int(np.sum(sizes > _INDEPENDENT * sizes[0])) if sizes.size and sizes[0] > 0.0 else 0
+    rank = min(rank, residual.size - 1)
+    share = U[:, :rank].conj().T @ residual
+    explained = float(np.sum(np.abs(share) ** 2))
+    left = max(float(np.sum(np.abs(residual) ** 2)) - explained, 1e-300)
+    return _Test(frequency, explained, left, rank, residual.size - rank)
+
+
+def _judged(tests: Sequence[_Test], power: float) -> OutputGate:
+    chances = np.array([_chance(test) for test in tests])
+    # Stouffer's sum finds a weak relation in all bands, the smallest probability a strong one in few.
+    together = float(norm.sf(np.sum(norm.isf(np.clip(chances, 1e-300, 1.0 - 1e-12))) / np.sqrt(chances.size)))
+    probability = min(1.0, 2.0 * min(together, float(chances.min()) * chances.size))
+    by_chance = np.array([test.left / test.free * test.regressors for test in tests])
+    surplus = np.array([test.explained for test in tests]) - by_chance
+    spread = np.sqrt(sum((t.left / t.free) ** 2 * t.regressors * (1.0 + t.regressors / t.free) for t in tests))
+    spread = float(
+        np.sqrt(spread**2 + 4.0 * max(float(surplus.sum()), 0.0) * np.mean([t.left / t.free for t in tests]))
+    )
+    whole = sum(test.explained + test.left for test in tests)
+    return OutputGate(
+        float(np.sqrt(whole / power)),
+        float(np.sqrt(max(surplus.sum(), 0.0) / power)),
+        float(np.sqrt(max(surplus.sum() + norm.ppf(0.95) * spread, 0.0) / power)),
+        probability,
+        tests[int(np.argmax(surplus))].frequency,
+    )
+
+
+def _chance(test: _Test) -> float:
+    if test.regressors == 0 or test.free <= 0:
+        return 1.0
+    ratio = (test.explained / test.regressors) / (test.left / test.free)
+    return float(f_distribution.sf(ratio, 2 * test.regressors, 2 * test.free))

@@ -1,0 +1,153 @@
+"""Compiled steps of the grey-box car for many sets of parameters.
+
+    q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
+
+The step is of second order and needs one evaluation of the forces. The bristle of the friction is exact for the mean
+velocity of a step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numba import njit
+
+from eightpost.array_types import Array
+from eightpost.cache import kept
+
+
+class Numbers(NamedTuple):
+    """Arrays of K cars with 8 coordinates, 4 ports, A loads and Y outputs.
+
+    Attributes:
+        shock: Port displacements per q (K, 4, 8).
+        spring: Spring displacements per q (K, 4, 8).
+        push: Accelerations per force of ports, springs, tires and loads (K, 8, 12 + A).
+        stiffness: Accelerations per q of the other elements (K, 8, 8).
+        damping: Accelerations per q' of the other elements (K, 8, 8).
+        springs: Rate, progression of the springs (K, 4, 2).
+        tires: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
+        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4); a breakaway of 0 is the
+            law of the vehicle file, tanh of velocity over the third number.
+        baseline: Damping about which the ports are driven (4,).
+        position: Outputs per q (K, Y, 8).
+        velocity: Outputs per q' (K, Y, 8).
+        acceleration: Outputs per q'' (K, Y, 8).
+        road: Outputs per road (K, Y, 4).
+        tire: Outputs per tire force (Y, 4).
+    """
+
+    shock: Array
+    spring: Array
+    push: Array
+    stiffness: Array
+    damping: Array
+    springs: Array
+    tires: Array
+    friction: Array
+    baseline: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    road: Array
+    tire: Array
+
+
+def _compile(function: Callable[..., Any]) -> Any:
+    options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+    return kept(cast("Any", njit(**options)(function)))
+
+
+@_compile
+def friction_after(before: float, velocity: float, numbers: Array, h: float) -> float:
+    """Return the friction over the sliding force after a step h at a constant velocity."""
+    if numbers[1] == 0.0:
+        return math.tanh(velocity / numbers[2])
+    speed = abs(velocity)
+    if speed < 1e-12:
+        return before
+    ratio = velocity / numbers[3]
+    level = 1.0 + (numbers[1] - 1.0) * math.exp(-ratio * ratio)
+    steady = math.copysign(level, velocity)
+    return steady + (before - steady) * math.exp(-speed * h / (numbers[2] * level))
+
+
+@_compile
+def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, outputs: Array) -> None:
+    """Fill outputs (K, N, Y) and move states (K, 28) of q, q', q'' and bristles to the end.
+
+    Args:
+        numbers: Arrays of the cars, see `Numbers`.
+        inputs: Roads, road velocities, loads, port forces minus baseline damping (N every + 1, 12 + A).
+        step: Step [s].
+        every: Steps per sample.
+        states: States at the start (K, 28).
+        outputs: Outputs to fill.
+    """
+    dofs = 8
+    loads = inputs.shape[1] - 12
+    forces = np.zeros(12 + loads)
+    guess, ports = np.zeros(dofs), np.zeros(4)
+    for run in range(states.shape[0]):
+        q, v, a, z = states[run, :8], states[run, 8:16], states[run, 16:24], states[run, 24:]
+        shock, spring, push = numbers.shock[run], numbers.spring[run], numbers.push[run]
+        stiffness, damping = numbers.stiffness[run], numbers.damping[run]
+        for c in range(4):
+            ports[c] = _dot(shock[c], v)
+        for k in range(outputs.shape[1] * every):
+            if k % every == 0:
+                _observe(numbers, run, inputs[k], states[run], outputs[run, k // every])
+            drive = inputs[k + 1]
+            for i in range(dofs):
+                q[i] += step * (v[i] + 0.5 * step * a[i])
+                guess[i] = v[i] + step * a[i]
+            for c in range(4):
+                speed, way = _dot(shock[c], guess), _dot(spring[c], q)
+                law = numbers.friction[run, c]
+                z[c] = friction_after(z[c], speed if law[1] == 0.0 else 0.5 * (ports[c] + speed), law, step)
+                rate = numbers.springs[run, c]
+                forces[c] = drive[8 + loads + c] + numbers.baseline[c] * speed + law[0] * z[c]
+                forces[4 + c] = rate[0] * way * (1.0 + rate[1] * way)
+                forces[8 + c] = _tire(numbers.tires[run, c], drive[c] - q[4 + c], drive[4 + c] - guess[4 + c])
+            for j in range(loads):
+                forces[12 + j] = drive[8 + j]
+            for i in range(dofs):
+                new = _dot(push[i], forces) + _dot(stiffness[i], q) + _dot(damping[i], guess)
+                v[i] += 0.5 * step * (a[i] + new)
+                a[i] = new
+            for c in range(4):
+                ports[c] = _dot(shock[c], v)
+            if k % 500 == 0 and not abs(q[0]) < 1e3:
+                outputs[run] = np.nan
+                break
+
+
+@_compile
+def _observe(numbers: Any, run: int, drive: Array, state: Array, outputs: Array) -> None:
+    """Fill the outputs (Y,) of a state (28,)."""
+    q, v, a, tires = state[:8], state[8:16], state[16:24], np.empty(4)
+    for c in range(4):
+        tires[c] = _tire(numbers.tires[run, c], drive[c] - q[4 + c], drive[4 + c] - v[4 + c])
+    for y in range(outputs.size):
+        total = _dot(numbers.position[run, y], q) + _dot(numbers.velocity[run, y], v)
+        total += _dot(numbers.acceleration[run, y], a)
+        for c in range(4):
+            total += numbers.road[run, y, c] * drive[c] + numbers.tire[y, c] * tires[c]
+        outputs[y] = total
+
+
+@_compile
+def _dot(row: Array, x: Array) -> float:
+    total = 0.0
+    for i in range(x.size):
+        total += row[i] * x[i]
+    return total
+
+
+@_compile
+def _tire(tire: Array, deflection: float, rate: float) -> float:
+    force = tire[0] * deflection * (1.0 + tire[2] * deflection) + tire[1] * rate
+    return float(max(force, -tire[3]))

@@ -1,0 +1,63 @@
+"""Vehicle of the file format from a grey-box car: a linear model about the mean of the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from eightpost.corners import CORNERS, channel
+from eightpost.ident.vehicle.experiment import Experiment, quantity
+from eightpost.ident.vehicle.grey_box.car import WHEEL, matrices, output_rows
+from eightpost.vehicle import StateSpace
+from eightpost.vehicle.statespace import Channel
+
+#: Cut-off of the lag that makes the road's velocity, which tire dampers need, a proper input [rad/s].
+_LAG = 2.0 * np.pi * 500.0
+
+#: Units of outputs and loads by quantity.
+_UNITS = {
+    "velocity": "m/s", "displacement": "m", "tire_force": "N", "ride_height": "m",
+    "roll_moment": "N.m", "pitch_moment": "N.m", "road": "m",
+}  # fmt: skip
+
+
+def linear_model(p: Mapping[str, float], experiment: Experiment) -> StateSpace:
+    """Return the linear model with the baseline damping for parameters by name; its inputs are F - c v.
+
+    States are 8 coordinates, their velocities and 4 lagged roads.
+    """
+    m = matrices(p, experiment.rig)
+    inverse = np.linalg.inv(m.mass)
+    spring, tire, damper = (np.diag([p[f"{c}.{name}"] for c in CORNERS])
+                            for name in ("spring_rate", "tire_stiffness", "tire_damping"))  # fmt: skip
+    baseline = np.diag([experiment.baseline_damping[c] for c in CORNERS])
+    stiffness = m.stiffness + m.spring.T @ spring @ m.spring + WHEEL.T @ tire @ WHEEL
+    damping = m.damping + m.shock.T @ baseline @ m.shock + WHEEL.T @ damper @ WHEEL
+    roads = [experiment.rig.index(channel(c, "road")) for c in CORNERS]
+    others = [k for k, name in enumerate(experiment.rig) if quantity(name) != "road"]
+    inputs, eight = len(experiment.inputs), np.eye(8)
+    A, B = np.zeros((20, 20)), np.zeros((20, inputs))
+    A[:8, 8:16] = eight
+    A[8:16, :8], A[8:16, 8:16] = -inverse @ stiffness, -inverse @ damping
+    A[8:16, 16:], A[16:, 16:] = -_LAG * inverse @ WHEEL.T @ damper, -_LAG * np.eye(4)
+    B[8:16, roads] = inverse @ WHEEL.T @ (tire + _LAG * damper)
+    B[16:, roads] = _LAG * np.eye(4)
+    B[8:16, others] = inverse @ m.load.T
+    B[8:16, len(experiment.rig) :] = -inverse @ m.shock.T
+    position, velocity, acceleration, road = output_rows(p, m, experiment.outputs)
+    C = np.hstack([position, velocity, np.zeros((len(position), 4))]) + acceleration @ A[8:16]
+    D = acceleration @ B[8:16]
+    D[:, roads] += road
+    for k, name in enumerate(experiment.outputs):
+        if quantity(name) == "tire_force":
+            c = CORNERS.index(name.rpartition(".")[0])
+            C[k] = np.concatenate([-tire[c, c] * WHEEL[c], -damper[c, c] * WHEEL[c], -_LAG * damper[c]])
+            D[k, roads[c]] = tire[c, c] + _LAG * damper[c, c]
+    channels, outputs = (tuple(Channel(n, _unit(n)) for n in ns) for ns in (experiment.inputs, experiment.outputs))
+    return StateSpace(A, B, C, D, channels, outputs, name=experiment.name)
+
+
+def _unit(name: str) -> str:
+    kind = quantity(name)
+    return _UNITS.get(kind, "m/s2" if kind.endswith("acceleration") else "N")

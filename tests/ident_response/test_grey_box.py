@@ -1,0 +1,186 @@
+"""The grey-box car: its linear model, its steps, its start values, and the recipe on a known car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.corners import CORNERS
+from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.output_error import Record, simulate
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, declared
+from eightpost.ident.vehicle.grey_box.start import start_values
+from eightpost.ident.vehicle.grey_box.vehicle import linear_model
+from eightpost.ident.vehicle.recipes.grey_box import GreyBox
+from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import SevenDof, add_port_damping, read_vehicle, shipped
+
+RATE = 125.0
+QUANTITIES = ("velocity", "displacement", "tire_force", "hub_acceleration")
+OUTPUTS = (*(f"{c}.{q}" for q in QUANTITIES for c in CORNERS), "front.ride_height", "rear.ride_height")
+RIG = (*(f"{c}.road" for c in CORNERS), *(f"{c}.aero" for c in CORNERS))
+#: A car with a solid rear axle, friction and progressive springs.
+TRUE = {
+    "front.mass heave": 420.0, "rear.mass heave": 530.0, "mass coupling heave": 90.0, "front.mass roll": 260.0,
+    "rear.mass roll": 280.0, "twist_stiffness": 6e5, "rear.mass coupling": 14.0, "rear.shock_share": 0.22,
+    "rear.spring_share": 0.18, "front.bar": 3e4, "front.aero_place": 1.1, "rear.aero_place": -0.1,
+} | {f"{c}.{name}": value for c in CORNERS for name, value in {
+    "hub_mass": 44.0, "spring_rate": 1.9e5, "tire_stiffness": 3.4e5, "tire_damping": 420.0, "motion_ratio": 0.88,
+    "friction": 60.0}.items()}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    forces = tuple(f"{c}.force" for c in CORNERS)
+    return Experiment("car", RIG, forces, OUTPUTS, dict.fromkeys(CORNERS, 3000.0))
+
+
+def _car(experiment, **changes):
+    table = declared(TRUE | changes, experiment.rig)
+    return GreyBoxCar(experiment, table.names, np.full(4, np.inf)), table
+
+
+def _drive(seed, seconds):
+    """Return smooth roads, loads and changes of shock forces (N, 12)."""
+    generator = np.random.default_rng(seed)
+    samples = round(seconds * RATE)
+    lines = np.fft.rfftfreq(samples, 1.0 / RATE)
+    size = np.where((lines > 0.4) & (lines < 22.0), 1.0 / np.maximum(lines, 1.0), 0.0)
+    spectra = size * np.exp(2j * np.pi * generator.uniform(size=(12, lines.size)))
+    rows = np.fft.irfft(spectra, samples)
+    scales = np.repeat([0.004, 300.0, 250.0], 4)[:, None]
+    grown = np.minimum(np.arange(samples) / RATE, 1.0)
+    return (rows / rows.std(axis=1, keepdims=True) * scales * grown).T
+
+
+def _test(experiment, seed, seconds=20.0, noise=0.003, **changes):
+    """Return a test of the true car as a record with shock forces F = dF + c v."""
+    car, table = _car(experiment, **changes)
+    inputs = _drive(seed, seconds)
+    values = {p.name: p.start for p in table}
+    y = simulate(car, values, table, Record(inputs, np.zeros((len(inputs), len(OUTPUTS))), RATE))
+    y = y + noise * y.std(axis=0) * np.random.default_rng(seed + 1).standard_normal(y.shape)
+    channels = {name: ("1", row) for name, row in zip((*RIG, *OUTPUTS), (*inputs[:, :8].T, *y.T), strict=True)}
+    for k, c in enumerate(CORNERS):
+        channels[f"{c}.force"] = ("N", inputs[:, 8 + k] + 3000.0 * channels[f"{c}.velocity"][1])
+    return TimeSeries.from_channels(np.arange(len(inputs)) / RATE, channels)
+
+
+def test_the_linear_model_has_the_outputs_of_the_steps_without_friction(experiment):
+    car, table = _car(experiment, **{f"{c}.friction": 0.01 for c in CORNERS})
+    values = {p.name: p.start for p in table}
+    model = linear_model(values, experiment)
+    time = np.arange(0.0, 12.0, 1.0 / RATE)
+    for frequency in (1.5, 6.0):
+        for column in (0, 4, 8):
+            inputs = np.zeros((time.size, 12))
+            inputs[:, column] = np.array([1e-3, 100.0, 100.0])[column // 4] * np.sin(2.0 * np.pi * frequency * time)
+            y = simulate(car, values, table, Record(inputs, np.zeros((time.size, len(OUTPUTS))), RATE))
+            late = time >= 8.0
+            wave = np.exp(-2j * np.pi * frequency * time[late])
+            found = (y[late].T @ wave) / (inputs[late, column] @ wave)
+            expected = model.frequency_response([frequency])[:, column, 0]
+            assert np.abs(found - expected).max() < 0.02 * np.abs(expected).max()
+            assert found == pytest.approx(expected, rel=0.05, abs=0.01 * np.abs(expected).max())
+
+
+def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(experiment):
+    vehicle = read_vehicle(shipped("seven_dof"))
+    p = vehicle.parameters
+    assert isinstance(p, SevenDof)
+    rig = (*(f"{c}.road" for c in CORNERS), "heave_force", "roll_moment", "pitch_moment")
+    a, b, L, half = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase, 0.5 * p.track_width
+    values = {
+        "front.mass heave": (p.sprung_mass * b**2 + p.pitch_inertia) / L**2,
+        "rear.mass heave": (p.sprung_mass * a**2 + p.pitch_inertia) / L**2,
+        "mass coupling heave": (p.sprung_mass * a * b - p.pitch_inertia) / L**2,
+        "front.mass roll": p.roll_inertia * b / L / half**2, "rear.mass roll": p.roll_inertia * a / L / half**2,
+        "twist_stiffness": 1e8, "heave_share": b / L, "pitch_arm": 1.0 / L,
+        "front.roll_arm": b / L / half, "rear.roll_arm": a / L / half,
+        "front.overhang": p.front_overhang / L, "rear.overhang": p.rear_overhang / L,
+    }  # fmt: skip
+    for c, m, k, t in zip(CORNERS, p.unsprung_mass, p.spring_rate, p.tire_stiffness, strict=True):
+        values |= {f"{c}.hub_mass": m, f"{c}.spring_rate": k, f"{c}.tire_stiffness": t,
+                   f"{c}.tire_damping": 0.1, f"{c}.motion_ratio": 1.0}  # fmt: skip
+    known = add_port_damping(vehicle.coupled(), dict.fromkeys(CORNERS, 3000.0))
+    outputs = tuple(n for n in known.output_names if n.rpartition(".")[2] in (*QUANTITIES, "ride_height"))
+    other = Experiment("seven", rig, tuple(f"{c}.force" for c in CORNERS), outputs, dict.fromkeys(CORNERS, 3000.0))
+    table = declared(values, rig)
+    model = linear_model({p.name: p.start for p in table}, other)
+    frequency = np.array([0.8, 2.0, 8.0, 15.0])
+    expected = known.select(inputs=other.inputs, outputs=outputs).frequency_response(frequency)
+    found = model.frequency_response(frequency)
+    for part in (slice(0, 4), slice(4, 7), slice(7, 11)):  # roads, loads, shock forces: each has its own scale
+        largest = np.abs(expected[:, part]).max(axis=(1, 2), keepdims=True)
+        assert (np.abs(found - expected)[:, part] < 0.01 * largest).all()
+
+
+def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
+    tests = [_test(experiment, seed, friction_reach=1e-4) for seed in (3, 13)]
+    found = start_values(tests, experiment)
+    for name in ("lf.hub_mass", "rr.spring_rate", "lr.tire_stiffness", "rf.motion_ratio", "rear.mass heave"):
+        assert found[name] == pytest.approx(TRUE[name], rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def quick() -> GreyBox:
+    return GreyBox(seconds=(10.0, 12.0))
+
+
+@pytest.mark.slow
+def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
+    fit = quick.explain([_test(experiment, seed) for seed in (21, 31)], experiment)
+    for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
+        assert fit.values[name] == pytest.approx(TRUE[name], rel=0.03)
+    assert max(fit.residual.values()) < 0.02
+    assert fit.gate.is_adequate
+
+
+@pytest.mark.slow
+def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(experiment, quick, tmp_path):
+    fit = quick.identify([_test(experiment, 21)], experiment)
+    assert fit.stable
+    write_fit(tmp_path / "car.json", fit)
+    again = read_fit(tmp_path / "car.json")
+    assert again.parameters == fit.parameters
+    assert {p.name for p in again.parameters} >= {"lf.spring_rate", "friction_reach"}
+    assert again.vehicle.friction["lf"].force == pytest.approx(60.0, rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_car_with_another_mode_is_flagged(experiment, quick):
+    tests = [_with_hidden_mode(_test(experiment, seed)) for seed in (41, 51)]
+    fit = quick.identify(tests, experiment)
+    assert fit.trust is not None
+    assert "gate" in fit.trust.flags
+
+
+def _with_hidden_mode(test: TimeSeries) -> TimeSeries:
+    """Return a test in which an engine on mounts at 11 Hz pushes on the front tires and hubs."""
+    frequency = np.fft.rfftfreq(len(test), 1.0 / RATE)
+    mode = 0.3 / (1.0 - (frequency / 11.0) ** 2 + 2j * 0.04 * frequency / 11.0)
+    for c in CORNERS[:2]:
+        for name in (f"{c}.tire_force", f"{c}.hub_acceleration"):
+            added = np.fft.irfft(np.fft.rfft(test[name]) * mode * (frequency > 8.0) * (frequency < 14.0), len(test))
+            test = test.with_channel(name, "1", test[name] + added)
+    return test
+
+
+def test_a_short_test_is_refused_with_the_duration_that_is_needed(experiment, quick):
+    with pytest.raises(TooShortError, match="record at least 11 s"):
+        quick.identify([_test(experiment, 71, seconds=8.0)], experiment)
+
+
+def test_a_quarter_car_is_refused(experiment):
+    quarter = replace(experiment, rig=("road",), forces=("force",), outputs=("velocity",), baseline_damping={"": 1.0})
+    with pytest.raises(InputError, match="needs the corners lf, rf, lr, rr"):
+        GreyBoxCar(quarter, (), np.zeros(4))
+
+
+def test_a_prior_of_an_unknown_parameter_is_refused(experiment):
+    with pytest.raises(ParameterError, match="no parameter spring"):
+        GreyBox(priors={"spring": (1.0, 0.1)}).identify([_test(experiment, 81)], experiment)
