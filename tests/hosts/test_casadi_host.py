@@ -81,7 +81,8 @@ def test_model_exchange_has_a_small_error_and_keeps_a_high_order(host, error_of)
 
 
 def test_an_implicit_integrator_takes_steps_far_beyond_the_time_constant_of_the_shock(host, error_of):
-    assert error_of(host, "ME, RK4", 8e-3) == (math.inf, math.inf)
+    with pytest.raises(ArithmeticError, match="diverged"):
+        error_of(host, "ME, RK4", 8e-3)
     assert error_of(host, "ME, collocation", 8e-3)[0] < 0.1
 
 
