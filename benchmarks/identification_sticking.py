@@ -30,6 +30,7 @@ from eightpost.corners import channel
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch, direction
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.rig.post import Car
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +86,9 @@ def main() -> None:
 
 def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Experiment, search: FrictionSearch) -> Row:
     found = search.find(tests, experiment)
-    true = dict(zip(case.car.corners, case.car.friction.coulomb[:, 0], strict=True))
+    car = case.car
+    assert isinstance(car, Car)
+    true = dict(zip(car.corners, car.friction.coulomb[:, 0], strict=True))
     return {
         "law": name,
         "width": search.velocities[0],
