@@ -70,8 +70,9 @@ def ratio(
     expected: float = 1.0,
 ) -> Comparison:
     """Return the comparison of a ratio, computed from coefficients (..., P), with its expected value."""
-    value, samples = (_logarithm(figure(np.atleast_2d(c)) / expected) for c in (fit.values, fit.samples))
-    return Comparison(law, Kind.GAIN, float(value[0]), tolerance, fit.deviation(samples), effect)
+    value, samples = (figure(np.atleast_2d(c)) / expected for c in (fit.values, fit.samples))
+    size = max(float(value[0]), _SMALLEST)
+    return Comparison(law, Kind.GAIN, float(np.log(size)), tolerance, fit.deviation(samples) / size, effect)
 
 
 def delay(
@@ -86,7 +87,3 @@ def delay(
     """Return the comparison of a time, computed from coefficients (..., P), with its expected value [s]."""
     value, samples = (figure(np.atleast_2d(c)) - expected for c in (fit.values, fit.samples))
     return Comparison(law, Kind.DELAY, float(value[0]), tolerance, fit.deviation(samples), effect)
-
-
-def _logarithm(ratios: Array) -> Array:
-    return np.asarray(np.log(np.maximum(ratios, _SMALLEST)))

@@ -35,7 +35,9 @@ class Regression(NamedTuple):
 
 
 def regress(output: Spectrum, inputs: Sequence[Spectrum], used: NDArray[np.bool_] | None = None) -> Regression | None:
-    """Return the real coefficients c that minimise |w (y - sum_p c_p x_p)|^2, with w(f) = 1 / RMS of y at f.
+    """Return the real coefficients c that minimise |w (y - sum_p c_p x_p)|^2, with 1 / w(f)^2 = S_y(f) + mean S_y.
+
+    Frequencies at which y is weak get little weight, because noise dominates there.
 
     Args:
         output: Spectra y (S, F).
@@ -47,9 +49,10 @@ def regress(output: Spectrum, inputs: Sequence[Spectrum], used: NDArray[np.bool_
     """
     chosen = slice(None) if used is None else used
     y = output[:, chosen]
-    level = np.sqrt(np.mean(np.abs(y) ** 2, axis=0))
-    if not level.all():
+    power = np.mean(np.abs(y) ** 2, axis=0)
+    if not power.any():
         return None
+    level = np.sqrt(power + power.mean())
     rows = np.stack([x[:, chosen] / level for x in inputs])
     scales = np.sqrt(np.mean(np.abs(rows) ** 2, axis=(1, 2)))
     if not scales.all():

@@ -22,6 +22,11 @@ FEWEST = 6
 BAND = (0.7, 15.0)
 HIGHEST = 0.08
 
+#: Quantity with the direction of a shock's velocity, on which friction depends, ...
+DIRECTION = "direction"
+#: ... and velocity of the transition between the directions [m/s].
+SLOW = 0.01
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
@@ -79,4 +84,7 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
     for name, values in zip(series.names, series.values, strict=True):
         cut = np.stack([values[start : start + size] for start in starts])
         rows[name] = np.fft.rfft(window * (cut - cut.mean(axis=1, keepdims=True)), axis=1)[:, used]
+        if name.rpartition(".")[2] == "velocity":
+            direction = f"{name.removesuffix('velocity')}{DIRECTION}"
+            rows[direction] = np.fft.rfft(window * np.tanh(cut / SLOW), axis=1)[:, used]
     return Spectra(lines[used], rows)

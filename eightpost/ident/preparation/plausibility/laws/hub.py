@@ -8,20 +8,18 @@ import numpy as np
 
 from eightpost.corners import channel
 from eightpost.ident.preparation.plausibility.comparison import Comparison, Kind, delay, ratio
-from eightpost.ident.preparation.plausibility.laws.pairs import across
+from eightpost.ident.preparation.plausibility.laws.pairs import across, axles, difference
 from eightpost.ident.preparation.plausibility.laws.travel import travel_fit
 from eightpost.ident.preparation.plausibility.regression import Regression, regress
-from eightpost.ident.preparation.plausibility.spectra import Spectra
+from eightpost.ident.preparation.plausibility.spectra import DIRECTION, Spectra
 
 LAW = "the balance of forces at the hub"
 
-#: Tolerance of the motion ratio from forces over that from motions [1].
-VIRTUAL_WORK = 0.15
+#: Tolerance of the motion ratio from forces over that from motions [1]: friction elsewhere than along the shock adds up
+#: to 0.11 of it; and of left and right [1].
+VIRTUAL_WORK, SYMMETRIC = 0.2, 0.1
 #: Usual delay of the shock force and its tolerance [s]: friction that sticks looks like a lead of up to 1 ms.
 LEAD, TIME = -0.5e-3, 2.5e-3
-
-#: Suffix of the channel with the direction of the shock's velocity, for friction; see `with_directions`.
-DIRECTION = "direction"
 
 
 def hub_fit(spectra: Spectra, corner: str) -> Regression | None:
@@ -45,15 +43,19 @@ def hub_fit(spectra: Spectra, corner: str) -> Regression | None:
 
 def hub_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     """Yield the comparisons of each shock's force with the tire force and the motion ratio."""
+    works = {}
     for corner in corners:
         force, tire = channel(corner, "force"), channel(corner, "tire_force")
         balance, travel = hub_fit(spectra, corner), travel_fit(spectra, corner)
         if balance is None:
             continue
         if travel is not None:
-            yield _work(corner, balance, travel)
+            works[corner] = _work(corner, balance, travel)
         yield delay(LAW, balance, lambda c: c[:, 1] / c[:, 0], effect={force: 1.0, tire: -1.0}, tolerance=TIME,
                     expected=LEAD)  # fmt: skip
+    yield from works.values()
+    for left, right in axles(works):
+        yield difference(works[left], works[right], SYMMETRIC)
 
 
 def _work(corner: str, balance: Regression, travel: Regression) -> Comparison:

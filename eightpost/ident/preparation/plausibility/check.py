@@ -1,0 +1,53 @@
+"""Check of a rig record against the laws of mechanics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from eightpost.corners import channel
+from eightpost.ident.preparation.plausibility.attribution import attribute
+from eightpost.ident.preparation.plausibility.description import findings_of
+from eightpost.ident.preparation.plausibility.disconnected import disconnected
+from eightpost.ident.preparation.plausibility.finding import Finding
+from eightpost.ident.preparation.plausibility.laws import comparisons
+from eightpost.ident.preparation.plausibility.spectra import spectra_of
+from eightpost.ident.preparation.plausibility.spikes import spikes
+from eightpost.ident.preparation.plausibility.swaps import exchanged, swaps
+from eightpost.signals.timeseries import TimeSeries
+
+_AT_CORNERS = (
+    "road", "road_command", "aero", "aero_command", "aero_position", "tire_force", "displacement", "velocity", "force",
+    "hub_acceleration", "chassis_acceleration",
+)  # fmt: skip
+_ONCE = (
+    "aero_force", "heave_force", "ride_height", "front.ride_height", "rear.ride_height", "driver.acceleration",
+    "cg.vertical_acceleration", "cg.lateral_acceleration", "cg.longitudinal_acceleration",
+)  # fmt: skip
+#: Channels that are computed from others, in which a spike is seen as well.
+_COMPUTED = ("velocity", "ride_height")
+
+
+def record_findings(series: TimeSeries, corners: Sequence[str], *, mass: float | None = None) -> tuple[Finding, ...]:
+    """Return the channels of a rig record that contradict the mechanics of the car.
+
+    Disconnected and swapped channels are left out or exchanged before the gains and delays of the others are estimated.
+
+    Args:
+        series: Rig record, before any filter.
+        corners: Names of its corners; one empty name for a quarter car.
+        mass: Mass of the car [kg]; without it, forces that are all wrong by one factor are found only if the mass is
+            that of no usual car.
+    """
+    known = {*(channel(corner, name) for corner in corners for name in _AT_CORNERS), *_ONCE}
+    record = series.select([name for name in series.names if name in known])
+    found = spikes(record, [name for name in record.names if name.rpartition(".")[2] not in _COMPUTED])
+    spectra = spectra_of(record)
+    if spectra is None:
+        return found
+    noise = disconnected(spectra, corners)
+    spectra = spectra.without(name for finding in noise for name in finding.channels)
+    swapped = swaps(spectra, corners)
+    spectra = exchanged(spectra, swapped)
+    scales = attribute(spectra, partial(comparisons, corners=corners, mass=mass))
+    return (*found, *noise, *swapped, *findings_of(scales))

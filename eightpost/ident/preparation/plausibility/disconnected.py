@@ -1,0 +1,103 @@
+"""Channels that carry noise: no other channel explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from eightpost.array_types import Array
+from eightpost.corners import channel
+from eightpost.ident.preparation.plausibility.finding import Finding
+from eightpost.ident.preparation.plausibility.laws.pairs import across
+from eightpost.ident.preparation.plausibility.rules import DISCONNECTED
+from eightpost.ident.preparation.plausibility.spectra import Spectra, Spectrum
+
+#: Largest explained share of a disconnected channel's power [1].
+NOISE = 0.3
+#: Smallest explained share of a sound channel's power [1], and share of the channels that must reach it.
+SOUND, MOST = 0.6, 0.6
+#: A corner, or an aeroloader, is not checked if its command or road moves less than this share of the largest [1].
+RESTING = 0.2
+#: Number of neighbouring frequencies over which a response is constant; responses change over about 1 Hz.
+NEIGHBOURS = 4
+#: Smallest number of degrees of freedom that must remain.
+FREEDOM = 10
+
+_OWN = ("road", "tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
+_FAR = ("hub_acceleration", "chassis_acceleration")
+
+
+def disconnected(spectra: Spectra, corners: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the channels that no other channel explains, if the others explain each other."""
+    shares = {
+        name: share
+        for name, others in _predictors(spectra, corners).items()
+        if (share := _explained(spectra.rows[name], [spectra.rows[other] for other in others])) is not None
+    }
+    sound = [name for name, share in shares.items() if share > SOUND]
+    if len(sound) < MOST * len(shares):
+        return ()
+    return tuple(_finding(name, share) for name, share in shares.items() if share < NOISE)
+
+
+def _finding(name: str, share: float) -> Finding:
+    text = f"{name} is unrelated to the other channels, which explain {100.0 * max(share, 0.0):.0f} % of its power"
+    return Finding(DISCONNECTED, (name,), text, DISCONNECTED.remedy)
+
+
+def _predictors(spectra: Spectra, corners: Sequence[str]) -> Mapping[str, Sequence[str]]:
+    """Return the channels that could explain each channel; a velocity does not explain its own potentiometer."""
+    bodies = [channel(corner, "chassis_acceleration") for corner in corners]
+    found: dict[str, list[str]] = {}
+    for corner in _moving(spectra, corners, "road"):
+        own = [channel(corner, name) for name in (*_OWN, "road_command")]
+        other = across(corner)
+        far = [] if other is None else [channel(other, name) for name in _FAR]
+        for quantity in (*_OWN, "road_command", "velocity"):
+            name = channel(corner, quantity)
+            skipped = channel(corner, "displacement") if quantity == "velocity" else name
+            found[name] = [n for n in (*own, *far) if n not in (name, skipped)]
+    for corner in _moving(spectra, corners, "aero"):
+        aero = [channel(corner, name) for name in ("aero", "aero_command", "aero_position")]
+        for name in aero:
+            found[name] = [n for n in (*aero, *bodies) if n != name]
+    if len(_moving(spectra, corners, "road")) == len(corners):
+        found |= {name: bodies for name in ("cg.vertical_acceleration", "driver.acceleration")}
+    known = {name: [other for other in others if other in spectra] for name, others in found.items() if name in spectra}
+    return {name: others for name, others in known.items() if others}
+
+
+def _moving(spectra: Spectra, corners: Sequence[str], quantity: str) -> list[str]:
+    """Return the corners whose actuator moves, by its command or, without one, by itself."""
+    sizes = {}
+    for corner in corners:
+        names = [name for name in (channel(corner, f"{quantity}_command"), channel(corner, quantity)) if name in spectra]
+        if names:
+            sizes[corner] = max(float(np.linalg.norm(spectra.rows[name])) for name in names)
+    return [corner for corner, size in sizes.items() if size > RESTING * max(sizes.values())]
+
+
+def _explained(output: Spectrum, inputs: Sequence[Spectrum]) -> float | None:
+    """Return the share of an output's power that responses to the inputs explain, adjusted for their number."""
+    edges = range(0, output.shape[1] - NEIGHBOURS + 1, NEIGHBOURS)
+    # Neighbouring frequencies and overlapping segments of a Hann window are not independent.
+    samples = len(output) * NEIGHBOURS / 3.0
+    if samples - len(inputs) < FREEDOM:
+        return None
+    parts = np.array([_residual(output[:, k : k + NEIGHBOURS], [x[:, k : k + NEIGHBOURS] for x in inputs]) for k in edges])
+    left, power = parts.sum(axis=0)
+    return 1.0 - float(left / power) * samples / (samples - len(inputs)) if power > 0.0 else None
+
+
+def _residual(output: Spectrum, inputs: Sequence[Spectrum]) -> Array:
+    """Return the residual of the best response in one band, and the power, both relative to the power."""
+    y = output.ravel()
+    columns = np.stack([x.ravel() for x in inputs], axis=1)
+    sizes = np.linalg.norm(columns, axis=0)
+    columns = columns[:, sizes > 0.0] / sizes[sizes > 0.0]
+    power = float(np.vdot(y, y).real)
+    if power == 0.0 or not columns.size:
+        return np.array([1.0, 1.0])
+    rest = y - columns @ np.linalg.lstsq(columns, y, rcond=1e-9)[0]
+    return np.array([float(np.vdot(rest, rest).real), power])
