@@ -102,6 +102,7 @@ def identify(  # one parameter per option
     from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
     from eightpost.rig.post.rig_test import read_rig_tests
+    from eightpost.verdict import Verdict
 
     console = Console()
     _check(output, rig_files, baseline)
@@ -124,11 +125,12 @@ def identify(  # one parameter per option
         experiment = replace(experiment, static={n: v for n, v in rating.zero.items() if n in experiment.outputs})
     with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
         fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
-    fit = with_validity(fit)
-    _show_fit(console, fit)
+    fit = with_validity(fit, prepared.reasons)
+    verdict = Verdict((*fit_verdict(fit).reasons, *prepared.reasons))
+    _show_fit(console, fit, verdict)
     written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if fit_verdict(fit).is_acceptable else 1)
+    ctx.exit(0 if verdict.is_acceptable else 1)
 
 
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
@@ -164,11 +166,10 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 
-def _show_fit(console: Console, fit: VehicleFit) -> None:
+def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     from eightpost.app.show import show_verdict
     from eightpost.ident.vehicle.verdict import (
         damping_sentence,
-        fit_verdict,
         friction_table,
         residual_table,
         trust_table,
@@ -182,4 +183,4 @@ def _show_fit(console: Console, fit: VehicleFit) -> None:
     console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
     for note in fit.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    show_verdict(console, fit_verdict(fit))
+    show_verdict(console, verdict)

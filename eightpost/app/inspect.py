@@ -183,7 +183,8 @@ def _show_rig_test(console: Console, test: RigTest) -> bool:
             console.print(escape(line))
     for note in test.derived:
         console.print(f"[yellow]note[/] {escape(note)}")
-    return _show_lags(console, test)
+    is_late = _show_lags(console, test)
+    return _show_findings(console, test) or is_late
 
 
 def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
@@ -208,3 +209,13 @@ def _show_lags(console: Console, test: RigTest) -> bool:
     for drift in changes:
         console.print(f"[red]warning[/] from start to end {escape(drift.drift_text)}")
     return bool(late or changes)
+
+
+def _show_findings(console: Console, test: RigTest) -> bool:
+    """Print the channels that contradict the mechanics of the car; return whether there are any."""
+    from eightpost.ident.preparation.plausibility import record_findings
+
+    findings = record_findings(test.series, test.corners)
+    for finding in findings:
+        console.print(f"[red]warning[/] {escape(str(finding))}")
+    return bool(findings)

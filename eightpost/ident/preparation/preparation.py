@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -21,12 +21,14 @@ from eightpost.ident.preparation.lags import (
     drive_lag,
     record_lags,
 )
+from eightpost.ident.preparation.plausibility import Finding, record_findings
 from eightpost.ident.threads import for_each
 from eightpost.rig.post.car import Geometry
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.verdict import Reason, listed
 
 # ---- Prepared records, with descriptions of their preparation -------------------------------------------------------
 
@@ -44,6 +46,7 @@ class Prepared:
         steps: Descriptions of the steps that were applied to all records, a sentence each.
         notes: Findings that the user should check, a sentence each.
         sources: SHA-256 digest of each file by name.
+        findings: Channels of each record that contradict the mechanics of the car.
     """
 
     records: tuple[TimeSeries, ...]
@@ -54,6 +57,13 @@ class Prepared:
     steps: tuple[str, ...]
     notes: tuple[str, ...]
     sources: Mapping[str, str]
+    findings: tuple[tuple[Finding, ...], ...] = ()
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Findings as reasons of a verdict; one that several records have is a single reason."""
+        places = _places(self.names, self.findings)
+        return tuple(finding.reason(listed(names)) for finding, names in places)
 
     @property
     def rate(self) -> float:
@@ -72,6 +82,17 @@ class Prepared:
             for name, record in zip(self.names, self.records, strict=True)
         ]
         return (*lines, *self.steps, *(f"note: {note}" for note in self.notes))
+
+
+def _places(
+    names: Sequence[str], findings: Sequence[Sequence[Finding]]
+) -> Iterator[tuple[Finding, Sequence[str]]]:
+    """Yield each finding with the names of the records that have it, in the words of the first one."""
+    found: dict[tuple[str, tuple[str, ...]], tuple[Finding, list[str]]] = {}
+    for name, own in zip(names, findings, strict=True):
+        for finding in own:
+            found.setdefault((finding.rule.name, finding.channels), (finding, []))[1].append(name)
+    yield from found.values()
 
 
 # ---- Preparation of recorded rig tests for an identification (6.1.2, 6.4.1) -----------------------------------------
@@ -96,6 +117,7 @@ class Preparation:
         same_start: Channel by which every record is synchronised with the first one, such as `lf.road`; None does not
             synchronise. Recipes that need the same drive sample by sample require it.
         settling: Time omitted at the start of every record [s].
+        mass: Mass of the car [kg], by which the forces are checked; None if it is unknown.
     """
 
     decimation: Decimation = field(default_factory=Decimation)
@@ -104,6 +126,7 @@ class Preparation:
     delays: Mapping[str, float] = field(default_factory=dict)
     same_start: str | None = None
     settling: float = 0.0
+    mass: float | None = None
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -111,6 +134,8 @@ class Preparation:
             raise ParameterError(f"the potentiometers' cut-off must be above 0 Hz, not {self.pot_cutoff:g}")
         if self.settling < 0.0:
             raise ParameterError(f"the settling must not be negative; it is {self.settling:g} s")
+        if self.mass is not None and not self.mass > 0.0:
+            raise ParameterError(f"the mass of the car must be above 0 kg, not {self.mass:g}")
 
 
 def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) -> Prepared:
@@ -151,6 +176,7 @@ class _Single(NamedTuple):
     means: Mapping[str, float]
     lags: tuple[Lag, ...]
     drifts: tuple[Lag, ...]
+    findings: tuple[Finding, ...]
     steps: tuple[str, ...]
     sha256: str
     full: TimeSeries | None
@@ -166,6 +192,7 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
     check_lost_channels(test.series, corners, path=test.source)
     series = advance_channels(test.series, how.delays)
     changes = drifts(series, corners)
+    findings = record_findings(series, corners, mass=how.mass)
     full = series.select([how.same_start]) if how.same_start and first is None else None
     lags = list(record_lags(series, corners))
     if how.same_start and first is not None and first.full is not None:
@@ -178,7 +205,7 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         record, means = _decimated(series, computed, first_kept, how.decimation)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from error
-    return _Single(name, corners, record, means, tuple(lags), changes, steps, test.sha256, full)
+    return _Single(name, corners, record, means, tuple(lags), changes, findings, steps, test.sha256, full)
 
 
 def _math_channels(series: TimeSeries, corners: Sequence[str], how: Preparation) -> tuple[Channels, tuple[str, ...]]:
@@ -251,6 +278,7 @@ def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
         steps=_steps(singles[0], how),
         notes=_notes(singles, shared, how),
         sources={single.name: single.sha256 for single in singles if single.sha256},
+        findings=tuple(single.findings for single in singles),
     )
 
 
@@ -286,7 +314,8 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
             f"{single.name}: between start and end {drift.drift_text}; use part of the record"
             for drift in single.drifts
         ]
-
+    names, findings = [single.name for single in singles], [single.findings for single in singles]
+    notes += [f"{listed(places)}: {finding}" for finding, places in _places(names, findings)]
     return tuple(notes)
 
 

@@ -14,7 +14,7 @@ from eightpost.ident.preparation.preparation import Preparation
 from eightpost.rig.post.car import Geometry
 from eightpost.units import convert, quantity
 
-_KEYS = ("rate", "pot_cutoff", "settling", "same_start", "delays", "geometry")
+_KEYS = ("rate", "pot_cutoff", "settling", "same_start", "mass", "delays", "geometry")
 #: Value of `pot_cutoff` that keeps the records' own velocities.
 _OWN = "own"
 
@@ -28,6 +28,7 @@ def read_preparation(path: str | Path) -> Preparation:
         pot_cutoff = "50 Hz"        # or "own": keep the records' velocities
         settling = "2 s"
         same_start = "lf.road"
+        mass = "1400 kg"
 
         [delays]
         "lf.force" = "4.2 ms"
@@ -49,6 +50,8 @@ def read_preparation(path: str | Path) -> Preparation:
         given["pot_cutoff"] = None if own else _si(path, "pot_cutoff", content["pot_cutoff"], "Hz")
     if "settling" in content:
         given["settling"] = _si(path, "settling", content["settling"], "s")
+    if "mass" in content:
+        given["mass"] = _si(path, "mass", content["mass"], "kg")
     if "same_start" in content:
         given["same_start"] = str(content["same_start"])
     delays = _table(path, content, "delays")

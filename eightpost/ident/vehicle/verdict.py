@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
@@ -120,9 +120,10 @@ RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if i
 _MODELLED = ("friction",)
 
 
-def with_validity(fit: VehicleFit) -> VehicleFit:
-    """Return the fit with its verdict and the covered ranges added to the vehicle."""
-    validity = Validity(fit_verdict(fit), tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
+def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
+    """Return the fit with its verdict, with further reasons, and the covered ranges added to the vehicle."""
+    verdict = Verdict((*fit_verdict(fit).reasons, *further))
+    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
     return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
 
 

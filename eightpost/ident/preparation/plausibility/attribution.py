@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eightpost.array_types import Array
 from eightpost.ident.preparation.plausibility.comparison import SIGNIFICANT, Comparison, Kind
 from eightpost.ident.preparation.plausibility.spectra import Spectra
 
@@ -16,6 +17,8 @@ MOST = 12
 AS_GOOD = 0.95
 #: Minimum share of the violations' squared scores that an explanation must remove.
 EXPLAINS = 0.25
+#: Largest number of times that a fault is estimated again after its correction.
+REFINEMENTS = 4
 #: Smallest gain, as a logarithm, and smallest delay [s] that are reported.
 SMALLEST = {Kind.GAIN: 0.04, Kind.DELAY: 0.7e-3}
 
@@ -71,16 +74,54 @@ def attribute(spectra: Spectra, compare: Callable[[Spectra], Iterator[Comparison
         best = _best(left)
         if best is None:
             break
-        gain, delay = (np.exp(best.value), 0.0) if best.kind is Kind.GAIN else (1.0, best.value)
-        spectra = spectra.corrected(best.channels, gain=float(gain), delay=delay)
+        spectra, left, best = _corrected(spectra, left, best, compare)
         key = best.kind, best.name
-        earlier = found.get(key)
-        if earlier is not None:
-            best = earlier._replace(value=earlier.value + best.value)
-        found[key] = best
-        left = tuple(compare(spectra))
+        found[key] = best._replace(value=best.value + found[key].value) if key in found else best
     faults = tuple(fault for fault in found.values() if abs(fault.value) > SMALLEST[fault.kind])
     return Attribution(faults, tuple(one for one in left if one.is_violated))
+
+
+def _corrected(
+    spectra: Spectra, left: tuple[Comparison, ...], fault: Fault, compare: Callable[[Spectra], Iterator[Comparison]]
+) -> tuple[Spectra, tuple[Comparison, ...], Fault]:
+    """Return the spectra with a fault corrected, their comparisons, and the fault with its refined value."""
+    total, step = 0.0, fault.value
+    for _ in range(REFINEMENTS):
+        gain, delay = (float(np.exp(step)), 0.0) if fault.kind is Kind.GAIN else (1.0, step)
+        spectra = spectra.corrected(fault.channels, gain=gain, delay=delay)
+        total, left = total + step, tuple(compare(spectra))
+        step = _least_squares([one for one in left if one.kind is fault.kind], fault.channels).value
+        if abs(step) < 0.02 * abs(total):
+            break
+    return spectra, left, fault._replace(value=total)
+
+
+class _Estimate(NamedTuple):
+    """Least-squares estimate of a fault from all comparisons.
+
+    Attributes:
+        value: Logarithm of the gain, or delay [s].
+        norm: Sum of the squared effects on the scores.
+        effects: Effect on each score (C,).
+        scores: Scores (C,).
+    """
+
+    value: float
+    norm: float
+    effects: Array
+    scores: Array
+
+    @property
+    def reduction(self) -> float:
+        """Reduction of the sum of squared scores."""
+        return self.value**2 * self.norm
+
+
+def _least_squares(comparisons: Sequence[Comparison], channels: Sequence[str]) -> _Estimate:
+    effects = np.array([sum(one.effect.get(n, 0.0) for n in channels) / one.scale for one in comparisons])
+    scores = np.array([one.score for one in comparisons])
+    norm = float(effects @ effects)
+    return _Estimate(float(effects @ scores) / norm if norm > 0.0 else 0.0, norm, effects, scores)
 
 
 def _best(comparisons: Sequence[Comparison]) -> Fault | None:
@@ -101,20 +142,16 @@ def _best(comparisons: Sequence[Comparison]) -> Fault | None:
 
 def _explanations(comparisons: Sequence[Comparison]) -> Iterator[tuple[float, Fault]]:
     """Yield the reduction of squared scores with each explanation that removes enough of the violations."""
-    scales = np.array([one.scale for one in comparisons])
-    scores = np.array([one.score for one in comparisons])
     violated = np.array([one.is_violated for one in comparisons])
     for name, channels in _hypotheses(comparisons).items():
-        effect = np.array([sum(one.effect.get(channel, 0.0) for channel in channels) for one in comparisons]) / scales
-        norm = float(effect @ effect)
-        if norm == 0.0 or not np.any(violated & (np.abs(effect) > 0.0)):
+        found = _least_squares(comparisons, channels)
+        concerned = found.effects != 0.0
+        if not np.any(violated & concerned):
             continue
-        value = float(effect @ scores) / norm
-        reduction = value**2 * norm
-        if reduction < SIGNIFICANT**2 or reduction < EXPLAINS * float(np.sum((scores * (effect != 0.0)) ** 2)):
-            continue
-        sharpest = comparisons[int(np.argmax(np.abs(effect)))]
-        yield reduction, Fault(sharpest.kind, name, channels, value, float(norm**-0.5), sharpest.law)
+        if found.reduction > max(SIGNIFICANT**2, EXPLAINS * float(np.sum(found.scores[concerned] ** 2))):
+            sharpest = comparisons[int(np.argmax(np.abs(found.effects)))]
+            fault = Fault(sharpest.kind, name, channels, found.value, found.norm**-0.5, sharpest.law)
+            yield found.reduction, fault
 
 
 def _hypotheses(comparisons: Sequence[Comparison]) -> Mapping[str, tuple[str, ...]]:

@@ -9,6 +9,7 @@ from eightpost.corners import channel
 from eightpost.ident.preparation.plausibility.attribution import attribute
 from eightpost.ident.preparation.plausibility.description import findings_of
 from eightpost.ident.preparation.plausibility.disconnected import disconnected
+from eightpost.ident.preparation.plausibility.drive import is_broadband
 from eightpost.ident.preparation.plausibility.finding import Finding
 from eightpost.ident.preparation.plausibility.laws import comparisons
 from eightpost.ident.preparation.plausibility.spectra import spectra_of
@@ -24,13 +25,14 @@ _ONCE = (
     "aero_force", "heave_force", "ride_height", "front.ride_height", "rear.ride_height", "driver.acceleration",
     "cg.vertical_acceleration", "cg.lateral_acceleration", "cg.longitudinal_acceleration",
 )  # fmt: skip
-#: Channels that are computed from others, in which a spike is seen as well.
+#: Channels that are usually computed from others: they repeat the spikes of these, and so are no witnesses of a bump.
 _COMPUTED = ("velocity", "ride_height")
 
 
 def record_findings(series: TimeSeries, corners: Sequence[str], *, mass: float | None = None) -> tuple[Finding, ...]:
     """Return the channels of a rig record that contradict the mechanics of the car.
 
+    Spikes are searched in every record, other faults only in those of random and track drives of at least 14 s.
     Disconnected and swapped channels are left out or exchanged before the gains and delays of the others are estimated.
 
     Args:
@@ -41,9 +43,10 @@ def record_findings(series: TimeSeries, corners: Sequence[str], *, mass: float |
     """
     known = {*(channel(corner, name) for corner in corners for name in _AT_CORNERS), *_ONCE}
     record = series.select([name for name in series.names if name in known])
-    found = spikes(record, [name for name in record.names if name.rpartition(".")[2] not in _COMPUTED])
+    computed = [name for name in record.names if name.rpartition(".")[2] in _COMPUTED]
+    found = spikes(record, computed=computed)
     spectra = spectra_of(record)
-    if spectra is None:
+    if spectra is None or not is_broadband(spectra, corners):
         return found
     noise = disconnected(spectra, corners)
     spectra = spectra.without(name for finding in noise for name in finding.channels)

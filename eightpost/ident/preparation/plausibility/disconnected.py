@@ -19,6 +19,8 @@ NOISE = 0.3
 SOUND, MOST = 0.6, 0.6
 #: A corner, or an aeroloader, is not checked if its command or road moves less than this share of the largest [1].
 RESTING = 0.2
+#: Aeroloaders that move less than this share of the largest tire force are at rest [1].
+UNLOADED = 0.02
 #: Number of neighbouring frequencies over which a response is constant; responses change over about 1 Hz.
 NEIGHBOURS = 4
 #: Smallest number of degrees of freedom that must remain.
@@ -64,6 +66,8 @@ def _predictors(spectra: Spectra, corners: Sequence[str]) -> Mapping[str, Sequen
             found[name] = [n for n in (*aero, *bodies) if n != name]
     if len(_moving(spectra, corners, "road")) == len(corners):
         found |= {name: bodies for name in ("cg.vertical_acceleration", "driver.acceleration")}
+        roads = [channel(corner, "road") for corner in corners]
+        found |= {name: [*bodies, *roads] for name in ("ride_height", "front.ride_height", "rear.ride_height")}
     known = {name: [other for other in others if other in spectra] for name, others in found.items() if name in spectra}
     return {name: others for name, others in known.items() if others}
 
@@ -75,7 +79,15 @@ def _moving(spectra: Spectra, corners: Sequence[str], quantity: str) -> list[str
         names = [name for name in (channel(corner, f"{quantity}_command"), channel(corner, quantity)) if name in spectra]
         if names:
             sizes[corner] = max(float(np.linalg.norm(spectra.rows[name])) for name in names)
-    return [corner for corner, size in sizes.items() if size > RESTING * max(sizes.values())]
+    largest = max(sizes.values(), default=0.0)
+    if quantity == "aero" and largest < UNLOADED * _tire_size(spectra, corners):
+        return []
+    return [corner for corner, size in sizes.items() if size > RESTING * largest]
+
+
+def _tire_size(spectra: Spectra, corners: Sequence[str]) -> float:
+    names = [channel(corner, "tire_force") for corner in corners]
+    return max((float(np.linalg.norm(spectra.rows[name])) for name in names if name in spectra), default=0.0)
 
 
 def _explained(output: Spectrum, inputs: Sequence[Spectrum]) -> float | None:

@@ -35,10 +35,12 @@ class Spectra:
     Attributes:
         frequencies: Frequencies f (F,) [Hz].
         rows: Spectra (S, F) of S segments by channel.
+        left_out: Names of channels of the record that must not be used.
     """
 
     frequencies: NDArray[np.float64]
     rows: Mapping[str, Spectrum]
+    left_out: frozenset[str] = frozenset()
 
     def __contains__(self, name: str) -> bool:
         """Return whether a channel is known."""
@@ -64,8 +66,9 @@ class Spectra:
 
     def without(self, names: Iterable[str]) -> Spectra:
         """Return the spectra without some channels."""
-        left_out = set(names)
-        return replace(self, rows={name: row for name, row in self.rows.items() if name not in left_out})
+        left_out = self.left_out | set(names)
+        rows = {name: row for name, row in self.rows.items() if name not in left_out}
+        return replace(self, rows=rows, left_out=left_out)
 
 
 def spectra_of(series: TimeSeries) -> Spectra | None:

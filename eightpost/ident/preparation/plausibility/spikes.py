@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from eightpost.array_types import Array
 from eightpost.ident.preparation.plausibility.finding import Finding
@@ -24,27 +23,41 @@ SAME_TIME = 0.02
 DISTANCES = (1, 3)
 #: Length over which the usual deviation is estimated [s].
 LOCAL = 1.0
+#: The usual deviation is estimated from every n-th sample.
+STRIDE = 5
+#: Largest number of candidates per channel that are examined.
+MOST = 1000
 
 
-def spikes(series: TimeSeries, names: Sequence[str]) -> tuple[Finding, ...]:
+def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> tuple[Finding, ...]:
     """Return the channels with spikes.
 
     A sample is predicted by the cubic through its neighbours: x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6.
 
     Args:
         series: Record.
-        names: Names of the measured channels.
+        computed: Names of channels that may be computed from others.
     """
     reach = max(1, round(SAME_TIME * series.sample_rate))
     block = max(8, round(LOCAL * series.sample_rate))
     found: dict[str, Array] = {}
     for distance in DISTANCES:
-        scores = {name: _scores(series[name], distance, block) for name in names}
-        for name, places in _alone(scores, reach).items():
-            deviation = np.abs(_deviations(series[name], distance))[places]
-            kept = places[deviation > SHARE * float(series[name].std())]
-            found[name] = np.union1d(found.get(name, np.array([], dtype=np.intp)), kept)
+        scores = {name: _scores(series[name], distance, block) for name in series.names}
+        for name, score in scores.items():
+            candidates = np.flatnonzero(score > FACTOR)[:MOST]
+            sizes = np.abs(_deviations(series[name], distance)[candidates])
+            candidates = candidates[sizes > SHARE * float(series[name].std())]
+            measured = [other for other in series.names if other != name and other not in computed]
+            others = [scores[other] for other in measured]
+            places = [place for place in candidates.tolist() if not _is_bump(others, place, reach)]
+            found[name] = np.union1d(found.get(name, np.array([], dtype=np.intp)), places).astype(np.intp)
     return tuple(_finding(series, name, places) for name, places in found.items() if places.size)
+
+
+def _is_bump(others: Sequence[Array], place: int, reach: int) -> bool:
+    """Return whether another channel deviates from its neighbours at about the same time."""
+    near = slice(max(0, place - reach), place + reach + 1)
+    return any(float(score[near].max()) > BUMP for score in others)
 
 
 def _deviations(values: Array, distance: int) -> Array:
@@ -62,23 +75,17 @@ def _scores(values: Array, distance: int, block: int) -> Array:
     """Return the deviations (N,) in multiples of the usual one, the median in blocks of the record."""
     deviations = np.abs(_deviations(values, distance))
     count = max(1, values.size // block)
-    usual = np.array([np.median(part) for part in np.array_split(deviations, count)]) / 0.6745
+    size = values.size // count
+    usual = np.median(deviations[: count * size].reshape(count, size)[:, ::STRIDE], axis=1) / 0.6745
     usual = np.maximum(usual, 1e-6 * float(values.std()) + 1e-300)
-    sizes = [part.size for part in np.array_split(deviations, count)]
-    return np.asarray(deviations / np.repeat(usual, sizes))
-
-
-def _alone(scores: Mapping[str, Array], reach: int) -> dict[str, Array]:
-    """Return the samples of each channel that deviate while no other channel does."""
-    wide = {name: maximum_filter1d(score, 2 * reach + 1) > BUMP for name, score in scores.items()}
-    together = np.sum(list(wide.values()), axis=0)
-    return {name: np.flatnonzero((score > FACTOR) & (together - wide[name] == 0)) for name, score in scores.items()}
+    return np.asarray(deviations / usual[np.minimum(np.arange(values.size) // size, count - 1)])
 
 
 def _finding(series: TimeSeries, name: str, places: Array) -> Finding:
-    first = int(places[0])
-    groups = 1 + int(np.count_nonzero(np.diff(places) > max(DISTANCES) * 4))
-    many = f"{groups} spikes, the first" if groups > 1 else "a spike"
-    size = max(abs(float(_deviations(series[name], d)[first])) for d in DISTANCES) / float(series[name].std())
-    text = f"{name} has {many} at {series.time[first]:.4g} s ({size:.1f} standard deviations), which no other channel sees"
+    deviations = np.max([np.abs(_deviations(series[name], distance)) for distance in DISTANCES], axis=0)[places]
+    groups = np.split(np.arange(places.size), 1 + np.flatnonzero(np.diff(places) > 4 * max(DISTANCES)))
+    peak = groups[0][int(np.argmax(deviations[groups[0]]))]
+    many = f"{len(groups)} spikes, the first" if len(groups) > 1 else "a spike"
+    where = f"at {series.time[places[peak]]:.4g} s ({deviations[peak] / series[name].std():.1f} standard deviations)"
+    text = f"{name} has {many} {where}, which no other channel sees"
     return Finding(SPIKES, (name,), text, SPIKES.remedy)

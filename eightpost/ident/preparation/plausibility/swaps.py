@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 from eightpost.corners import channel
@@ -34,7 +35,7 @@ def exchanged(spectra: Spectra, findings: Sequence[Finding]) -> Spectra:
         half = len(finding.channels) // 2
         for one, other in zip(finding.channels[:half], finding.channels[half:], strict=True):
             rows[one], rows[other] = rows[other], rows[one]
-    return Spectra(spectra.frequencies, rows)
+    return replace(spectra, rows=rows)
 
 
 def _shares(spectra: Spectra, pots: Sequence[str], accelerometers: Sequence[str]) -> float | None:

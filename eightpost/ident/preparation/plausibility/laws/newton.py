@@ -57,7 +57,7 @@ def newton_comparisons(spectra: Spectra, corners: Sequence[str], mass: float | N
     hubs, bodies = (
         [channel(corner, name) for corner in corners] for name in ("hub_acceleration", "chassis_acceleration")
     )
-    if not spectra.has((*forces, *hubs, *bodies)):
+    if not spectra.has((*forces, *hubs, *bodies)) or _is_load_unknown(spectra, corners):
         return
     loads = _loads(spectra, corners)
     terms = _terms(spectra, corners, loads)
@@ -74,6 +74,12 @@ def _loads(spectra: Spectra, corners: Sequence[str]) -> dict[str, float]:
     """Return the sign in the balance of each load on the chassis."""
     down = [name for name in (*(channel(corner, "aero") for corner in corners), "aero_force") if name in spectra]
     return dict.fromkeys(down, 1.0) | ({"heave_force": -1.0} if "heave_force" in spectra else {})
+
+
+def _is_load_unknown(spectra: Spectra, corners: Sequence[str]) -> bool:
+    """Return whether a load on the chassis has no channel that can be used, although there is one or a command of it."""
+    names = [*(channel(corner, "aero") for corner in corners), "aero_force", "heave_force"]
+    return any(name in spectra.left_out or (f"{name}_command" in spectra and name not in spectra) for name in names)
 
 
 def _terms(spectra: Spectra, corners: Sequence[str], loads: dict[str, float]) -> _Terms:
