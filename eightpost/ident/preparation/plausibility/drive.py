@@ -8,6 +8,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
+from eightpost.ident.preparation.plausibility.laws.tire import tire_fit
 from eightpost.ident.preparation.plausibility.spectra import Spectra
 
 #: Share of the roads that must be broadband [1]; one of four may be disconnected.
@@ -18,6 +19,10 @@ FREQUENCIES = 10.0
 SEGMENTS = 0.5
 #: A road at rest moves less than this share of the largest [1].
 RESTING = 0.1
+#: Tire force over road [N/m] above which the roads are at rest: sixty times the stiffness of a tire.
+STIFFEST = 2e7
+#: Share of the tire forces that roads and hubs explain below which they are noise [1]; above 0.95 in random tests.
+EXPLAINED = 0.5
 
 
 def is_broadband(spectra: Spectra, corners: Sequence[str]) -> bool:
@@ -27,9 +32,26 @@ def is_broadband(spectra: Spectra, corners: Sequence[str]) -> bool:
         names = [name for name in (channel(corner, "road"), channel(corner, "road_command")) if name in spectra]
         own = [np.abs(spectra.derivative(name, 2)) ** 2 for name in names]
         powers.append(max(own, key=_spread) if own else np.zeros((1, 1)))
+    if not any(power.any() for power in powers) or _is_at_rest(spectra, corners) or _is_noise(spectra, corners):
+        return False
     largest = max(float(power.sum()) for power in powers)
     moving = [float(power.sum()) > RESTING**2 * largest and _spread(power) >= 1.0 for power in powers]
     return float(np.mean(moving)) > MOST
+
+
+def _is_at_rest(spectra: Spectra, corners: Sequence[str]) -> bool:
+    """Return whether the roads have noise only, while aeroloaders move the car."""
+    sizes = [
+        max((float(np.linalg.norm(spectra.rows[name])) for name in names if name in spectra), default=0.0)
+        for names in ([channel(corner, quantity) for corner in corners] for quantity in ("tire_force", "road"))
+    ]
+    return sizes[0] > STIFFEST * sizes[1]
+
+
+def _is_noise(spectra: Spectra, corners: Sequence[str]) -> bool:
+    """Return whether road and hub explain no tire's force, as in a quasi-static test."""
+    fits = [fit for corner in corners if (fit := tire_fit(spectra, corner)) is not None]
+    return bool(fits) and float(np.median([fit.explained for fit in fits])) < EXPLAINED
 
 
 def _spread(power: Array) -> float:

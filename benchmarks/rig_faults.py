@@ -1,0 +1,220 @@
+"""Faults of rig records: which are found, from which size, and how often a sound record is reported.
+
+    python -m benchmarks.rig_faults --clean 100 --records 10
+
+prints the tables of docs/rig_data.md. Records are 60 s of the random test on two cars: the 8-post stand-in, and the
+flexible car with an engine on mounts (another car for each seed). Shocks are drawn from the virtual bank; every second
+record has an alternate shock at one corner. All seeds are from 1000 on; lower seeds were used for tuning.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from time import perf_counter
+
+import numpy as np
+
+from eightpost.ident.preparation import advance_channels
+from eightpost.ident.preparation.plausibility import Finding, record_findings, rules
+from eightpost.rig.post import RigTest, flexible_truth, random_drive, run_test, stand_in_truth
+from eightpost.rig.post.shocks import shocks_named
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Rule
+
+SECONDS, FIRST_SEED = 60.0, 1000
+CARS = ("stand-in", "flexible")
+SHOCKS = ("demo:A", "demo:B", "configuration:1", "configuration:5", "build:B/B", "build:C/B")
+
+#: Quantities at the corners, and other channels.
+QUANTITIES = (
+    "road", "road_command", "aero", "aero_command", "aero_position", "tire_force", "displacement", "velocity", "force",
+    "hub_acceleration", "chassis_acceleration",
+)  # fmt: skip
+OTHERS = ("cg.vertical_acceleration", "driver.acceleration", "front.ride_height", "rear.ride_height")
+
+Change = Callable[[TimeSeries, str, float, np.random.Generator], TimeSeries]
+
+
+@cache
+def record(car: str, seed: int) -> RigTest:
+    """Return a sound record."""
+    generator = np.random.default_rng(seed)
+    names = [str(generator.choice(SHOCKS))] * 4
+    if seed % 2:
+        names[generator.integers(4)] = str(generator.choice(SHOCKS))
+    truth = stand_in_truth() if car == "stand-in" else flexible_truth(seed)
+    bank = shocks_named(names)
+    drive = random_drive(truth, seed, duration=SECONDS)
+    return run_test(truth, drive, [bank[name] for name in names], seed=seed)
+
+
+def scaled(series: TimeSeries, name: str, size: float, _: np.random.Generator) -> TimeSeries:
+    """Return the record with a channel multiplied by a factor."""
+    return series.with_channel(name, series.unit(name), series[name] * size)
+
+
+def delayed(series: TimeSeries, name: str, size: float, _: np.random.Generator) -> TimeSeries:
+    """Return the record with a channel delayed by a time [ms]."""
+    return advance_channels(series, {name: -1e-3 * size})
+
+
+def spiked(series: TimeSeries, name: str, size: float, generator: np.random.Generator) -> TimeSeries:
+    """Return the record with three spikes of one sample [standard deviations of the channel]."""
+    values = series[name].copy()
+    values[generator.integers(50, len(series) - 50, 3)] += size * values.std()
+    return series.with_channel(name, series.unit(name), values)
+
+
+def disconnected(series: TimeSeries, name: str, size: float, generator: np.random.Generator) -> TimeSeries:
+    """Return the record with white noise instead of a channel [standard deviations of the channel]."""
+    noise = series[name].mean() + size * series[name].std() * generator.standard_normal(len(series))
+    return series.with_channel(name, series.unit(name), noise)
+
+
+def swapped(series: TimeSeries, name: str, _: float, __: np.random.Generator) -> TimeSeries:
+    """Return the record with potentiometers, velocities and shock forces of an axle swapped."""
+    left = name.partition(".")[0]
+    right = left.replace("l", "r", 1)
+    rows = {n: series[n] for n in series.names}
+    for quantity in ("displacement", "velocity", "force"):
+        for one, other in ((left, right), (right, left)):
+            series = series.with_channel(f"{one}.{quantity}", series.unit(f"{one}.{quantity}"), rows[f"{other}.{quantity}"])
+    return series
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A kind of fault: how it is made, the rule that must find it, and its sizes, the named one first."""
+
+    name: str
+    change: Change
+    rule: Rule
+    named: tuple[float, ...]
+    ladder: tuple[float, ...] = ()
+    unit: str = ""
+
+
+FAULTS = (
+    Fault("factor", scaled, rules.WRONG_SCALE, (1.3, 1.0 / 1.3), (1.25, 1.2, 1.15, 1.1, 1.05)),
+    Fault("delay", delayed, rules.WRONG_DELAY, (5.0, -5.0), (4.0, 3.0, 2.0, 1.0), "ms"),
+    Fault("spikes", spiked, rules.SPIKES, (8.0,), (4.0, 2.0, 1.0, 0.5), "sd"),
+    Fault("noise", disconnected, rules.DISCONNECTED, (1.0, 0.1), (), "sd"),
+)
+_FORCES, _LENGTHS = ("aero", "tire_force", "force"), ("road", "displacement", "aero_position", "height")
+
+
+def unit_factor(quantity: str) -> float | None:
+    """Return the factor of the wrong unit: N read as lbf, or in read as mm."""
+    if quantity.removesuffix("_command") in _FORCES:
+        return 4.4482
+    return 1.0 / 25.4 if any(quantity.removesuffix("_command").endswith(name) for name in _LENGTHS) else None
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Number of trials, of those in which the faulty channel is named, and of those in which nothing else is."""
+
+    trials: int
+    found: int
+    alone: int
+
+    def __str__(self) -> str:
+        return f"{100.0 * self.found / self.trials:.0f} / {100.0 * self.alone / self.trials:.0f}"
+
+
+def rate(fault: Fault, quantity: str, size: float, seeds: Sequence[int]) -> Rate:
+    """Return the detection rate of a fault of one size in a quantity, on records of both cars."""
+    outcomes = [_outcome(fault, quantity, size, car, seed) for car in CARS for seed in seeds]
+    return Rate(len(outcomes), sum(found for found, _ in outcomes), sum(alone for _, alone in outcomes))
+
+
+def _outcome(fault: Fault, quantity: str, size: float, car: str, seed: int) -> tuple[bool, bool]:
+    generator = np.random.default_rng((seed, len(quantity)))
+    name = quantity if "." in quantity else f"{generator.choice(('lf', 'rf', 'lr', 'rr'))}.{quantity}"
+    test = record(car, seed)
+    found = record_findings(fault.change(test.series, name, size, generator), test.corners)
+    own = [one for one in found if one.rule is fault.rule and name in one.channels]
+    return bool(own), bool(own) and len(found) == 1 and one_channel(own[0])
+
+
+def one_channel(finding: Finding) -> bool:
+    """Return whether a finding names a single channel."""
+    return len(finding.channels) == 1
+
+
+def row(fault: Fault, quantity: str, seeds: Sequence[int]) -> list[str]:
+    """Return the cells of a quantity: rates at the named sizes, then the smallest size that is found in 95 %."""
+    named = [rate(fault, quantity, size, seeds) for size in fault.named]
+    smallest = fault.named[0] if named[0].found >= 0.95 * named[0].trials else None
+    for size in fault.ladder if smallest is not None else ():
+        one = rate(fault, quantity, size, seeds)
+        if one.found < 0.95 * one.trials:
+            break
+        smallest = size
+    cells = [str(one) for one in named]
+    return cells + ([f"{smallest:g} {fault.unit}".strip() if smallest is not None else "-"] if fault.ladder else [])
+
+
+def detection_table(seeds: Sequence[int]) -> Iterator[str]:
+    """Yield the lines of the table of detections."""
+    heads = []
+    for fault in FAULTS:
+        heads += [f"{fault.name} {size:.3g} {fault.unit}".strip() for size in fault.named]
+        heads += [f"{fault.name} from"] if fault.ladder else []
+    yield "| channel | wrong unit | " + " | ".join(heads) + " |"
+    yield "|---" * (len(heads) + 2) + "|"
+    for quantity in (*QUANTITIES, *OTHERS):
+        factor = unit_factor(quantity)
+        unit = "-" if factor is None else str(rate(FAULTS[0], quantity, factor, seeds))
+        cells = [cell for fault in FAULTS for cell in row(fault, quantity, seeds)]
+        yield f"| {quantity} | {unit} | " + " | ".join(cells) + " |"
+        sys.stdout.flush()
+
+
+def swap_line(seeds: Sequence[int]) -> str:
+    """Return a sentence on swapped pairs."""
+    found = 0
+    for car in CARS:
+        for seed in seeds:
+            test = record(car, seed)
+            bad = swapped(test.series, "lf.displacement" if seed % 2 else "lr.displacement", 1.0, np.random.default_rng(0))
+            found += [one.rule for one in record_findings(bad, test.corners)] == [rules.SWAPPED]
+    return f"swapped pairs of an axle: named alone in {found} of {2 * len(seeds)} records"
+
+
+def clean_line(car: str, count: int) -> str:
+    """Return a sentence on the findings in sound records."""
+    wrong: Counter[str] = Counter()
+    start = perf_counter()
+    for seed in range(FIRST_SEED + 500, FIRST_SEED + 500 + count):
+        test = record.__wrapped__(car, seed)  # not kept in memory
+        found = record_findings(test.series, test.corners)
+        wrong["records"] += bool(found)
+        for one in found:
+            wrong[one.rule.name] += 1
+            print(f"  {car} {seed}: {one}", file=sys.stderr, flush=True)
+    return f"{car}: {wrong['records']} of {count} sound records have a finding {dict(wrong)}; {perf_counter() - start:.0f} s"
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--records", type=int, default=10, help="records per car with faults")
+    parser.add_argument("--clean", type=int, default=100, help="sound records per car")
+    given = parser.parse_args()
+    seeds = range(FIRST_SEED, FIRST_SEED + given.records)
+    for car in CARS if given.clean else ():
+        print(clean_line(car, given.clean), flush=True)
+    if given.records:
+        print(swap_line(seeds), flush=True)
+        for line in detection_table(seeds):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
