@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import correlate, correlation_lags
 
 from eightpost.array_types import Array
 
 #: Maximum lag of the search [s].
 LONGEST = 0.25
+#: Share of the highest correlation from which another peak counts as equally high: those of a periodic signal differ by
+#: noise only.
+EQUAL = 0.97
+#: Share of the largest cross-spectrum below which a frequency is taken as noise.
+NOISE = 1e-2
 
 
 def lag_between(values: Array, reference: Array, rate: float) -> float:
@@ -16,7 +22,8 @@ def lag_between(values: Array, reference: Array, rate: float) -> float:
 
     The maximum of the cross-correlation gives the lag to a sample. The phase of the cross-spectrum of the aligned
     samples, weighted with its size, gives the rest, so that a steady sine has no error of the record's ends. For a
-    steady sine the lag is determined only up to whole periods, and the smallest lag is returned.
+    periodic signal the lag is determined only up to whole periods, and the smallest lag is returned: the peak closest to
+    zero among those that are equally high.
 
     Args:
         values: Samples (N,) of the channel.
@@ -25,11 +32,29 @@ def lag_between(values: Array, reference: Array, rate: float) -> float:
     """
     first, second = (np.asarray(row - row.mean()) for row in (values, reference))
     lags = correlation_lags(first.size, second.size)
-    # The sum over fewer samples at longer lags favours the smallest lag among those of a periodic signal.
-    correlation = correlate(first, second, method="fft")
     near = np.abs(lags) <= min(LONGEST * rate, first.size / 4)
-    coarse = int(lags[near][np.argmax(correlation[near])])
+    lags = lags[near]
+    correlation = correlate(first, second, method="fft")[near] / (first.size - np.abs(lags))
+    coarse = int(lags[_nearest_peak(lags, correlation)])
     return (coarse + _remainder(*_aligned(first, second, coarse))) / rate
+
+
+def _nearest_peak(lags: NDArray[np.intp], correlation: Array) -> int:
+    """Return the index of the peak closest to zero lag among those that are as high as the highest one."""
+    inside = correlation[1:-1]
+    tops = 1 + np.flatnonzero((inside >= correlation[:-2]) & (inside > correlation[2:]) & (inside > 0.0))
+    if not tops.size:
+        return int(np.argmax(correlation))
+    heights = _peak_heights(correlation, tops)
+    equal = tops[heights >= EQUAL * heights.max()]
+    return int(equal[np.argmin(np.abs(lags[equal]))])
+
+
+def _peak_heights(correlation: Array, tops: NDArray[np.intp]) -> Array:
+    """Return the heights of peaks between samples: of the cosine through three samples, exact for a sine."""
+    before, at, after = correlation[tops - 1], correlation[tops], correlation[tops + 1]
+    sine = np.sqrt(np.maximum(1.0 - np.clip((before + after) / (2.0 * at), -1.0, 1.0) ** 2, 1e-12))
+    return np.asarray(np.hypot(at, (after - before) / (2.0 * sine)))
 
 
 def _aligned(first: Array, second: Array, lag: int) -> tuple[Array, Array]:
@@ -44,7 +69,7 @@ def _remainder(first: Array, second: Array) -> float:
     cross = np.fft.rfft(window * (first - first.mean())) * np.conj(np.fft.rfft(window * (second - second.mean())))
     frequency = 2.0 * np.pi * np.arange(cross.size) / first.size  # [rad/sample]
     weight = np.abs(cross) * frequency
-    used = np.abs(cross) > 1e-3 * np.abs(cross).max()
+    used = np.abs(cross) > NOISE * np.abs(cross).max()
     total = float(np.sum(weight[used] * frequency[used]))
     return float(-np.sum(weight[used] * np.angle(cross[used]) / total)) if total > 0.0 else 0.0
 

@@ -203,10 +203,35 @@ def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
     return float(np.mean([side.mean() for side in sides])), float(error)
 
 
+def pulls_at_standstill(velocity: Array, force: Array, limit: float) -> bool:
+    """Return whether the force is below -limit [N] both when a compression and when a rebound stroke ends.
+
+    A lag keeps part of a stroke's force at its end. If rebound is stiffer than compression, the mean of the two ends is
+    therefore negative without any gas force, but the end of compression is positive.
+
+    Args:
+        velocity: Velocity (N,) [m/s].
+        force: Force (N,) [N].
+        limit: Force above which a negative force counts [N].
+    """
+    near = np.abs(velocity) <= SLOW * float(np.abs(velocity).max())
+    slope = np.gradient(velocity)
+    for side in (1.0, -1.0):  # compression, rebound; each is extrapolated from its own side, because the curve has a kink
+        chosen = near & (side * velocity > 0.0) & (side * slope < 0.0)
+        if np.count_nonzero(chosen) < 5 or not np.ptp(velocity[chosen]) > 0.0:
+            return False
+        if np.polynomial.polynomial.polyfit(velocity[chosen], force[chosen], 1)[0] >= -limit:
+            return False
+    return True
+
+
 def _rest_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
-    found = rest_force(series["velocity"], series["force"])
-    span = float(np.ptp(series["force"]))
+    velocity, force = series["velocity"], series["force"]
+    found = rest_force(velocity, force)
+    span = float(np.ptp(force))
     if found is None or found[0] >= -max(REST_SHARE * span, REST_ERRORS * found[1]):
+        return
+    if not pulls_at_standstill(velocity, force, REST_SHARE * span):
         return
     figure = f"{found[0]:.4g} N at standstill, {100.0 * found[0] / span:.2g} % of the force's range"
     yield NEGATIVE_REST.reason("the force at standstill is negative, although gas pushes", figure=figure, origin=origin)

@@ -30,7 +30,8 @@ RECTIFIED = Rule(
 )  # fmt: skip
 NEGATIVE_REST = Rule(
     "negative force at standstill", ABOUT, Grade.LIMITED,
-    condition="the force at standstill is below minus 1 % of the force's range",
+    condition="the force at standstill is below minus 1 % of the force's range, after compression as well as after "
+    "rebound",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
     "compression and rebound are swapped",
     remedy="check which stroke is compression; if all signs are reversed, flip them (--flip force with --flip "

@@ -90,6 +90,9 @@ LOAD_LAG = 10e-3
 #: Number of its standard deviations by which a lag must exceed the threshold.
 DEVIATIONS = 5.0
 
+#: Share of the highest correlation, squared, from which another peak counts as equally high.
+EQUAL = 0.95
+
 #: Distance from the peak of a correlation at which its decrease is measured [s].
 _FALL = 0.025
 
@@ -176,7 +179,7 @@ def _peak(values: Array, references: Array, rate: float, longest: float = LONGES
     reach = max(1, min(v.size - 2, round(longest * rate)))
     products = _products(v, refs, reach)
     explained = np.einsum("cl,cl->l", products, np.linalg.lstsq(refs @ refs.T, products, rcond=1e-10)[0]) / energy
-    best = int(np.argmax(explained))
+    best = _nearest_peak(explained, reach)
     correlation = float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
     # The noise of a signal that is differentiated twice is in the last third of the band.
     independent = 2.0 / 3.0 * min(BAND, 0.4 * rate) * v.size / rate
@@ -189,6 +192,18 @@ def _products(v: Array, refs: Array, reach: int) -> Array:
     size = next_fast_len(v.size + reach + 1, real=True)
     correlation = irfft(rfft(v, size) * rfft(refs, size).conj(), size)
     return np.concatenate((correlation[:, -reach:], correlation[:, : reach + 1]), axis=1)
+
+
+def _nearest_peak(explained: Array, reach: int) -> int:
+    """Return the index of the peak closest to zero lag, at `reach`, among those that are as high as the highest one.
+
+    Steady sines have such peaks at multiples of half a period, because the factor of the reference may be negative.
+    """
+    inside = explained[1:-1]
+    tops = 1 + np.flatnonzero((inside >= explained[:-2]) & (inside > explained[2:]))
+    top = int(np.argmax(explained))
+    equal = np.append(tops[explained[tops] >= EQUAL * explained[top]], top)
+    return int(equal[np.argmin(np.abs(equal - reach))])
 
 
 def _vertex(heights: Array, top: int) -> float:

@@ -12,9 +12,11 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.plausibility import REST_SHARE, pulls_at_standstill
 from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
@@ -146,9 +148,19 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
 def doubts(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
     """Return a sentence for each doubt besides convergence, bounds and residual; see `findings` for the arguments."""
     notable = _NOTABLE_OFFSET * solution.model.runs.deviation
-    pulling = [_pulling(p) for p in parameters if p.name == "gas_preload" and p.value < -notable]
+    is_pulling = any(_pulls(prepared) for prepared in solution.model.runs.prepared)
+    pulling = [_pulling(p) for p in parameters if p.name == "gas_preload" and p.value < -notable and is_pulling]
     offset = _offset(solution) if gas == "subtracted" else []
     return [*_unused_fading(solution), *_stiff_with_lag(solution, recipe), *pulling, *offset]
+
+
+def _pulls(prepared: Prepared) -> bool:
+    """Return whether the force of a record itself, not only that of a fitted curve, is negative at standstill.
+
+    The low-pass of the preparation rounds the curve at standstill, which is why the limit is a share of the range.
+    """
+    velocity, force = (prepared.record[name][prepared.inside] for name in ("velocity", "force"))
+    return pulls_at_standstill(velocity, force, 2.0 * REST_SHARE * float(np.ptp(force)))
 
 
 def _at_bound(parameter: Parameter) -> str:
