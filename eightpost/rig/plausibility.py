@@ -216,7 +216,10 @@ def pulls_at_standstill(velocity: Array, force: Array, limit: float) -> bool:
     """
     near = np.abs(velocity) <= SLOW * float(np.abs(velocity).max())
     slope = np.gradient(velocity)
-    for side in (1.0, -1.0):  # compression, rebound; each is extrapolated from its own side, because the curve has a kink
+    for side in (
+        1.0,
+        -1.0,
+    ):  # compression, rebound; each is extrapolated from its own side, because the curve has a kink
         chosen = near & (side * velocity > 0.0) & (side * slope < 0.0)
         if np.count_nonzero(chosen) < 5 or not np.ptp(velocity[chosen]) > 0.0:
             return False

@@ -84,9 +84,7 @@ class Prepared:
         return (*lines, *self.steps, *(f"note: {note}" for note in self.notes))
 
 
-def _places(
-    names: Sequence[str], findings: Sequence[Sequence[Finding]]
-) -> Iterator[tuple[Finding, Sequence[str]]]:
+def _places(names: Sequence[str], findings: Sequence[Sequence[Finding]]) -> Iterator[tuple[Finding, Sequence[str]]]:
     """Yield each finding with the names of the records that have it, in the words of the first one."""
     found: dict[tuple[str, tuple[str, ...]], tuple[Finding, list[str]]] = {}
     for name, own in zip(names, findings, strict=True):

@@ -160,7 +160,7 @@ def _pulls(prepared: Prepared) -> bool:
     The low-pass of the preparation rounds the curve at standstill, which is why the limit is a share of the range.
     """
     velocity, force = (prepared.record[name][prepared.inside] for name in ("velocity", "force"))
-    return pulls_at_standstill(velocity, force, 2.0 * REST_SHARE * float(np.ptp(force)))
+    return pulls_at_standstill(velocity, force, REST_SHARE * float(np.ptp(force)))
 
 
 def _at_bound(parameter: Parameter) -> str:

@@ -12,7 +12,7 @@ from eightpost.ident.preparation.plausibility.disconnected import disconnected
 from eightpost.ident.preparation.plausibility.drive import is_broadband
 from eightpost.ident.preparation.plausibility.finding import Finding
 from eightpost.ident.preparation.plausibility.laws import comparisons
-from eightpost.ident.preparation.plausibility.spectra import spectra_of
+from eightpost.ident.preparation.plausibility.spectra import Spectra, spectra_of
 from eightpost.ident.preparation.plausibility.spikes import spikes
 from eightpost.ident.preparation.plausibility.swaps import exchanged, swaps
 from eightpost.signals.timeseries import TimeSeries
@@ -41,16 +41,26 @@ def record_findings(series: TimeSeries, corners: Sequence[str], *, mass: float |
         mass: Mass of the car [kg]; without it, forces that are all wrong by one factor are found only if the mass is
             that of no usual car.
     """
-    known = {*(channel(corner, name) for corner in corners for name in _AT_CORNERS), *_ONCE}
-    record = series.select([name for name in series.names if name in known])
+    record = checked_channels(series, corners)
     computed = [name for name in record.names if name.rpartition(".")[2] in _COMPUTED]
     found = spikes(record, computed=computed)
     spectra = spectra_of(record)
     if spectra is None or not is_broadband(spectra, corners):
         return found
+    return (*found, *law_findings(spectra, corners, mass=mass))
+
+
+def checked_channels(series: TimeSeries, corners: Sequence[str]) -> TimeSeries:
+    """Return the channels of a record that are checked."""
+    known = {*(channel(corner, name) for corner in corners for name in _AT_CORNERS), *_ONCE}
+    return series.select([name for name in series.names if name in known])
+
+
+def law_findings(spectra: Spectra, corners: Sequence[str], *, mass: float | None = None) -> tuple[Finding, ...]:
+    """Return the channels that contradict the mechanics of the car, from the spectra of a broadband record."""
     noise = disconnected(spectra, corners)
     spectra = spectra.without(name for finding in noise for name in finding.channels)
     swapped = swaps(spectra, corners)
     spectra = exchanged(spectra, swapped)
     scales = attribute(spectra, partial(comparisons, corners=corners, mass=mass))
-    return (*found, *noise, *swapped, *findings_of(scales))
+    return (*noise, *swapped, *findings_of(scales))

@@ -22,7 +22,12 @@ _UNITS = {
     "force": {_POUND: ("N", "lbf"), 1.0 / _POUND: ("lbf", "N"), 1000.0: ("N", "kN"), 1e-3: ("kN", "N")},
     "acceleration": {_GRAVITY: ("m/s2", "g_0"), 1.0 / _GRAVITY: ("g_0", "m/s2")},
     "length": {_INCH: ("mm", "in"), 1.0 / _INCH: ("in", "mm"), 1000.0: ("mm", "m"), 1e-3: ("m", "mm")},
-    "velocity": {_INCH: ("mm/s", "in/s"), 1.0 / _INCH: ("in/s", "mm/s"), 1000.0: ("mm/s", "m/s"), 1e-3: ("m/s", "mm/s")},
+    "velocity": {
+        _INCH: ("mm/s", "in/s"),
+        1.0 / _INCH: ("in/s", "mm/s"),
+        1000.0: ("mm/s", "m/s"),
+        1e-3: ("m/s", "mm/s"),
+    },
 }
 
 
@@ -35,7 +40,9 @@ def findings_of(attribution: Attribution) -> tuple[Finding, ...]:
 def _of_gain(fault: Fault) -> Finding:
     gain = float(np.exp(fault.value))
     spread = gain * 2.0 * fault.deviation
-    text = f"{_subject(fault)} {_verb(fault)} {gain:.3g} times (+-{spread:.2g}) what {fault.law} expects{_rivals(fault)}"
+    text = (
+        f"{_subject(fault)} {_verb(fault)} {gain:.3g} times (+-{spread:.2g}) what {fault.law} expects{_rivals(fault)}"
+    )
     return Finding(WRONG_SCALE, fault.channels, text, _unit_remedy(fault, gain))
 
 
@@ -43,7 +50,9 @@ def _of_delay(fault: Fault) -> Finding:
     late = "late" if fault.value > 0.0 else "early"
     size, spread = 1e3 * abs(fault.value), 2e3 * fault.deviation
     text = f"{_subject(fault)} {_verb(fault)} {size:.1f} ms (+-{spread:.1f} ms) {late} by {fault.law}{_rivals(fault)}"
-    remedy = f"if its logger or filter explains that, give a delay of {fault.value:.5f} s in [delays] (docs/rig_data.md)"
+    remedy = (
+        f"if its logger or filter explains that, give a delay of {fault.value:.5f} s in [delays] (docs/rig_data.md)"
+    )
     return Finding(WRONG_DELAY, fault.channels, text, remedy)
 
 

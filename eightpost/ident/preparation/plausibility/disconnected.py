@@ -65,7 +65,7 @@ def _predictors(spectra: Spectra, corners: Sequence[str]) -> Mapping[str, Sequen
         for name in aero:
             found[name] = [n for n in (*aero, *bodies) if n != name]
     if len(_moving(spectra, corners, "road")) == len(corners):
-        found |= {name: bodies for name in ("cg.vertical_acceleration", "driver.acceleration")}
+        found |= dict.fromkeys(("cg.vertical_acceleration", "driver.acceleration"), bodies)
         roads = [channel(corner, "road") for corner in corners]
         found |= {name: [*bodies, *roads] for name in ("ride_height", "front.ride_height", "rear.ride_height")}
     known = {name: [other for other in others if other in spectra] for name, others in found.items() if name in spectra}
@@ -76,7 +76,9 @@ def _moving(spectra: Spectra, corners: Sequence[str], quantity: str) -> list[str
     """Return the corners whose actuator moves, by its command or, without one, by itself."""
     sizes = {}
     for corner in corners:
-        names = [name for name in (channel(corner, f"{quantity}_command"), channel(corner, quantity)) if name in spectra]
+        names = [
+            name for name in (channel(corner, f"{quantity}_command"), channel(corner, quantity)) if name in spectra
+        ]
         if names:
             sizes[corner] = max(float(np.linalg.norm(spectra.rows[name])) for name in names)
     largest = max(sizes.values(), default=0.0)
@@ -97,7 +99,9 @@ def _explained(output: Spectrum, inputs: Sequence[Spectrum]) -> float | None:
     samples = len(output) * NEIGHBOURS / 3.0
     if samples - len(inputs) < FREEDOM:
         return None
-    parts = np.array([_residual(output[:, k : k + NEIGHBOURS], [x[:, k : k + NEIGHBOURS] for x in inputs]) for k in edges])
+    parts = np.array(
+        [_residual(output[:, k : k + NEIGHBOURS], [x[:, k : k + NEIGHBOURS] for x in inputs]) for k in edges]
+    )
     left, power = parts.sum(axis=0)
     return 1.0 - float(left / power) * samples / (samples - len(inputs)) if power > 0.0 else None
 

@@ -22,7 +22,10 @@ def swaps(spectra: Spectra, corners: Sequence[str]) -> tuple[Finding, ...]:
     """Return the pairs of corners whose potentiometers match the accelerometers of each other's corner."""
     found = []
     for first, second in combinations(corners, 2):
-        own, exchanged = _shares(spectra, (first, second), (first, second)), _shares(spectra, (first, second), (second, first))
+        own, exchanged = (
+            _shares(spectra, (first, second), (first, second)),
+            _shares(spectra, (first, second), (second, first)),
+        )
         if own is not None and exchanged is not None and exchanged > own + BETTER:
             found.append(_finding(first, second, own, exchanged, spectra))
     return tuple(found)

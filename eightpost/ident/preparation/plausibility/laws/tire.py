@@ -54,5 +54,3 @@ def tire_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Compa
     for left, right in axles(fits):
         yield difference(stiffness[left], stiffness[right], SYMMETRIC)
         yield difference(times[left], times[right], SYMMETRIC_TIME)
-
-
