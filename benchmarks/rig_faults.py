@@ -208,7 +208,8 @@ def clean_line(car: str, count: int) -> str:
         for one in found:
             wrong[one.rule.name] += 1
             print(f"  {car} {seed}: {one}", file=sys.stderr, flush=True)
-    return f"{car}: {wrong['records']} of {count} sound records have a finding {dict(wrong)}; {perf_counter() - start:.0f} s"
+    seconds = perf_counter() - start
+    return f"{car}: {wrong['records']} of {count} sound records have a finding {dict(wrong)}; {seconds:.0f} s"
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig.post import RigTest
     from eightpost.signals import ChannelMap
+    from eightpost.verdict import Verdict
 
 #: Folder of the recipes, one file each. Their names are listed without importing them.
 _FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"

@@ -22,8 +22,8 @@ def lag_between(values: Array, reference: Array, rate: float) -> float:
 
     The maximum of the cross-correlation gives the lag to a sample. The phase of the cross-spectrum of the aligned
     samples, weighted with its size, gives the rest, so that a steady sine has no error of the record's ends. For a
-    periodic signal the lag is determined only up to whole periods, and the smallest lag is returned: the peak closest to
-    zero among those that are equally high.
+    periodic signal the lag is determined only up to whole periods, and the smallest lag is returned: the peak closest
+    to zero among those that are equally high.
 
     Args:
         values: Samples (N,) of the channel.

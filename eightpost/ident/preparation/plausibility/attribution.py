@@ -157,7 +157,7 @@ def _explanations(comparisons: Sequence[Comparison]) -> Iterator[tuple[float, Fa
 def _hypotheses(comparisons: Sequence[Comparison]) -> Mapping[str, tuple[str, ...]]:
     """Return what may be wrong: each channel, each quantity at all corners, and all channels of a dimension."""
     names = tuple(dict.fromkeys(name for one in comparisons for name in one.effect))
-    known = {name: (name,) for name in names}
+    known: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
     quantities: dict[str, list[str]] = {}
     for name in names:
         quantities.setdefault(name.rpartition(".")[2], []).append(name)

@@ -16,8 +16,8 @@ WRONG_SCALE = Rule(
 )  # fmt: skip
 WRONG_DELAY = Rule(
     "a channel is out of step", ABOUT, Grade.NOT_USABLE,
-    condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are violated "
-    "by more than their tolerance and four standard deviations (docs/rig_data.md)",
+    condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are "
+    "violated by more than their tolerance and four standard deviations (docs/rig_data.md)",
     why="a delay of 5 ms is a phase of 27 degrees at 15 Hz",
     remedy="correct it with delays (docs/rig_data.md)",
 )  # fmt: skip
@@ -36,8 +36,8 @@ DISCONNECTED = Rule(
 )  # fmt: skip
 SPIKES = Rule(
     "a channel has spikes", ABOUT, Grade.UNKNOWN,
-    condition="samples deviate from their neighbours by 12 times the usual deviation and by half the channel's standard "
-    "deviation, while no other channel does",
+    condition="samples deviate from their neighbours by 12 times the usual deviation and by half the channel's "
+    "standard deviation, while no other channel does",
     why="a few spikes of 8 standard deviations add as much power as 1 % of noise; bumps are seen by several channels",
     remedy="check its connector, and cut out this part of the record",
 )  # fmt: skip

@@ -90,4 +90,4 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
         if name.rpartition(".")[2] == "velocity":
             direction = f"{name.removesuffix('velocity')}{DIRECTION}"
             rows[direction] = np.fft.rfft(window * np.tanh(cut / SLOW), axis=1)[:, used]
-    return Spectra(lines[used], rows)
+    return Spectra(np.asarray(lines[used], dtype=np.float64), rows)

@@ -22,8 +22,8 @@ def body_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Compa
 
         y = sum_i a_i z_i'' - sum_i b_i r_i'' - t y'
 
-    y is the acceleration of the point, or of its height above the roads r_i. If the whole chassis moves up by 1, so does
-    the point: sum a_i = 1, and for a height above the road sum b_i = 1. t is the delay of y.
+    y is the acceleration of the point, or of its height above the roads r_i. If the whole chassis moves up by 1, so
+    does the point: sum a_i = 1, and for a height above the road sum b_i = 1. t is the delay of y.
     """
     bodies = [channel(corner, "chassis_acceleration") for corner in corners]
     roads = [channel(corner, "road") for corner in corners]

@@ -77,7 +77,7 @@ def _loads(spectra: Spectra, corners: Sequence[str]) -> dict[str, float]:
 
 
 def _is_load_unknown(spectra: Spectra, corners: Sequence[str]) -> bool:
-    """Return whether a load on the chassis has no channel that can be used, although there is one or a command of it."""
+    """Return whether a load on the chassis has no usable channel, although there is one or a command of it."""
     names = [*(channel(corner, "aero") for corner in corners), "aero_force", "heave_force"]
     return any(name in spectra.left_out or (f"{name}_command" in spectra and name not in spectra) for name in names)
 
@@ -93,12 +93,12 @@ def _terms(spectra: Spectra, corners: Sequence[str], loads: dict[str, float]) ->
         for order in (0, 1):
             terms.add(f"{load}'" if order else load, spectra.derivative(load, order))
     slope = 2j * np.pi * spectra.frequencies / (2.0 * np.pi * _REFERENCE)
-    for axle in AXLES if len(corners) > 1 else (tuple(corners),):
-        hub, body = (_sum(spectra, axle, name) for name in ("hub_acceleration", "chassis_acceleration"))
-        terms.add(f"{axle[0]} hub", hub)
-        terms.add(f"{axle[0]} chassis", body)
-        terms.add(f"{axle[0]} chassis'", body * slope)
-        terms.add(f"{axle[0]} chassis''", body * slope**2)
+    for place in AXLES if len(corners) > 1 else (tuple(corners),):
+        hub, body = (_sum(spectra, place, name) for name in ("hub_acceleration", "chassis_acceleration"))
+        terms.add(f"{place[0]} hub", hub)
+        terms.add(f"{place[0]} chassis", body)
+        terms.add(f"{place[0]} chassis'", body * slope)
+        terms.add(f"{place[0]} chassis''", body * slope**2)
     return terms
 
 
