@@ -21,9 +21,9 @@ SOUND, MOST = 0.6, 0.6
 RESTING = 0.2
 #: Aeroloaders that move less than this share of the largest tire force are at rest [1].
 UNLOADED = 0.02
-#: Number of neighbouring frequencies over which a response is constant; responses change over about 1 Hz.
+#: Smallest number of neighbouring frequencies over which a response is taken as constant: 1 Hz.
 NEIGHBOURS = 4
-#: Smallest number of degrees of freedom that must remain.
+#: Number of degrees of freedom that must remain; short records need wider bands for it.
 FREEDOM = 10
 
 _OWN = ("road", "tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
@@ -73,18 +73,23 @@ def _predictors(spectra: Spectra, corners: Sequence[str]) -> Mapping[str, Sequen
 
 
 def _moving(spectra: Spectra, corners: Sequence[str], quantity: str) -> list[str]:
-    """Return the corners whose actuator moves, by its command or, without one, by itself."""
-    sizes = {}
-    for corner in corners:
-        names = [
-            name for name in (channel(corner, f"{quantity}_command"), channel(corner, quantity)) if name in spectra
-        ]
-        if names:
-            sizes[corner] = max(float(np.linalg.norm(spectra.rows[name])) for name in names)
-    largest = max(sizes.values(), default=0.0)
-    if quantity == "aero" and largest < UNLOADED * _tire_size(spectra, corners):
-        return []
-    return [corner for corner, size in sizes.items() if size > RESTING * largest]
+    """Return the corners whose actuator moves by its command; without commands, all roads do in a broadband record."""
+    sizes = {
+        corner: float(np.linalg.norm(spectra.rows[name]))
+        for corner in corners
+        if (name := channel(corner, f"{quantity}_command")) in spectra
+    }
+    own = {
+        corner: float(np.linalg.norm(spectra.rows[n]))
+        for corner in corners
+        if (n := channel(corner, quantity)) in spectra
+    }
+    largest = max((*sizes.values(), *own.values()), default=0.0)
+    if quantity == "aero":
+        if largest < UNLOADED * _tire_size(spectra, corners):
+            return []
+        sizes = own | sizes
+    return [corner for corner in corners if sizes.get(corner, largest) > RESTING * max(sizes.values(), default=0.0)]
 
 
 def _tire_size(spectra: Spectra, corners: Sequence[str]) -> float:
@@ -94,14 +99,14 @@ def _tire_size(spectra: Spectra, corners: Sequence[str]) -> float:
 
 def _explained(output: Spectrum, inputs: Sequence[Spectrum]) -> float | None:
     """Return the share of an output's power that responses to the inputs explain, adjusted for their number."""
-    edges = range(0, output.shape[1] - NEIGHBOURS + 1, NEIGHBOURS)
     # Neighbouring frequencies and overlapping segments of a Hann window are not independent.
-    samples = len(output) * NEIGHBOURS / 3.0
-    if samples - len(inputs) < FREEDOM:
+    needed = 3.0 * (len(inputs) + FREEDOM) / len(output)
+    width = max(NEIGHBOURS, int(np.ceil(needed)))
+    samples = len(output) * width / 3.0
+    bands = [slice(edge, edge + width) for edge in range(0, output.shape[1] - width + 1, width)]
+    if not bands:
         return None
-    parts = np.array(
-        [_residual(output[:, k : k + NEIGHBOURS], [x[:, k : k + NEIGHBOURS] for x in inputs]) for k in edges]
-    )
+    parts = np.array([_residual(output[:, band], [x[:, band] for x in inputs]) for band in bands])
     left, power = parts.sum(axis=0)
     return 1.0 - float(left / power) * samples / (samples - len(inputs)) if power > 0.0 else None
 

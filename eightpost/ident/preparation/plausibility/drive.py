@@ -27,16 +27,21 @@ EXPLAINED = 0.5
 
 def is_broadband(spectra: Spectra, corners: Sequence[str]) -> bool:
     """Return whether most roads move at random: a random test or a track, not a sine, a bump or a single actuator."""
-    powers = []
-    for corner in corners:
-        names = [name for name in (channel(corner, "road"), channel(corner, "road_command")) if name in spectra]
-        own = [np.abs(spectra.derivative(name, 2)) ** 2 for name in names]
-        powers.append(max(own, key=_spread) if own else np.zeros((1, 1)))
-    if not any(power.any() for power in powers) or _is_at_rest(spectra, corners) or _is_noise(spectra, corners):
+    roads = [_road(spectra, corner) for corner in corners]
+    sizes = [0.0 if road is None else float(np.linalg.norm(spectra.rows[road])) for road in roads]
+    if not any(sizes) or _is_at_rest(spectra, corners) or _is_noise(spectra, corners):
         return False
-    largest = max(float(power.sum()) for power in powers)
-    moving = [float(power.sum()) > RESTING**2 * largest and _spread(power) >= 1.0 for power in powers]
-    return float(np.mean(moving)) > MOST
+    broad = [
+        road is not None and size > RESTING * max(sizes) and _spread(spectra, road) >= 1.0
+        for road, size in zip(roads, sizes, strict=True)
+    ]
+    return float(np.mean(broad)) > MOST
+
+
+def _road(spectra: Spectra, corner: str) -> str | None:
+    """Return the road of a corner or its command, whichever is larger: one of them may be disconnected."""
+    names = [name for name in (channel(corner, "road"), channel(corner, "road_command")) if name in spectra]
+    return max(names, key=lambda name: float(np.linalg.norm(spectra.rows[name])), default=None)
 
 
 def _is_at_rest(spectra: Spectra, corners: Sequence[str]) -> bool:
@@ -54,8 +59,9 @@ def _is_noise(spectra: Spectra, corners: Sequence[str]) -> bool:
     return bool(fits) and float(np.median([fit.explained for fit in fits])) < EXPLAINED
 
 
-def _spread(power: Array) -> float:
-    """Return the spread over frequencies and segments (S, F), relative to the limits; the smaller of the two."""
+def _spread(spectra: Spectra, road: str) -> float:
+    """Return the spread of a road's acceleration over frequencies and segments, relative to the limits; the smaller."""
+    power = np.abs(spectra.derivative(road, 2)) ** 2
     by_frequency, by_segment = _number(power.sum(axis=0)), _number(power.sum(axis=1))
     return min(by_frequency / FREQUENCIES, by_segment / (SEGMENTS * len(power)))
 

@@ -1,0 +1,157 @@
+"""Channels that contradict mechanics are named, with the size of the fault; sound records have no finding."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eightpost.corners import CORNERS
+from eightpost.ident.preparation import Preparation, advance_channels, prepare
+from eightpost.ident.preparation.plausibility import Finding, record_findings
+from eightpost.ident.preparation.plausibility.rules import DISCONNECTED, SPIKES, SWAPPED, WRONG_DELAY, WRONG_SCALE
+from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
+
+from ..linear_rig import record
+from .test_bad_rig_files import run, written
+
+QUANTITIES = ("road", "tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
+CHANNELS = tuple(f"{corner}.{quantity}" for corner in CORNERS for quantity in QUANTITIES)
+
+
+@pytest.fixture(scope="module")
+def sound() -> TimeSeries:
+    return record("seven_dof", seconds=24.0).series
+
+
+def with_row(series: TimeSeries, name: str, values: np.ndarray) -> TimeSeries:
+    return series.with_channel(name, series.unit(name), values)
+
+
+def only(found: tuple[Finding, ...]) -> Finding:
+    (one,) = found
+    return one
+
+
+@pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
+def test_a_sound_record_has_no_finding(name: str) -> None:
+    test = record(name, seconds=24.0, seed=4)
+    assert record_findings(test.series, test.corners) == ()
+
+
+@settings(max_examples=12, deadline=None)
+@given(name=st.sampled_from(CHANNELS), size=st.floats(0.26, 1.6), up=st.booleans())
+def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
+    sound: TimeSeries, name: str, size: float, up: bool
+) -> None:
+    factor = float(np.exp(size if up else -size))
+    found = only(record_findings(with_row(sound, name, factor * sound[name]), CORNERS))
+    assert (found.rule, found.channels) == (WRONG_SCALE, (name,))
+    assert float(found.text.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
+
+
+@settings(max_examples=12, deadline=None)
+@given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
+def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: str, delay: float, late: bool) -> None:
+    seconds = 1e-3 * (delay if late else -delay)
+    found = only(record_findings(advance_channels(sound, {name: -seconds}), CORNERS))
+    assert (found.rule, found.channels) == (WRONG_DELAY, (name,))
+    assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
+
+
+@pytest.mark.parametrize("name", CHANNELS[::3])
+def test_a_channel_that_carries_noise_is_named(sound: TimeSeries, name: str) -> None:
+    noise = sound[name].std() * np.random.default_rng(0).standard_normal(len(sound))
+    found = only(record_findings(with_row(sound, name, noise), CORNERS))
+    assert (found.rule, found.channels) == (DISCONNECTED, (name,))
+
+
+@pytest.mark.parametrize("name", ["lf.tire_force", "rr.displacement", "lr.chassis_acceleration"])
+def test_a_spike_of_8_standard_deviations_is_named_with_its_time(sound: TimeSeries, name: str) -> None:
+    values = sound[name].copy()
+    values[12_500] += 8.0 * values.std()
+    found = only(record_findings(with_row(sound, name, values), CORNERS))
+    assert (found.rule, found.channels) == (SPIKES, (name,))
+    assert "at 10 s" in found.text
+
+
+def test_a_bump_that_several_channels_see_is_no_spike(sound: TimeSeries) -> None:
+    bumped = sound
+    for name in ("lf.tire_force", "lf.hub_acceleration"):
+        values = sound[name].copy()
+        values[12_500] += 8.0 * values.std()
+        bumped = with_row(bumped, name, values)
+    assert not [one for one in record_findings(bumped, CORNERS) if one.rule is SPIKES]
+
+
+@pytest.mark.parametrize("pair", [("lf", "rf"), ("lr", "rr"), ("rf", "lr")])
+def test_pots_and_load_cells_that_are_swapped_together_are_named(sound: TimeSeries, pair: tuple[str, str]) -> None:
+    series = sound
+    for quantity in ("displacement", "velocity", "force"):
+        first, second = (f"{corner}.{quantity}" for corner in pair)
+        series = with_row(with_row(series, first, sound[second]), second, sound[first])
+    found = only(record_findings(series, CORNERS))
+    assert found.rule is SWAPPED
+    assert found.text.startswith(f"{pair[0]} and {pair[1]} are swapped in displacement, velocity, force")
+
+
+def test_two_faults_in_one_record_are_both_named(sound: TimeSeries) -> None:
+    series = with_row(sound, "rf.tire_force", 1.3 * sound["rf.tire_force"])
+    series = with_row(series, "lr.displacement", 25.4 * series["lr.displacement"])
+    found = {one.channels[0]: one for one in record_findings(series, CORNERS)}
+    assert set(found) == {"rf.tire_force", "lr.displacement"}
+    assert "its unit is probably mm, but it is read as in" in found["lr.displacement"].remedy
+
+
+def test_one_quantity_that_is_wrong_at_all_corners_is_one_finding(sound: TimeSeries) -> None:
+    series = sound
+    for corner in CORNERS:
+        series = with_row(series, f"{corner}.tire_force", sound[f"{corner}.tire_force"] / 4.4482)
+    found = only(record_findings(series, CORNERS))
+    assert found.channels == tuple(f"{corner}.tire_force" for corner in CORNERS)
+    assert found.text.startswith("tire_force of all corners is 0.225 times")
+    assert "its unit is probably lbf, but it is read as N; give unit = 'lbf'" in found.remedy
+
+
+def test_forces_that_are_all_wrong_by_one_factor_are_found_with_the_mass_only(sound: TimeSeries) -> None:
+    """A car of 1.3 times the masses, stiffnesses and dampings moves in the same way."""
+    series = sound
+    for name in sound.names:
+        if sound.unit(name) in ("N", "N.m"):
+            series = with_row(series, name, 1.3 * sound[name])
+    assert record_findings(series, CORNERS) == ()
+    (found,) = record_findings(series, CORNERS, mass=1360.0)
+    assert "all forces are 1.3" in found.text
+    assert record_findings(sound, CORNERS, mass=1360.0) == ()
+
+
+def test_a_test_of_one_actuator_is_not_checked_against_mechanics() -> None:
+    test = record("seven_dof", seconds=24.0, active=("lr.road",))
+    assert record_findings(test.series, CORNERS) == ()
+
+
+def test_a_delay_that_was_given_is_no_longer_reported(sound: TimeSeries) -> None:
+    late = RigTest(advance_channels(sound, {"lf.tire_force": -5e-3}))
+    (reason,) = prepare([late]).reasons
+    assert reason.grade is Grade.NOT_USABLE
+    assert "lf.tire_force is " in reason.figure
+    assert prepare([late], Preparation(delays={"lf.tire_force": 5e-3})).reasons == ()
+
+
+def test_a_fault_of_several_records_is_one_reason(sound: TimeSeries) -> None:
+    bad = RigTest(with_row(sound, "rf.force", 1.5 * sound["rf.force"]))
+    (reason,) = prepare([bad, RigTest(sound), bad]).reasons
+    assert reason.origin == "record 1, record 3"
+
+
+def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: Path) -> None:
+    path = written(with_row(sound, "rf.tire_force", 1.3 * sound["rf.tire_force"]), tmp_path / "rig.parquet")
+    code, said = run("inspect", path)
+    assert code == 1, said
+    assert "warning rf.tire_force is 1.3 times" in said
+    assert "check its calibration" in said
