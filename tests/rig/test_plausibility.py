@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.lag import lag_between
+from eightpost.rig.plausibility import pulls_at_standstill, rest_force
 from eightpost.verdict import Grade
 
 RATE = 500.0
@@ -138,6 +140,39 @@ def test_the_lag_between_steady_sines_is_right_to_a_sample(frequency, cycles, sh
     lag = min(0.03, share / frequency)
     first, second = (np.sin(2.0 * np.pi * frequency * (t - late) + phase) for late in (lag, 0.0))
     assert lag_between(np.tanh(2.0 * first), second, rate) == pytest.approx(lag, abs=1.0 / rate)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    frequency=st.floats(0.5, 40.0), periods=st.floats(5.0, 40.0), share=st.floats(-0.45, 0.45), phase=st.floats(0.0, 6.3),
+    noise=st.floats(0.0, 0.05), oversampling=st.floats(5.0, 200.0), seed=st.integers(0, 99),
+)  # fmt: skip
+def test_the_lag_of_any_steady_sine_below_half_a_period_is_right(
+    frequency, periods, share, phase, noise, oversampling, seed
+):
+    rate = oversampling * frequency
+    t = np.arange(max(100, int(periods * oversampling))) / rate
+    lag = share * min(1.0 / frequency, 0.5)
+    generator = np.random.default_rng(seed)
+    first, second = (
+        np.sin(2.0 * np.pi * frequency * (t - late) + phase) + noise * generator.standard_normal(t.size)
+        for late in (lag, 0.0)
+    )
+    assert lag_between(first, second, rate) == pytest.approx(lag, abs=max(1.0 / rate, 0.01 / frequency))
+
+
+def test_a_shock_with_stiff_rebound_and_a_lag_does_not_look_reversed():
+    """A lag of 2 ms keeps 250 N of the stiffer rebound at standstill; the end of compression is still positive."""
+    t = np.arange(20_000) / 2000.0
+    velocity = 0.7 * np.sin(2.0 * np.pi * 2.2 * t)
+    static = np.where(velocity > 0.0, 300.0, 1200.0) * np.tanh(velocity / 0.05) + 2000.0 * velocity
+    decay = np.exp(-1.0 / (2000.0 * 2e-3))
+    force = lfilter([1.0 - decay], [1.0, -decay], static)
+    rest = rest_force(velocity, force)
+    assert rest is not None
+    assert rest[0] < -150.0
+    assert not pulls_at_standstill(velocity, force, 0.01 * np.ptp(force))
+    assert pulls_at_standstill(velocity, force - 400.0, 0.01 * np.ptp(force))
 
 
 MEASURED = sorted(Path(os.environ.get("EIGHTPOST_DATA", "/nowhere")).glob("labcontrol/*.csv"))
