@@ -34,9 +34,20 @@ def lag_between(values: Array, reference: Array, rate: float) -> float:
     lags = correlation_lags(first.size, second.size)
     near = np.abs(lags) <= min(LONGEST * rate, first.size / 4)
     lags = lags[near]
-    correlation = correlate(first, second, method="fft")[near] / (first.size - np.abs(lags))
+    correlation = correlate(first, second, method="fft")[near] / _sizes(first, second, lags)
     coarse = int(lags[_nearest_peak(lags, correlation)])
     return (coarse + _remainder(*_aligned(first, second, coarse))) / rate
+
+
+def _sizes(first: Array, second: Array, lags: NDArray[np.intp]) -> Array:
+    """Return the product of the norms of the samples that both channels share at each lag (L,)."""
+    energies = [np.concatenate(([0.0], np.cumsum(row**2))) for row in (first, second)]
+    late, early = np.maximum(lags, 0), np.maximum(-lags, 0)
+    own, other = (
+        energy[first.size - before] - energy[after]
+        for energy, before, after in ((energies[0], early, late), (energies[1], late, early))
+    )
+    return np.asarray(np.sqrt(np.maximum(own * other, 1e-300)))
 
 
 def _nearest_peak(lags: NDArray[np.intp], correlation: Array) -> int:

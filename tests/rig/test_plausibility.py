@@ -144,9 +144,14 @@ def test_the_lag_between_steady_sines_is_right_to_a_sample(frequency, cycles, sh
 
 @settings(max_examples=80, deadline=None)
 @given(
-    frequency=st.floats(0.5, 40.0), periods=st.floats(5.0, 40.0), share=st.floats(-0.45, 0.45), phase=st.floats(0.0, 6.3),
-    noise=st.floats(0.0, 0.05), oversampling=st.floats(5.0, 200.0), seed=st.integers(0, 99),
-)  # fmt: skip
+    frequency=st.floats(0.5, 40.0),
+    periods=st.floats(5.0, 40.0),
+    share=st.floats(-0.45, 0.45),
+    phase=st.floats(0.0, 6.3),
+    noise=st.floats(0.0, 0.05),
+    oversampling=st.floats(5.0, 200.0),
+    seed=st.integers(0, 99),
+)
 def test_the_lag_of_any_steady_sine_below_half_a_period_is_right(
     frequency, periods, share, phase, noise, oversampling, seed
 ):
