@@ -62,7 +62,7 @@ def spectra(car: str, seed: int) -> Spectra:
 
 
 def scaled(car: str, seed: int, name: str, size: float) -> tuple[Finding, ...]:
-    """Return the findings if a channel is multiplied by a factor; spectra are linear, so theirs is multiplied."""
+    """Return the findings if a channel is multiplied by a factor; spectra are linear in it."""
     return law_findings(spectra(car, seed).corrected([name], gain=1.0 / size), CORNERS)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from eightpost.ident.preparation.plausibility import Finding, record_findings
 from eightpost.ident.preparation.plausibility.rules import DISCONNECTED, SPIKES, SWAPPED, WRONG_DELAY, WRONG_SCALE
 from eightpost.rig.post import RigTest
 from eightpost.signals import TimeSeries
+from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
 
-from ..linear_rig import record
+from ..linear_rig import DAMPING, record
 from .test_bad_rig_files import run, written
 
 QUANTITIES = ("road", "tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
@@ -155,3 +157,18 @@ def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: 
     assert code == 1, said
     assert "warning rf.tire_force is 1.3 times" in said
     assert "check its calibration" in said
+
+
+def test_identify_marks_a_vehicle_from_wrong_forces_as_not_usable(tmp_path: Path) -> None:
+    files = []
+    for seed, damping in ((1, DAMPING), (2, 1.6 * DAMPING)):
+        series = record("quarter_car", seconds=24.0, seed=seed, damping={"": damping}).series
+        files.append(written(with_row(series, "tire_force", 1.5 * series["tire_force"]), tmp_path / f"{seed}.parquet"))
+    code, said = run("identify", *files, "-o", tmp_path / "car.json")
+    assert code == 1, said
+    named = re.search(r"not usable rig record: a channel has the wrong scale: tire_force is ([\d.]+) times", said)
+    assert named is not None, said
+    assert float(named[1]) == pytest.approx(1.5, rel=0.03)
+    validity = read_vehicle(tmp_path / "car.json").validity
+    assert validity is not None
+    assert validity.verdict.grades["rig record"] is Grade.NOT_USABLE

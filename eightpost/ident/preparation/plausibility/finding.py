@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from eightpost.verdict import Reason, Rule
+if TYPE_CHECKING:
+    from eightpost.verdict import Reason, Rule
 
 
 @dataclass(frozen=True, slots=True)
