@@ -19,6 +19,7 @@ from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.exports.shock_formats import TABLE_FORMATS
 from eightpost.ident.exports.shock_table import Setting, shock_table, table_points
+from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.shock import (
     LAWS,
     Axis,
@@ -309,6 +310,19 @@ def test_a_shock_over_its_settings_is_one_table_of_the_curves_at_them(
         law = shock.at(**at).law  # type: ignore[arg-type]
         assert table[k] == pytest.approx([valve_force(law.valve, v) for v in table[0].tolist()], rel=1e-12)
     assert not np.array_equal(table[1], table[2])
+
+
+def test_an_exported_csv_is_read_back_as_peak_velocity_tables_of_the_same_forces(
+    adjustable: Path, tmp_path: Path
+) -> None:
+    succeeded(adjustable, "--over", "rebound=0,8", "-o", tmp_path / "t.csv")
+    table = shock_table([adjustable], over="rebound=0,8")
+    tables = read_peak_velocity(tmp_path / "t.csv")
+    assert [float(str(each.clicks).split("=")[1]) for each in tables] == [0.0, 8.0]
+    for each, force in zip(tables, table.force, strict=True):
+        for side, found in ((1.0, each.compression), (-1.0, each.rebound)):
+            expected = np.interp(side * each.speed, table.velocity, force)
+            np.testing.assert_allclose(found, expected, atol=1e-9 * np.ptp(force))
 
 
 def test_the_file_says_which_of_its_settings_were_not_measured(adjustable: Path, tmp_path: Path) -> None:
