@@ -159,20 +159,22 @@ def cases(numbers: Sequence[int]) -> Iterator[Case]:
 
 def choices_table(found: Sequence[Chosen]) -> str:
     """Return the errors of each law and curve, the choice and its excess as Markdown, worst ratio of knots first."""
-    heads = ("record", *map(law_title, LAWS), "Bouc-Wen", "NARX", "auto", "best in hindsight", "excess [%]")
+    peers = any(one.raw.bouc_wen is not None for one in found)
+    others = ("Bouc-Wen", "NARX") if peers else ()
+    heads = ("record", *map(law_title, LAWS), *others, "auto", "best in hindsight", "excess [%]")
     ordered = sorted(found, key=lambda one: max(map(one.raw.ratio, LAWS)), reverse=True)
-    return grid(heads, [line for one in ordered for line in _lines(one)])
+    return grid(heads, [line for one in ordered for line in _lines(one, peers=peers)])
 
 
-def _lines(one: Chosen) -> Iterator[list[str]]:
-    yield _cells(one.case.record, one.raw)
+def _lines(one: Chosen, *, peers: bool) -> Iterator[list[str]]:
+    yield _cells(one.case.record, one.raw, peers=peers)
     if one.shape:
-        yield _cells("- the same, best offset and gain", one.shape)
+        yield _cells("- the same, best offset and gain", one.shape, peers=peers)
 
 
-def _cells(record: str, one: Errors) -> list[str]:
+def _cells(record: str, one: Errors, *, peers: bool) -> list[str]:
     errors = [" / ".join(_error(one, (law, curve)) for curve in CURVES if (law, curve) in one.laws) for law in LAWS]
-    others = ["-" if error is None else number(error) for error in (one.bouc_wen, one.narx)]
+    others = [number(error) for error in (one.bouc_wen, one.narx)] if peers else []
     return [record, *errors, *others, _name(one.chosen), _name(one.best), f"{100.0 * one.regret:.1f}"]
 
 
