@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -70,7 +70,8 @@ class States:
         """Return u (N,) [m/s] and the travel of the stop over its yield travel (N,) [1]."""
         stop = np.exp(parameters[_TAUS:]).tolist() or (1.0, 1.0)
         own = (*np.zeros(KNOTS).tolist(), *np.exp(parameters[:_TAUS]).tolist(), 1.0, *stop)
-        valve = _without_force(self.basis.knots)
+        zero = (0.0,) * KNOTS
+        valve = Valve(StaticCurve.through_knots(self.basis.knots, zero, zero).numbers(), 1.0, 1.0)
         pairs = zip(self.runs.prepared, self.runs.parts, strict=True)
         found = [self._run(valve, own, self.runs.velocity[part], p.step) for p, part in pairs]
         velocity, travel = np.concatenate(found).T
@@ -83,10 +84,3 @@ class States:
             return stepped_states(Hysteresis, valve, own, velocity, steps)
         pieces = Pieces.of(velocity, steps, 1.0)
         return pieces.at_samples(stepped_states(Hysteresis, valve, own, pieces.velocity, pieces.step))
-
-
-@lru_cache(maxsize=8)
-def _without_force(knots: tuple[float, ...]) -> Valve:
-    """Return a valve with given knots whose curve is zero: the states depend on the range of its velocities alone."""
-    zero = (0.0,) * KNOTS
-    return Valve(StaticCurve.through_knots(knots, zero, zero).numbers(), 1.0, 1.0)
