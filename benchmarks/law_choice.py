@@ -51,6 +51,10 @@ CURVES: tuple[CurveKind, ...] = ("polynomial", "knots")
 #: A law with a kind of curve.
 Candidate = tuple[str, CurveKind]
 
+#: Candidates whose errors are compared.
+HYSTERESIS: Candidate = ("hysteresis", "knots")
+LPNL2: Candidate = ("lpnl2", "polynomial")
+
 
 @dataclass(frozen=True, slots=True)
 class Errors:
@@ -187,6 +191,29 @@ def _name(candidate: Candidate) -> str:
     return f"{law_title(candidate[0])}, {candidate[1]}"
 
 
+def gains_table(found: Sequence[Chosen]) -> str:
+    """Return what Hysteresis gains over LPNL2 and over the best other law as Markdown, largest gain over LPNL2 first.
+
+    Other runs count with their best offset and gain.
+    """
+    heads = (
+        "record", "Hysteresis [%]", "LPNL2, polynomials [%]", "best other law [%]", "over LPNL2 [%]",
+        "over the best other [%]",
+    )  # fmt: skip
+    lines = []
+    for one in found:
+        errors = one.gain_free.laws
+        if _hysteresis_ratio(one.gain_free) is None:
+            continue
+        ours, lpnl2 = errors[HYSTERESIS], errors[LPNL2]
+        other = min((candidate for candidate in errors if candidate != HYSTERESIS), key=lambda one: errors[one])
+        over, over_best = (100.0 * (ours / error - 1.0) for error in (lpnl2, errors[other]))
+        name = one.case.record + (" (best offset and gain)" if one.shape else "")
+        best = f"{number(errors[other])} ({_name(other)})"
+        lines.append((over, [name, number(ours), number(lpnl2), best, f"{over:+.0f}", f"{over_best:+.0f}"]))
+    return grid(heads, [cells for _, cells in sorted(lines, key=lambda line: line[0])])
+
+
 def summary(found: Sequence[Chosen]) -> str:
     """Return the share of good choices and the distributions of excess and gain, largest losses first."""
     raw = [one.raw for one in found]
@@ -250,17 +277,16 @@ def _hysteresis_gains(found: Sequence[Chosen]) -> Iterator[str]:
 
 def _hysteresis_ratio(errors: Errors) -> float | None:
     """Return the error of Hysteresis over that of LPNL2 with polynomials [1]; None if either is missing."""
-    one, other = errors.laws.get(("hysteresis", "knots")), errors.laws.get(("lpnl2", "polynomial"))
+    one, other = errors.laws.get(HYSTERESIS), errors.laws.get(LPNL2)
     return None if one is None or other is None else one / other
 
 
 def _against_bouc_wen(found: Sequence[Chosen]) -> Iterator[str]:
     """Yield the cases with more than one speed on which Bouc-Wen is better than Hysteresis."""
-    compared: Candidate = ("hysteresis", "knots")
     many = [
-        one for one in found if one.raw.bouc_wen is not None and compared in one.raw.laws and one.case.has_many_speeds
+        one for one in found if one.raw.bouc_wen is not None and HYSTERESIS in one.raw.laws and one.case.has_many_speeds
     ]
-    lost = [one.case.record for one in many if one.raw.laws[compared] > (one.raw.bouc_wen or 0.0)]
+    lost = [one.case.record for one in many if one.raw.laws[HYSTERESIS] > (one.raw.bouc_wen or 0.0)]
     if many:
         named = f": {'; '.join(lost)}" if lost else ""
         cases_found = f"Of {len(many)} cases with more than one speed"
@@ -283,16 +309,17 @@ def main() -> None:
             file=sys.stderr,
             flush=True,
         )
-    print(f"{choices_table(found)}\n\n{summary(found)}")
-    if options.page:
-        rewrite(options.page, f"{choices_table(found)}\n\n{summary(found)}")
+    tables = {"law_choice": f"{choices_table(found)}\n\n{summary(found)}", "hysteresis": gains_table(found)}
+    print("\n\n".join(tables.values()))
+    for name, text in tables.items() if options.page else ():
+        rewrite(options.page, name, text)
     if options.json:
         options.json.write_text(json.dumps([one.row() for one in found], indent=1) + "\n", encoding="utf-8")
 
 
-def rewrite(page: Path, text: str) -> None:
-    """Put a text between the markers of the table in a page."""
-    start, end = "<!-- table law_choice -->\n", "<!-- end -->"
+def rewrite(page: Path, name: str, text: str) -> None:
+    """Put a text between the markers of a table in a page."""
+    start, end = f"<!-- table {name} -->\n", "<!-- end -->"
     before, rest = page.read_text(encoding="utf-8").split(start)
     page.write_text(f"{before}{start}{text}\n{end}{rest.split(end, 1)[1]}", encoding="utf-8")
 
@@ -303,7 +330,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--configurations", default=",".join(map(str, range(1, 13))), help="configurations, separated by commas"
     )
-    parser.add_argument("--page", type=Path, help="rewrite the table of this page, docs/law_choice.md")
+    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/law_choice.md")
     parser.add_argument("--ours", action="store_true", help="leave out Bouc-Wen and NARX, which take most of the time")
     parser.add_argument("--cases", default="", help="run only cases whose name contains these words")
     return parser.parse_args()

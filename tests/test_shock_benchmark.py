@@ -11,9 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
-from benchmarks.law_choice import Chosen, Errors, choices_table, summary
 from benchmarks.shock_records import Case
-from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors, shape_rms
+from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
 from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest
@@ -90,41 +89,6 @@ def found(law, rms, offset=0.0, **changed):
 def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown():
     assert found("lpf1", 50.0, 30.0).row()["validation_percent"] == pytest.approx(5.0)
     assert found("lpf1", 50.0, 30.0, about_mean=True).row()["validation_percent"] == pytest.approx(4.0)
-
-
-def test_the_error_of_a_laws_shape_ignores_offset_and_level_and_nothing_else():
-    measured = np.random.default_rng(1).standard_normal(500)
-    other = np.random.default_rng(2).standard_normal(500)
-    other -= other.mean() + (other - other.mean()) @ measured / (measured @ (measured - measured.mean())) * measured
-    assert shape_rms(0.4 * measured - 30.0, measured) < 1e-12
-    assert shape_rms(np.zeros(500), measured) == pytest.approx(np.std(measured))
-    assert shape_rms(3.0 * (measured + 0.1 * other) + 5.0, measured) == pytest.approx(0.1 * np.std(other), rel=0.02)
-
-
-def test_only_a_measured_run_that_is_not_fitted_has_a_level_of_its_own():
-    one, other = (DynoTest(motion(seed).with_channel("force", "N", np.ones(len(motion(seed))))) for seed in (1, 2))
-    assert Case("another run", (one,), other).is_run_to_run
-    assert not Case("a third of the run", (one, other), other).is_run_to_run
-    assert not Case("configuration 5", (one,), other, configuration=5).is_run_to_run
-
-
-def choice(case, shape):
-    fitted = {("lpnl2", "polynomial"): 20.0, ("lpnl2", "knots"): 18.0, ("hysteresis", "knots"): 19.0}
-    chosen = ("hysteresis", "knots")
-    return Chosen(case, None, Errors(fitted, chosen), shape and Errors(shape, chosen), 1.0)
-
-
-def test_choices_are_counted_with_and_without_the_level_of_another_run():
-    run = DynoTest(motion(1).with_channel("force", "N", np.ones(len(motion(1)))))
-    shape = {("lpnl2", "polynomial"): 10.0, ("lpnl2", "knots"): 8.0, ("hysteresis", "knots"): 5.0}
-    found = [choice(Case("another run", (run,), replace(run)), shape), choice(Case("third", (run,), run), None)]
-    table, lines = choices_table(found), summary(found).splitlines()
-    assert "| another run | - |" not in table
-    assert [line.split(" | ")[-1] for line in table.splitlines()[2:]] == ["5.6 |", "0.0 |", "5.6 |"]
-    assert "best offset and gain: 1 of 2 choices (50 %)" in lines[0]
-    assert "their level: 0 of 2 choices (0 %)" in lines[1]
-    (gain_free,) = [line for line in lines if "2 measured cases, other runs with their best offset and gain" in line]
-    assert "0.95, 0.50, .., 0.72 (median)" in gain_free
 
 
 def test_a_law_that_cannot_be_fitted_has_a_row_without_figures():
