@@ -95,8 +95,8 @@ def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequenc
         jacobian: Jacobian of the residual.
         residual: Residual of the fit.
         runs: Records of the fit.
-        penalties: Values (P,) of penalties that bias the parameters; the rows of the Jacobian behind those of the data
-            are theirs, in this order. The bias is added to the half-widths as the root of the sum of squares.
+        penalties: Values (P,) of penalties that bias the parameters, in the order of the rows of the Jacobian behind
+            those of the data. The bias is added to the half-widths as the root of the sum of squares.
     """
     short = blocks_of(runs)
     found = [covariance(jacobian, residual, runs)]
