@@ -67,6 +67,11 @@ class Case:
         return not self.configuration
 
     @property
+    def is_run_to_run(self) -> bool:
+        """Whether a measured run is predicted from other runs, so that its level does not follow from the fit."""
+        return self.is_measured and all(run is not self.held_out for run in self.fitted)
+
+    @property
     def has_many_speeds(self) -> bool:
         """Whether the fitted runs have more than one speed."""
         return not prepare_runs(self.fitted, segment=self.segment).has_one_speed

@@ -13,16 +13,14 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
@@ -85,30 +83,30 @@ def main() -> None:
     _iterate(folder)
     _predict(folder)
     found = {place: _confirm(folder, place) for place in ("rig", "track")}
-    page = _placed(PAGE.read_text(encoding="utf-8"), "passes", _passes_table(folder / "lap"))
-    page = _placed(page, "kept", _kept_table(folder))
-    PAGE.write_text(_placed(page, "confirmed", _confirmed_table(found)), encoding="utf-8")
+    page = placed(PAGE.read_text(encoding="utf-8"), "passes", _passes_table(folder / "lap"))
+    page = placed(page, "kept", _kept_table(folder))
+    PAGE.write_text(placed(page, "confirmed", _confirmed_table(found)), encoding="utf-8")
     _draw(folder / "lap")
 
 
 def _identify(folder: Path, duration: str) -> None:
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
-        _call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
+        call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
               "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
     if not car.exists():
-        _call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
+        call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
 
 def _iterate(folder: Path) -> None:
     """Record a lap on the track, keep only its target channels, and iterate the drive file on the rig."""
     whole, track = folder / "track_whole.parquet", folder / "track.parquet"
     if not track.exists():
-        _call("rig", "--test", "track", "--seed", LAP, "--run", TRACK_RUN, "--shock", f"build:{BASELINE}", "-o", whole)
+        call("rig", "--test", "track", "--seed", LAP, "--run", TRACK_RUN, "--shock", f"build:{BASELINE}", "-o", whole)
         write_series(read_series(whole).select(TARGETS), track)
     if not (folder / "lap").exists():
-        _call("drivefile", "start", track, "--car", folder / "car.json", "-o", folder / "lap")
-    _call("drivefile", "simulate", folder / "lap", "--shock", f"build:{BASELINE}", "--seed", PASSES, may_fail=True)
+        call("drivefile", "start", track, "--car", folder / "car.json", "-o", folder / "lap")
+    call("drivefile", "simulate", folder / "lap", "--shock", f"build:{BASELINE}", "--seed", PASSES, may_fail=True)
 
 
 def _predict(folder: Path) -> None:
@@ -122,9 +120,9 @@ def _predict(folder: Path) -> None:
     targets = "\n".join(f'"{name}" = "car.{name}"' for name in inputs)
     study.write_text(STUDY.format(baseline=BASELINE, bank=bank, targets=targets), encoding="utf-8")
     if not (folder / "study" / "results.parquet").exists():
-        _call("study", study, "-o", folder / "study")
+        call("study", study, "-o", folder / "study")
     if not (folder / "study" / "selection.csv").exists():
-        _call("select", folder / "study", "--measure", "total tire force, RMS=6", "--measure",
+        call("select", folder / "study", "--measure", "total tire force, RMS=6", "--measure",
               "front ride height, RMS=2")  # fmt: skip
 
 
@@ -147,7 +145,7 @@ def _confirm(folder: Path, place: str) -> list[dict[str, Any]]:
                 record = type(record)(record.series.window(3.0, 36.0), record.conditions)
             record.write(target)
     output = folder / f"compared_on_{place}"
-    _call("compare", folder / "study", "--measured", tested, "-o", output, may_fail=True)
+    call("compare", folder / "study", "--measured", tested, "-o", output, may_fail=True)
     content = json.loads((output / "comparison.json").read_text(encoding="utf-8"))
     return list(content["measures"])
 
@@ -235,21 +233,6 @@ def _draw(lap: Path) -> None:
     right.grid(color="#e6e9ee")
     right.legend(frameon=False, ncols=3, loc="upper center")
     figure.savefig(PICTURE, dpi=110)
-
-
-def _placed(page: str, name: str, table: str) -> str:
-    """Return the page with a marked region replaced."""
-    pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
-    return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", page)
-
-
-def _call(*arguments: object, may_fail: bool = False) -> None:
-    """Run a command of eightpost; with `may_fail`, exit code 1 (a negative verdict) is accepted."""
-    words = [str(argument) for argument in arguments]
-    print("eightpost", *words, flush=True)
-    code = subprocess.run([sys.executable, "-m", "eightpost", *words], check=False).returncode
-    if code > (1 if may_fail else 0):
-        raise SystemExit(f"eightpost {words[0]} exited with {code}")
 
 
 def _options() -> argparse.Namespace:

@@ -12,13 +12,12 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
@@ -83,8 +82,8 @@ def main() -> None:
     _test(folder)
     _compare(folder)
     found = json.loads((folder / "study" / "compared" / "comparison.json").read_text(encoding="utf-8"))["measures"]
-    page = _placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
-    PAGE.write_text(_placed(page, "setups", setups_table(folder / "study", found)), encoding="utf-8")
+    page = placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
+    PAGE.write_text(placed(page, "setups", setups_table(folder / "study", found)), encoding="utf-8")
     shutil.copy(folder / "study" / "compared" / "comparison.png", PICTURE)
 
 
@@ -92,25 +91,25 @@ def _identify(folder: Path, duration: str) -> None:
     """Run the five tests of 6.1.5 with physical dampers, and identify the car."""
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
-        _call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
+        call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
               "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
     if not car.exists():
-        _call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
+        call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
 
 def _predict(folder: Path) -> None:
     """Record a lap with the baseline, predict every setup of the seven builds on it, and select twenty setups."""
     lap, study, bank = folder / "lap.parquet", folder / "study.toml", ROOT / "examples" / "bank"
     if not lap.exists():
-        _call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
+        call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
     files = "\n".join(f'"{build}" = "{bank / build.replace("/", "_")}.json"' for build in BUILDS)
     targets = "\n".join(f'"{c}.{what}" = "car.{c}.{what}"' for c in CORNERS for what in ("road", "aero"))
     study.write_text(STUDY.format(baseline=BASELINE, bank=files, targets=targets), encoding="utf-8")
     if not (folder / "study" / "results.parquet").exists():
-        _call("study", study, "-o", folder / "study")
+        call("study", study, "-o", folder / "study")
     if not (folder / "study" / "selection.csv").exists():
         counts = [word for name, count in SELECTED.items() for word in ("--measure", f"{name}={count}")]
-        _call("select", folder / "study", *counts)
+        call("select", folder / "study", *counts)
 
 
 def _test(folder: Path) -> None:
@@ -119,11 +118,11 @@ def _test(folder: Path) -> None:
         record = folder / "study" / row["file"]
         if not record.exists():
             shocks = [word for corner in CORNERS for word in ("--shock", f"build:{row[corner]}")]
-            _call("rig", "--test", "track", "--seed", LAP, "--run", TEST_RUNS + int(row["run"]), *shocks, "-o", record)
+            call("rig", "--test", "track", "--seed", LAP, "--run", TEST_RUNS + int(row["run"]), *shocks, "-o", record)
 
 
 def _compare(folder: Path) -> None:
-    _call("compare", folder / "study", "--measured", folder / "study", may_fail=True)
+    call("compare", folder / "study", "--measured", folder / "study", may_fail=True)
 
 
 def selection(study: Path) -> list[dict[str, str]]:
@@ -181,21 +180,6 @@ def _setup_line(row: Mapping[str, str], entry: Mapping[str, Any]) -> str:
     name = f"{row['end']}: {entry['measure'].removesuffix(', RMS')}"
     cells = (*(row[c] for c in CORNERS), name, f"{predicted} {unit}", f"{measured} ± {sigma:.2g} {unit}{mean}")
     return f"| {' | '.join(cells)} |"
-
-
-def _placed(page: str, name: str, table: str) -> str:
-    """Return the page with a marked region replaced."""
-    pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
-    return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", page)
-
-
-def _call(*arguments: object, may_fail: bool = False) -> None:
-    """Run a command of eightpost; with `may_fail`, exit code 1 (a negative verdict) is accepted."""
-    words = [str(argument) for argument in arguments]
-    print("eightpost", *words, flush=True)
-    code = subprocess.run([sys.executable, "-m", "eightpost", *words], check=False).returncode
-    if code > (1 if may_fail else 0):
-        raise SystemExit(f"eightpost {words[0]} exited with {code}")
 
 
 def _options() -> argparse.Namespace:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cosim.results import rules
-from cosim.results.validity import LARGEST_SHARE, NOTABLE_SHARE, Model, model_reasons
+from cosim.results.limits import limit_reasons
+from cosim.results.validity import Model, model_reasons
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
@@ -93,6 +94,9 @@ class Result:
         parameters: Values that differ from the components' defaults, by component; in their own units.
         settling: Time at the start that is excluded from response measures [s].
         share_beyond_fit: Share of time beyond the fitted velocities, per shock.
+        share_beyond_settings: Share of time beyond the measured settings of clicks and temperature, per such shock.
+        share_far_beyond_settings: The same, beyond them by more than the nearest interval between them.
+        share_untested_settings: Share of time at a combination of settings that was not measured, per such shock.
         share_tire_off: Share of time below zero load, per tire force; None if no static load is known.
         coupled: Local errors of the values that the ends assumed of each other, per bond.
         iterations: Total number of iterations of implicit steps.
@@ -128,6 +132,9 @@ class Result:
     parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
     settling: float = 0.0
     share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
+    share_beyond_settings: Mapping[str, float] = field(default_factory=dict)
+    share_far_beyond_settings: Mapping[str, float] = field(default_factory=dict)
+    share_untested_settings: Mapping[str, float] = field(default_factory=dict)
     share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
     coupled: Mapping[str, Coupled] = field(default_factory=dict)
     iterations: int = 0
@@ -213,8 +220,7 @@ def _verdict_of(result: Result) -> Verdict:
             *_coupling(result),
             *_energy(result),
             *_convergence(result),
-            *_fitted(result),
-            *_tires(result),
+            *limit_reasons(result),
             *model_reasons(result.models, result.settled()),
         )
     )
@@ -302,43 +308,6 @@ def _convergence(result: Result) -> Iterator[Reason]:
     if result.converged and not result.partial:
         figure = f"{result.steps} steps, {end}"
         yield rules.CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
-
-
-def _fitted(result: Result) -> Iterator[Reason]:
-    for shock, time in result.share_beyond_fit.items():
-        energy = _energy_beyond(result, shock)
-        share = max(time, energy or 0.0)
-        beyond = rules.BEYOND_FIT if share <= LARGEST_SHARE else rules.MOSTLY_BEYOND_FIT
-        rule, within = (rules.WITHIN_FIT, "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
-        dissipated = "" if energy is None else f", {energy:.1%} of its energy"
-        yield rule.reason(
-            f"the shock {within} the velocities that it was fitted on",
-            figure=f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}",
-            origin=f"component {shock}",
-        )
-
-
-def _energy_beyond(result: Result, shock: str) -> float | None:
-    """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
-    names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
-    if not set(names) <= set(result.series.names):
-        return None
-    settled = result.settled()
-    power, beyond = (abs(settled[name]) for name in names)
-    total = float(power.sum())
-    return float(power[beyond > 0.5].sum()) / total if total else 0.0
-
-
-def _tires(result: Result) -> Iterator[Reason]:
-    for tire, off in result.share_tire_off.items():
-        if off is None:
-            yield rules.STATIC_LOAD_UNKNOWN.reason(
-                "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire
-            )
-        elif off > 0.0:
-            rule = rules.TIRE_OFF if off <= LARGEST_SHARE else rules.MOSTLY_TIRE_OFF
-            figure = f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}"
-            yield rule.reason("a tire is off the ground", figure=figure, origin=tire)
 
 
 def _counted(count: int, what: str) -> str:

@@ -121,6 +121,32 @@ WITHIN_FIT = Rule(
     why="see above",
     remedy="nothing",
 )  # fmt: skip
+UNTESTED_SETTINGS = Rule(
+    "untested settings of a shock", "settings of the shocks", Grade.UNKNOWN,
+    condition="`untested_settings` of a shock is 1 at any time: two or more adjusters, or an adjuster and the "
+    "temperature, differ from the reference in a combination that was not measured",
+    why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
+    remedy="measure the shock at this combination, or run it at a measured one",
+)  # fmt: skip
+FAR_BEYOND_SETTINGS = Rule(
+    "far beyond the settings of a shock", "settings of the shocks", Grade.UNKNOWN,
+    condition="`beyond_settings` of a shock exceeds 1 at any time: a setting is beyond the measured ones by more than "
+    "the nearest interval between them",
+    why="adjusters act progressively near their stops; the continuation is a straight line",
+    remedy="measure the shock at this setting, or run it at a measured one",
+)  # fmt: skip
+BEYOND_SETTINGS = Rule(
+    "beyond the settings of a shock", "settings of the shocks", Grade.LIMITED,
+    condition="the same, above 0",
+    why="there is no measurement beyond; the curve is continued in a straight line over the setting",
+    remedy="measure the shock at this setting for more",
+)  # fmt: skip
+WITHIN_SETTINGS = Rule(
+    "within the settings of a shock", "settings of the shocks", Grade.USABLE,
+    condition="both stay 0",
+    why="the curve is interpolated between measured curves",
+    remedy="nothing",
+)  # fmt: skip
 MOSTLY_TIRE_OFF = Rule(
     "tire mostly off the ground", "range of the models", Grade.NOT_USABLE,
     condition=f"a tire is below zero load for more than {100 * LARGEST_SHARE:g} % of the time",

@@ -261,8 +261,7 @@ class Outcome:
             sources={name: component.source for name, component in components.items()},
             parameters={name: dict(values) for name, values in setup.system.parameters.items() if values},
             settling=setup.scenario.settling,
-            share_beyond_fit=setup.limits.beyond_fit(watched),
-            share_tire_off=setup.limits.tire_off(watched),
+            **setup.limits.shares(watched),
             decisive=setup.system.decisive,
             models=models_of(setup.system, setup.names),
         )

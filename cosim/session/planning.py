@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,13 +60,21 @@ def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
     )
 
 
+class Limit(NamedTuple):
+    """Limit of a signal: it is exceeded where `sign` (1 or -1) times the signal is above `limit`."""
+
+    signal: str
+    sign: float
+    limit: float
+
+
 def make_plan(
     system: System,
     coupling: Coupling,
     layout: Layout,
     tables: Mapping[str, FunctionTable],
     *,
-    watched: Iterable[tuple[str, bool]],
+    watched: Iterable[Limit],
     following: Collection[str],
 ) -> Plan:
     """Return the loop's arrays.
@@ -75,7 +84,7 @@ def make_plan(
         coupling: Coupling with the feeds.
         layout: Layout of this coupling.
         tables: Functions of each part.
-        watched: Signals whose time beyond a limit is counted: above 0.5 if true, else below 0.
+        watched: Limits of signals; the time beyond each is counted.
         following: Parts that are stepped from each point of the drive to the next.
     """
     position = {name: k for k, name in enumerate(layout.signals)}
@@ -88,9 +97,9 @@ def make_plan(
         signals=_signals(layout, tables),
         bonds=_bonds(system, layout),
         watch=Watch(
-            _indices(position[name] for name, _ in watch),
-            sign=_reals(1.0 if is_above else -1.0 for _, is_above in watch),
-            limit=_reals(0.5 if is_above else 0.0 for _, is_above in watch),
+            _indices(position[each.signal] for each in watch),
+            sign=_reals(each.sign for each in watch),
+            limit=_reals(each.limit for each in watch),
         ),
         loops=_loops(layout, position),
         levels=Levels(

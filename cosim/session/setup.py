@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
 from cosim.components.component import Capabilities
 from cosim.session.discrete import DiscreteExchange
-from cosim.session.planning import Layout, lay_out
+from cosim.session.planning import Layout, Limit, lay_out
 from cosim.session.recorder import Flags, real_names, recorded_names, recorded_steps
 from cosim.session.step_times import ROUNDING, Times, coupling_times
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
@@ -21,21 +22,35 @@ from eightpost.errors import WiringError
 # ---- Limits checked at every step -----------------------------------------------------------------------------------
 
 
+#: Settings beyond the measured ones that count [intervals between them]: any, and far.
+_BEYOND, _FAR = 1e-9, 1.0
+
+
+class _Shares(TypedDict):
+    """Shares of time beyond limits, by the names of the fields of a result."""
+
+    share_beyond_fit: dict[str, float]
+    share_beyond_settings: dict[str, float]
+    share_far_beyond_settings: dict[str, float]
+    share_untested_settings: dict[str, float]
+    share_tire_off: dict[str, float | None]
+
+
 class _LimitWatch:
     """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
-    The names are those of docs/ports.md: `beyond_fit`, and outputs ending in `tire_force`.
+    The names are those of docs/ports.md: `beyond_fit`, `beyond_settings`, `untested_settings`, and outputs ending in
+    `tire_force`.
     """
 
     def __init__(self, system: System) -> None:
-        self._flags = tuple(
-            f"{name}.{variable}"
-            for name, component in system.components.items()
-            for variable in component.variables
-            if variable.rpartition(".")[2] == "beyond_fit"  # each shock of an assembly has one
-        )
+        # Each shock of an assembly has these variables.
+        self._fitted = _limits(system, "beyond_fit", 0.5)
+        self._beyond = _limits(system, "beyond_settings", _BEYOND)
+        self._far = _limits(system, "beyond_settings", _FAR)
+        self._untested = _limits(system, "untested_settings", 0.5)
         self._tires = {
-            f"{name}.{v.name}": _static_load(system, name, v.name) != 0.0
+            Limit(f"{name}.{v.name}", -1.0, 0.0): _static_load(system, name, v.name) != 0.0
             for name, component in system.components.items()
             for v in component.variables.values()
             if v.causality == "output" and v.name.endswith("tire_force")
@@ -44,27 +59,43 @@ class _LimitWatch:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the variables to read after every step."""
-        return (*self._flags, *self._tires)
+        return tuple(dict.fromkeys(limit.signal for limit in self.watched))
 
     @property
-    def watched(self) -> tuple[tuple[str, bool], ...]:
-        """The same names, each with whether it counts above one half (true) or below zero (false)."""
-        return (*((name, True) for name in self._flags), *((name, False) for name in self._tires))
+    def watched(self) -> tuple[Limit, ...]:
+        """The limits, in the order of the times."""
+        return (*self._fitted, *self._beyond, *self._far, *self._untested, *self._tires)
 
-    def beyond_fit(self, times: Sequence[float]) -> dict[str, float]:
-        """Return the share of time, per shock, in which its damper velocity was outside its fitted range.
+    def shares(self, times: Sequence[float]) -> _Shares:
+        """Return the shares of time beyond the limits.
 
         Args:
             times: Time beyond each limit, in the order of `watched`, followed by the total time [s].
         """
+        share = {limit: _share(time, times[-1]) for limit, time in zip(self.watched, times, strict=False)}
+
+        def of_shocks(limits: Sequence[Limit]) -> dict[str, float]:
+            return {limit.signal.rpartition(".")[0]: share[limit] for limit in limits}
+
         return {
-            name.rpartition(".")[0]: _share(time, times[-1]) for name, time in zip(self._flags, times, strict=False)
+            "share_beyond_fit": of_shocks(self._fitted),
+            "share_beyond_settings": of_shocks(self._beyond),
+            "share_far_beyond_settings": of_shocks(self._far),
+            "share_untested_settings": of_shocks(self._untested),
+            "share_tire_off": {
+                tire.signal: share[tire] if is_known else None for tire, is_known in self._tires.items()
+            },
         }
 
-    def tire_off(self, times: Sequence[float]) -> dict[str, float | None]:
-        """Return the share of time below zero load per tire force; None if no static load is given."""
-        rows = zip(self._tires.items(), times[len(self._flags) :], strict=False)
-        return {name: _share(time, times[-1]) if known else None for (name, known), time in rows}
+
+def _limits(system: System, variable: str, limit: float) -> tuple[Limit, ...]:
+    """Return an upper limit of each variable of this name, in components and in the parts of assemblies."""
+    return tuple(
+        Limit(f"{name}.{known}", 1.0, limit)
+        for name, component in system.components.items()
+        for known in component.variables
+        if known.rpartition(".")[2] == variable
+    )
 
 
 def _share(time: float, total: float) -> float:

@@ -30,7 +30,8 @@ _VEHICLE_OPTIONS, _SHOCK_OPTIONS = ("ports", "high", "step"), ("table_format", "
               "Default: by the suffix of the output.")  # fmt: skip
 @click.option("--over", metavar="NAME=VALUE,...",
               help="Shocks: setting in which several shocks differ, with a value for each in the order of the files, "
-              "e.g. clicks=0,4,8 or 'temperature [degC]=20,60'. Default: none, for one shock.")  # fmt: skip
+              "e.g. clicks=0,4,8; or settings of one shock of `eightpost settings`, e.g. rebound=0,7,14 or "
+              "'temperature [degC]=20,60'. Default: none, for one shock at its reference setting.")  # fmt: skip
 @click.option("--error", metavar="PERCENT", type=float, default=0.1, show_default=True,
               help="Shocks: maximum error of linear interpolation by velocity [% of the range of force]; a smaller one "
               "gives more points.")  # fmt: skip
@@ -57,7 +58,8 @@ def export(  # one parameter per option
     vehicle is exported to a .mat file with A, B, C, D, names and units, or as its frequency response to a universal
     file (dataset 58). A frequency response is exported to either format.
 
-    A shock is exported as a table of its static curve. Several shocks are a table over a setting, which --over names.
+    A shock is exported as a table of its static curve. Several shocks, or one that was fitted over its settings, are a
+    table over a setting, which --over names.
     Gas force, seal friction and lag are not in a table; the file states them in its comments. For conventions of signs
     and the origin of each format see docs/exports.md.
 
@@ -69,6 +71,7 @@ def export(  # one parameter per option
       eightpost export shock.json -o shock.dpr
       eightpost export shock.json --format carmaker -o damper_front.info --error 0.5
       eightpost export c0.json c4.json c8.json --over clicks=0,4,8 -o clicks.mat
+      eightpost export adjustable.json --over rebound=0,7,14,21,28 -o clicks.txt
     """
     from eightpost.ident.exports.export import export as write
     from eightpost.ident.exports.export import export_shocks, has_shocks

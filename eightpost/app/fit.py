@@ -217,7 +217,9 @@ def _fit_tables(
 
 
 def show_test(console: Console, test: DynoTest) -> None:
-    """Print the channels of a record, its length and its notes."""
+    """Print the channels of a record, its length, scale and lag, and its notes."""
+    from eightpost.rig.force_scale import lag_statement, scale_statement
+
     series = test.series
     console.print(
         f"read {escape(str(test.source))}: {', '.join(series.names)}; {series.duration:.1f} s at "
@@ -225,6 +227,8 @@ def show_test(console: Console, test: DynoTest) -> None:
         soft_wrap=True,
         highlight=False,
     )
+    for statement in (scale_statement(series), lag_statement(series)):
+        console.print(f"  {escape(statement)}", soft_wrap=True, highlight=False)
     for note in test.derived:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
 

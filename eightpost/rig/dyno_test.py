@@ -189,7 +189,7 @@ class _Reading:
         test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
         units = mixed_units(record, mapping, self.units)
         reasons = (
-            *record_reasons(series, measured=measured, origin=test.label, units=units),
+            *record_reasons(series, measured=measured, origin=test.label, units=units, conditions=test.conditions),
             *column_reasons(record, mapping, series, test.label),
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )

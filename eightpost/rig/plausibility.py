@@ -9,19 +9,21 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.rig.cycles import run_down
+from eightpost.rig.dyno_conditions import DynoConditions
+from eightpost.rig.force_scale import force_scale_reasons
+from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility_rules import (
     CONTRADICTORY_UNITS,
     NEGATIVE_REST,
     RECTIFIED,
     RUN_DOWN,
-    TWO_SETTINGS,
     UNLIKELY_UNITS,
 )
+from eightpost.rig.rest_force import pulls_at_standstill, rest_force
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
@@ -59,12 +61,17 @@ RECTIFIED_FLOOR = 0.02
 SEGMENT = (1.0, 10.0)
 #: Share of the range, and number of standard errors, of a negative force at standstill that is reported.
 REST_SHARE, REST_ERRORS = 0.01, 4.0
-#: Speeds below this share of the peak count as standstill.
-SLOW = 0.05
+#: Speeds above this share of the peak show whether a force has a sign.
+FAST = 0.15
 
 
 def record_reasons(
-    series: TimeSeries, *, measured: tuple[str, ...], origin: str, units: MixedUnits
+    series: TimeSeries,
+    *,
+    measured: tuple[str, ...],
+    origin: str,
+    units: MixedUnits,
+    conditions: DynoConditions | None = None,
 ) -> Iterator[Reason]:
     """Yield what is implausible about the units and signs of a record.
 
@@ -73,11 +80,13 @@ def record_reasons(
         measured: Names of the channels that were measured, not derived.
         origin: Name of the record.
         units: Whether the file mixes inches and newtons.
+        conditions: Stated conditions, whose gas pressure or gas force the force is compared with.
     """
     if rectified := rectified_force(series):
         yield RECTIFIED.reason("the force is rectified", figure=rectified, origin=origin)
         return
-    yield from _unit_reasons(series, measured, origin, units)
+    suspicious = list(_unit_reasons(series, measured, origin, units))
+    yield from suspicious or force_scale_reasons(series, conditions or DynoConditions(), origin)
     yield from _rest_reasons(series, origin)
 
 
@@ -90,7 +99,7 @@ def part_reasons(series: TimeSeries, *, origin: str, until: float = SEGMENT[1]) 
         until: End of the fitted seconds, from the start of the series [s].
     """
     if not rectified_force(series):
-        yield from _setting_reasons(series, origin)
+        yield from setting_reasons(series, origin)
     yield from _run_down_reasons(series, origin, until)
 
 
@@ -190,44 +199,6 @@ def _correlation(first: Array, second: Array) -> float:
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
-    """Return the force at standstill [N] and its standard error; None without samples on both sides of standstill.
-
-    It is the mean of the forces just above and just below zero velocity, so that friction cancels.
-    """
-    limit = SLOW * float(np.abs(velocity).max())
-    sides = [force[(velocity > 0.0) & (velocity <= limit)], force[(velocity < 0.0) & (velocity >= -limit)]]
-    if min(side.size for side in sides) < 5:
-        return None
-    error = np.sqrt(sum(float(side.var()) / side.size for side in sides)) / 2.0
-    return float(np.mean([side.mean() for side in sides])), float(error)
-
-
-def pulls_at_standstill(velocity: Array, force: Array, limit: float) -> bool:
-    """Return whether the force is below -limit [N] both when a compression and when a rebound stroke ends.
-
-    A lag keeps part of a stroke's force at its end. If rebound is stiffer than compression, the mean of the two ends is
-    therefore negative without any gas force, but the end of compression is positive.
-
-    Args:
-        velocity: Velocity (N,) [m/s].
-        force: Force (N,) [N].
-        limit: Force above which a negative force counts [N].
-    """
-    near = np.abs(velocity) <= SLOW * float(np.abs(velocity).max())
-    slope = np.gradient(velocity)
-    for side in (
-        1.0,
-        -1.0,
-    ):  # compression, rebound; each is extrapolated from its own side, because the curve has a kink
-        chosen = near & (side * velocity > 0.0) & (side * slope < 0.0)
-        if np.count_nonzero(chosen) < 5 or not np.ptp(velocity[chosen]) > 0.0:
-            return False
-        if np.polynomial.polynomial.polyfit(velocity[chosen], force[chosen], 1)[0] >= -limit:
-            return False
-    return True
-
-
 def _rest_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
     velocity, force = series["velocity"], series["force"]
     found = rest_force(velocity, force)
@@ -238,98 +209,6 @@ def _rest_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
         return
     figure = f"{found[0]:.4g} N at standstill, {100.0 * found[0] / span:.2g} % of the force's range"
     yield NEGATIVE_REST.reason("the force at standstill is negative, although gas pushes", figure=figure, origin=origin)
-
-
-# ---- One setting ----------------------------------------------------------------------------------------------------
-
-#: Maximum and minimum number of blocks of a record.
-BLOCKS, FEWEST_BLOCKS = 20, 5
-#: Number of classes of velocity.
-CLASSES = 15
-#: Speeds above this share of the peak count.
-FAST = 0.15
-#: Step of the force between two parts of a record that is reported, ...
-STEP = 0.08
-#: ... in multiples of the scatter within these parts, ...
-STEP_SCATTER = 4.0
-#: ... and maximum share of the scatter about a straight drift that the scatter about a step may have.
-STEP_SHARE = 0.4
-#: Minimum share of the record on each side of a step: a shock that cavitates needs some cycles to reach its state.
-FEWEST_SHARE = 0.15
-
-
-def _setting_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each stroke in which the force at the same velocity steps during the record."""
-    velocity, force = series["velocity"], series["force"]
-    block = _cycle_blocks(velocity)
-    count = int(block.max()) + 1
-    rest = rest_force(velocity, force)
-    if count < FEWEST_BLOCKS or rest is None:
-        return
-    for side, sign in (("compression", 1.0), ("rebound", -1.0)):
-        chosen = sign * velocity > FAST * float(np.abs(velocity).max())
-        sizes = _block_sizes(np.abs(velocity[chosen]), sign * (force[chosen] - rest[0]), block[chosen], count)
-        if step := _step_of(sizes):
-            at = float(series.time[np.argmax(block == step.block)])
-            figure = f"{side} force {100.0 * step.change:+.0f} % at the same velocity from about {at:.4g} s on"
-            yield TWO_SETTINGS.reason("the shock changed during the record", figure=figure, origin=origin)
-
-
-def _cycle_blocks(velocity: Array) -> NDArray[np.intp]:
-    """Return the number of the block (N,) that each sample belongs to; a block is one or more whole cycles."""
-    fast = np.flatnonzero(np.abs(velocity) > FAST * float(np.abs(velocity).max()))
-    signs = velocity[fast] > 0.0
-    starts = fast[1:][signs[1:] & ~signs[:-1]]
-    cycle = np.searchsorted(starts, np.arange(velocity.size), side="right")
-    return np.asarray(cycle * BLOCKS // (starts.size + 1) if starts.size >= BLOCKS else cycle, dtype=np.intp)
-
-
-def _block_sizes(speed: Array, force: Array, block: NDArray[np.intp], count: int) -> Array:
-    """Return the force in each block (count,), relative to the mean at the same speeds; NaN for an empty block."""
-    edges = np.quantile(speed, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1])
-    place = np.searchsorted(edges, speed)
-    total = np.bincount(place, minlength=CLASSES)
-    mean = (np.bincount(place, weights=force, minlength=CLASSES) / np.maximum(total, 1))[place]
-    norm = np.bincount(block, weights=mean * mean, minlength=count)
-    share = norm / max(float(norm.max()), 1e-300)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sizes = np.bincount(block, weights=force * mean, minlength=count) / norm
-    sizes[share <= 0.1] = np.nan
-    sizes[[0, -1]] = np.nan  # incomplete cycles
-    return np.asarray(sizes)
-
-
-class _Step(NamedTuple):
-    """A step: number of the first block after it, relative change [1]."""
-
-    block: int
-    change: float
-
-
-def _step_of(sizes: Array) -> _Step | None:
-    """Return the step of a sequence (K,), if it is one step and not a drift or scatter."""
-    places = np.flatnonzero(np.isfinite(sizes))
-    sizes = sizes[places]
-    if sizes.size < FEWEST_BLOCKS:
-        return None
-    # The block in which the step occurs has both settings; it is left out.
-    margin = max(1, int(np.ceil(FEWEST_SHARE * sizes.size)))
-    splits = [(_scatter(sizes, i), i) for i in range(margin, sizes.size - margin)]
-    scatter, split = min(splits)
-    before, after = float(sizes[:split].mean()), float(sizes[split + 1 :].mean())
-    line = np.polynomial.polynomial.polyfit(places, sizes, 1)
-    drift = float(np.sum((sizes - np.polynomial.polynomial.polyval(places, line)) ** 2))
-    deviation = np.sqrt(scatter / max(sizes.size - 3, 1))
-    change = after / before - 1.0 if before > 0.0 else np.inf
-    if abs(change) < STEP or abs(after - before) < STEP_SCATTER * deviation or scatter > STEP_SHARE * drift:
-        return None
-    return _Step(int(places[split]), float(change))
-
-
-def _scatter(sizes: Array, split: int) -> float:
-    """Return the sum of squares about the means before and after block `split`, which is left out."""
-    parts = (sizes[:split], sizes[split + 1 :])
-    return float(sum(np.sum((part - part.mean()) ** 2) for part in parts))
 
 
 # ---- Steady motion --------------------------------------------------------------------------------------------------

@@ -13,10 +13,12 @@ from builder.assembly import read_parts
 from builder.build import build
 from builder.fmu.product import shock_product
 from builder.native.native_fmu import c_sources
-from cosim import FmuComponent
+from cosim import Bond, FmuComponent, GaussSeidel, Scenario, System, run
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS, Axis, Port, Settings, Shock, Term, fit_parameters, write_shock
 from eightpost.shock.settings import is_tested
+from eightpost.signals import TimeSeries
+from eightpost.signals.drivefile import Drivefile
 
 _SPEC = importlib.util.spec_from_file_location(
     "example_curve", Path(__file__).parents[1] / "shock" / "example_curve.py"
@@ -118,6 +120,33 @@ def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built,
             max(axis.intervals_beyond(value) for axis, value in zip(shock.settings.axes, setting, strict=True))
         )
         assert untested == (0.0 if is_tested(shock.settings, setting) else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "rule"),
+    [
+        ({}, "within the settings of a shock"),
+        ({"clicks.rebound": 21.0}, "beyond the settings of a shock"),
+        ({"temperature": 400.0}, "far beyond the settings of a shock"),
+        ({"clicks.compression": 3.0, "temperature": 345.0}, "untested settings of a shock"),
+    ],
+)
+def test_the_verdict_of_a_run_states_where_the_setting_is(built, fmus, parameters, rule):
+    components = {
+        "car": FmuComponent(fmus["quarter_car"], "car"),
+        "shock": FmuComponent(built("lpnl2"), "shock"),
+    }
+    system = System(
+        components,
+        [Bond.between("car", "shock")],
+        constants={"car.aero_force": 0.0},
+        parameters={"shock": parameters},
+    )
+    drive = Drivefile(TimeSeries.from_channels(np.linspace(0.0, 0.2, 21), {"road": ("m", np.zeros(21))}))
+    result = run(system, Scenario(0.2, drive), step=1e-3, algorithm=GaussSeidel())
+    reasons = result.verdict.about("settings of the shocks").reasons
+    assert [reason.rule for reason in reasons] == [rule]
+    assert reasons[0].origin == "component shock"
 
 
 def test_fmi_3_gives_the_same_forces_as_fmi_2(built):

@@ -65,6 +65,28 @@ CASES = [
 ]  # fmt: skip
 
 
+SETTINGS = [
+    ({}, {}, {}, []),
+    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 0.0}, [rules.WITHIN_SETTINGS]),
+    ({"lf": 0.1}, {"lf": 0.0}, {"lf": 0.0}, [rules.BEYOND_SETTINGS]),
+    ({"lf": 1.0}, {"lf": 1.0}, {"lf": 0.0}, [rules.FAR_BEYOND_SETTINGS]),
+    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 1.0}, [rules.UNTESTED_SETTINGS]),
+    ({"lf": 1.0}, {"lf": 0.0}, {"lf": 1.0}, [rules.UNTESTED_SETTINGS, rules.BEYOND_SETTINGS]),
+]
+
+
+@pytest.mark.parametrize(("beyond", "far", "untested", "expected"), SETTINGS)
+def test_a_shock_at_settings_that_were_not_measured_is_a_reason(beyond, far, untested, expected):
+    shares = {
+        "share_beyond_settings": beyond,
+        "share_far_beyond_settings": far,
+        "share_untested_settings": untested,
+    }
+    reasons = sound(**shares).verdict.about("settings of the shocks").reasons
+    assert [reason.rule for reason in reasons] == [rule.name for rule in expected]
+    assert all(reason.origin == "component lf" for reason in reasons)
+
+
 @pytest.mark.parametrize(("field", "value", "rule"), CASES)
 def test_each_fault_gives_the_reason_of_its_rule_and_the_worst_reason_sets_the_grade(field, value, rule):
     verdict = sound(**{field: value}).verdict
@@ -73,7 +95,7 @@ def test_each_fault_gives_the_reason_of_its_rule_and_the_worst_reason_sets_the_g
 
 
 def test_every_rule_of_a_run_is_covered_by_these_cases():
-    covered = {rule.name for _, _, rule in CASES}
+    covered = {rule.name for _, _, rule in CASES} | {rule.name for *_, found in SETTINGS for rule in found}
     for result in (sound(), sound(energy={}, coupled={}, stated_error={})):
         covered |= {reason.rule for reason in result.verdict.reasons}
     assert covered == {rule.name for rule in rules.RULES}

@@ -70,6 +70,21 @@ def test_the_covariance_is_that_of_fits_without_one_block_each():
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
+def test_half_widths_count_the_change_of_a_fit_without_each_penalty():
+    """Every fit is repeated without one of two penalties."""
+    generator = np.random.default_rng(4)
+    jacobian = np.vstack([generator.standard_normal((600, 3)), [[5.0, 0.0, 0.0], [0.0, 4.0, -4.0], [0.0, 0.0, 0.0]]])
+    y = np.append(jacobian[:600] @ np.array([3.0, -2.0, 1.0]) + generator.standard_normal(600), np.zeros(3))
+    runs, solution = runs_of((600,)), np.linalg.lstsq(jacobian, y, rcond=None)[0]
+    error = jacobian @ solution - y
+    found = covariances(jacobian, error[:600], runs, (error[600:601], error[601:602]))
+    without = [np.linalg.lstsq(np.delete(jacobian, k, 0), np.delete(y, k), rcond=None)[0] for k in (600, 601)]
+    bias = (np.array(without) - solution) / quantile(runs)
+    difference = found - covariances(jacobian, error[:600], runs)
+    np.testing.assert_allclose(difference, [bias.T @ bias] * 3, rtol=1e-6, atol=1e-12)
+    assert np.abs(bias).max() > 1e-3
+
+
 def test_what_a_record_does_not_determine_has_no_covariance_and_the_rest_keeps_its_own():
     jacobian, y = linear_problem()
     residual = (y - jacobian @ np.linalg.lstsq(jacobian, y, rcond=None)[0])[:600]

@@ -5,14 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from eightpost.__main__ import main
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.lag import lag_between
-from eightpost.rig.plausibility import pulls_at_standstill, rest_force
+from eightpost.rig.one_setting import setting_reasons
+from eightpost.rig.rest_force import pulls_at_standstill, rest_force
+from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
 RATE = 500.0
@@ -130,6 +134,99 @@ def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_dow
     assert reason.figure.startswith("compression force +") and "--segment" in reason.remedy
 
 
+# ---- One setting ----------------------------------------------------------------------------------------------------
+
+
+def test_a_step_of_a_few_percent_is_a_smaller_reason(tmp_path):
+    assert rules(tmp_path, later(sine(), 1.04)) == ["the shock changed a little"] * 2
+    assert rules(tmp_path, later(sine(), 1.01)) == []
+
+
+def test_a_bleed_that_opens_is_found_at_low_speed(tmp_path):
+    columns = sine(stroke=60.0, frequency=3.0)
+    slow = np.where((columns["t"] > 6.0) & (columns["v"] > 0.0), 400.0 * np.exp(-np.abs(columns["v"]) / 60.0), 0.0)
+    rules(tmp_path, columns | {"F": columns["F"] - slow})
+    reasons = read_dyno_test(tmp_path / "run.csv").reasons
+    assert [reason.rule for reason in reasons] == ["the shock changed"]
+    assert "compression force -" in reasons[0].figure and "at low speed" in reasons[0].figure
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.0, 0.25), st.floats(0.03, 2.0), st.booleans())
+def test_a_drift_and_a_warming_towards_a_constant_value_are_no_change_of_the_shock(size, constant, straight):
+    columns = sine()
+    t = columns["t"] / columns["t"][-1]
+    course = t if straight else 1.0 - np.exp(-t / constant)
+    series = TimeSeries.from_channels(
+        columns["t"],
+        {
+            "displacement": ("m", 1e-3 * columns["x"]),
+            "velocity": ("m/s", 1e-3 * columns["v"]),
+            "force": ("N", columns["F"] * (1.0 - size * course)),
+        },
+    )
+    assert list(setting_reasons(series, "-")) == []
+
+
+def test_a_second_sine_of_another_frequency_is_no_change_of_the_shock(tmp_path):
+    """The force at a velocity also depends on frequency and stroke."""
+    parts = [sine(seconds=5.0, frequency=frequency, stroke=80.0 / frequency) for frequency in (2.0, 4.0)]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns["t"] = np.arange(columns["t"].size) / RATE
+    slower = columns["t"] < 5.0
+    columns["F"] = np.where(slower, columns["F"], 1.1 * columns["F"])
+    assert not {"the shock changed", "the shock changed a little"} & set(rules(tmp_path, columns))
+
+
+# ---- Scale of the force ---------------------------------------------------------------------------------------------
+
+POUNDS = times("F", 1.0 / 4.448)
+
+
+def stiff(*, gas, warming=None):
+    """Return a shock whose damping rate is plausible even if its pounds are labelled N."""
+    columns = sine()
+    columns["F"] = gas + 3.0 * (columns["F"] - 150.0)
+    if warming is not None:
+        columns["T"] = 40.0 + warming * columns["t"] / columns["t"][-1]
+    return columns
+
+
+def force_rules(folder, columns, preamble):
+    names = {"t": "Time", "x": "Displacement", "v": "Velocity", "F": "Force", "T": "Temperature"}
+    units = UNITS | {"T": "degC"}
+    header = f"{preamble}\n" + ",".join(f"{names[name]} [{units[name]}]" for name in columns)
+    np.savetxt(folder / "r.csv", np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
+    reasons = read_dyno_test(folder / "r.csv").reasons
+    return [reason.figure for reason in reasons if reason.rule == "unlikely units"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "preamble", "words"),
+    [
+        (stiff(gas=200.0), "Gas pressure: 10 bar", "rod of 7.48 mm"),
+        (stiff(gas=200.0), "Gas force: 200 N", "4.55 times as much"),
+        (stiff(gas=200.0, warming=4.0), "Shock: A", "heat capacity of 251 J/K"),
+    ],
+)
+def test_gas_pressure_gas_force_and_warming_show_that_pounds_are_labelled_newtons(tmp_path, columns, preamble, words):
+    assert force_rules(tmp_path, columns, preamble) == []
+    found = force_rules(tmp_path, POUNDS(columns), preamble)
+    assert len(found) == 1 and words in found[0]
+
+
+def test_a_zeroed_load_cell_says_nothing_about_the_rod(tmp_path):
+    assert force_rules(tmp_path, stiff(gas=2.0), "Gas pressure: 10 bar") == []
+
+
+def test_without_such_a_quantity_the_peak_is_stated_for_comparison(tmp_path):
+    assert force_rules(tmp_path, POUNDS(stiff(gas=200.0)), "Shock: A") == []
+    result = CliRunner().invoke(main, ["inspect", str(tmp_path / "r.csv")])
+    assert "peak force" in result.output
+    assert "cannot be told from it" in result.output
+    assert "cannot be told from the lag of the shock" in result.output
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     frequency=st.floats(0.5, 12.0), cycles=st.floats(3.0, 40.0), share=st.floats(-0.2, 0.2), phase=st.floats(0.0, 6.3)
@@ -137,7 +234,7 @@ def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_dow
 def test_the_lag_between_steady_sines_is_right_to_a_sample(frequency, cycles, share, phase):
     rate = max(300.0, 40.0 * frequency)
     t = np.arange(max(200, int(cycles * rate / frequency))) / rate
-    lag = min(0.03, share / frequency)
+    lag = max(-0.2, min(0.03, share / frequency))  # within the longest lag of the search
     first, second = (np.sin(2.0 * np.pi * frequency * (t - late) + phase) for late in (lag, 0.0))
     assert lag_between(np.tanh(2.0 * first), second, rate) == pytest.approx(lag, abs=1.0 / rate)
 

@@ -173,6 +173,10 @@ def _input(variable: Variable, draw: random.Random, scale: float) -> float:
 _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
 _SWEEP, _MOST, _DECADES = 400, 20_000, 4
 
+#: Least change of a parameter over a sweep, that of one with start value 0: a thousandth of a parameter that is almost 0
+#: (a slope of 1e-6 N.s/m) has an effect below rounding.
+_LEAST_CHANGE = 1e-4
+
 
 def probe_initial_dependencies(bench: Bench) -> Results:
     """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
@@ -189,7 +193,7 @@ def probe_initial_dependencies(bench: Bench) -> Results:
             point = _Point(instance, unknowns)
             _set_all(bench, instance, draw, scale)
             for known in knowns:
-                point.perturb(known, pairs)
+                point.perturb(known, pairs, change_of(known))
     _sweep(bench, unknowns, pairs)
     yield from pairs.findings("in initialization mode", rules.FALSE)
 
@@ -214,14 +218,14 @@ class _Point:
     def __init__(self, instance: Instance, unknowns: Sequence[Variable]) -> None:
         self._instance, self._unknowns = instance, unknowns
 
-    def perturb(self, known: Variable, pairs: Pairs) -> None:
-        """Change one known and restore it; record the unknowns that changed, if they were restored too.
+    def perturb(self, known: Variable, pairs: Pairs, change: float) -> None:
+        """Change one known by `change` and restore it; record the unknowns that changed, if they were restored too.
 
         A known whose every change contradicts other parameters says nothing about its dependencies.
         """
         status, value = self._instance.get(known)
         before = self._values()
-        if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value))):
+        if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value, change))):
             return
         during = self._values()
         if refused(self._instance.set(known, value)) or during is None or self._values() != before:
@@ -235,10 +239,9 @@ class _Point:
         return None if refused(status) else values
 
 
-def _changed(known: Variable, value: Value) -> Value:
+def _changed(known: Variable, value: Value, change: float) -> Value:
     if known.type == "Boolean":
         return not value
-    change = change_of(known)
     moved = inside(known, float(value) + change)
     return moved if moved != value else inside(known, float(value) - change)
 
@@ -256,7 +259,7 @@ def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
             for value in _spread(variable, count):
                 if not refused(instance.set(variable, inside(variable, value))):
                     for known in knowns:
-                        point.perturb(known, pairs)
+                        point.perturb(known, pairs, max(change_of(known), _LEAST_CHANGE))
 
 
 def _spread(variable: Variable, count: int) -> Iterator[float]:

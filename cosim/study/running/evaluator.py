@@ -290,9 +290,13 @@ def _marks(result: Result) -> Iterator[str]:
     """Yield marks of a run: an early end, limits that were exceeded, energy that was gained or lost in the coupling."""
     if result.ended_by:
         yield f"{result.ended_by} ended the simulation at {result.ended_at:g} s"
-    for shock, share in result.share_beyond_fit.items():
-        if share > 0.0:
-            yield f"{shock} beyond its fitted velocities {_percent(share)} of the time"
+    limits = {
+        "beyond its fitted velocities": result.share_beyond_fit,
+        "beyond its measured settings": result.share_beyond_settings,
+        "at untested settings": result.share_untested_settings,
+    }
+    for words, shares in limits.items():
+        yield from (f"{shock} {words} {_percent(share)} of the time" for shock, share in shares.items() if share > 0.0)
     for tire, lost in result.share_tire_off.items():
         if lost:
             yield f"{tire.removesuffix('.tire_force')} tire off the ground {_percent(lost)} of the time"

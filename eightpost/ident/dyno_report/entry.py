@@ -90,7 +90,7 @@ class Entry:
         setting: Build and conditions.
         source: Path of the file; None for data in memory.
         sha256: Digest of the file; empty without a file.
-        curve: Mean force over velocity, without `offset` and, of a run, without its lag.
+        curve: Mean force over velocity, without `level` and, of a run, without its lag.
         strokes: Knee and slopes of each stroke.
         offset: Force at zero velocity [N], of a run after its lag is removed.
         cycles: Cycles of a run, or the reason why they are unknown.
@@ -101,6 +101,7 @@ class Entry:
         shock: Shock of a law.
         band: Band of a law's curve.
         notes: Notes on the file.
+        shared_gas: Gas force in the middle of the stroke [N] that was taken from a slow run; None if it was not.
     """
 
     kind: Kind
@@ -119,6 +120,12 @@ class Entry:
     shock: Shock | None = None
     band: Band | None = None
     notes: tuple[str, ...] = field(default=())
+    shared_gas: float | None = None
+
+    @property
+    def level(self) -> Found:
+        """Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`."""
+        return self.offset if self.shared_gas is None else self.shared_gas
 
     @property
     def highest(self) -> float:
@@ -131,7 +138,8 @@ class Entry:
         return self.test.series if self.test else None
 
 
-def _strokes_of(curve: VelocityCurve | Unknown) -> dict[Stroke, StrokeFigures]:
+def strokes_of(curve: VelocityCurve | Unknown) -> dict[Stroke, StrokeFigures]:
+    """Return knee and slopes of each stroke of a curve."""
     return {stroke: stroke_figures(curve, stroke) for stroke in STROKES}
 
 
@@ -156,7 +164,7 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, _strokes_of(curve), offset, cycles, lag, slow_figures(series), _warming(series, test),
+        curve, strokes_of(curve), offset, cycles, lag, slow_figures(series), _warming(series, test),
         test=test, notes=(*test.derived, *test.notes),
     )  # fmt: skip
 
@@ -210,7 +218,7 @@ def entry_of_table(table: PeakVelocityTable, name: str, build: str) -> Entry:
     no_time = SlowFigures(gas, _NO_TIME, _NO_TIME, 0.0, _NO_TIME)
     notes = (f"the gas force was found from {table.gas_source}",) if table.gas_source else ()
     return Entry(
-        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve), gas,
+        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, strokes_of(curve), gas,
         _NO_TIME, _NO_TIME, no_time, Warming(_NO_TIME, _NO_TIME, _NO_TIME, _NO_TIME), notes=notes,
     )  # fmt: skip
 
@@ -245,7 +253,7 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
                       0.0, _NO_RECORD)  # fmt: skip
     changes = tuple(str(change) for change in shock.fit.get("changes", ()) if isinstance(change, str))
     return Entry(
-        "law", name, setting, source, sha256, curve, _strokes_of(curve), port.gas_preload, _NO_RECORD, lag, gas,
+        "law", name, setting, source, sha256, curve, strokes_of(curve), port.gas_preload, _NO_RECORD, lag, gas,
         Warming(_NO_RECORD, _NO_RECORD, _NO_RECORD, _NO_RECORD), shock=shock, band=_band(shock), notes=changes,
     )  # fmt: skip
 

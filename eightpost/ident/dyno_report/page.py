@@ -28,7 +28,9 @@ _LOOPS = (
 _CURVES = (
     "Measured curves are means of both branches of the loop in 40 classes of speed, after the force is advanced by its "
     "lag; gas stiffness and hysteresis cancel. The force at zero velocity (gas, and the zero of the load cell) is the "
-    "mean of both ends of the stroke, in a random motion extrapolated to zero acceleration; it is subtracted."
+    "mean of both ends of the stroke, in a random motion extrapolated to zero acceleration; it is subtracted. "
+    "If there is a slow run of the same build, clicks and gas pressure, its gas force and stiffness are subtracted "
+    "from fast runs instead; the notes name it."
 )
 _FASTEST = (
     "A build's figures are means over its fastest entries (90 % of the highest speed or more), because slopes depend "

@@ -248,7 +248,7 @@ def _even(entry: Entry) -> TimeSeries:
 
 
 def _offset(entry: Entry) -> float:
-    return 0.0 if isinstance(entry.offset, Unknown) else entry.offset
+    return 0.0 if isinstance(entry.level, Unknown) else entry.level
 
 
 def _cycles_in(series: TimeSeries, count: int) -> NDArray[np.intp]:

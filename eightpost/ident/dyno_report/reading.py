@@ -10,6 +10,7 @@ from typing import Any
 from eightpost.errors import InputError
 from eightpost.files import document_kind, sha256_of
 from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_table, entry_of_test
+from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.peak_velocity import is_peak_velocity
@@ -97,7 +98,7 @@ def read_entries(
         entries.append(replace(entry, setting=replace(entry.setting, clicks=clicks)) if clicks else entry)
     if not entries:
         raise InputError("there is no file: give dynamometer files, shock files, or both")
-    return _with_unique_names(entries)
+    return with_gas_of_slow_runs(_with_unique_names(entries))
 
 
 def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:

@@ -160,7 +160,7 @@ def peak_table(report: DynoReport) -> list[Block]:
                 none = Unknown("the peaks are not repeated: the cycles differ or are fewer than two")
                 rows.append((entry.name, stroke, str(speeds.size), none, none, none, none))
             else:
-                middle = sign * entry.offset if not isinstance(entry.offset, Unknown) else 0.0
+                middle = sign * entry.level if not isinstance(entry.level, Unknown) else 0.0
                 mean, scatter = float(forces.mean()) - middle, float(forces.std(ddof=1))
                 rows.append((entry.name, stroke, str(speeds.size), float(speeds.mean()), mean, scatter,
                              100.0 * scatter / abs(mean) if mean else None))  # fmt: skip

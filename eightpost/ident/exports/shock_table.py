@@ -16,7 +16,10 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import sha256_of
 from eightpost.shock import Shock, law_title, own_parameters, parameter_units, read_shock
+from eightpost.shock.at_setting import ABOUT as SETTING
+from eightpost.shock.at_setting import setting_text
 from eightpost.shock.law import ShockLaw, valve_force
+from eightpost.units import convert
 
 #: Number of velocities on each side at which a curve is computed before points are chosen, and in each transition.
 _FINE, _FINE_TRANSITION = 1500, 40
@@ -42,6 +45,27 @@ class Setting:
         Raises:
             InputError: The text has another form, or the values are not distinct finite numbers, one per shock.
         """
+        setting = cls._parsed(text)
+        if len(setting.values) != shocks:
+            raise InputError(
+                f"--over {text!r} has {len(setting.values)} values for {shocks} shocks; give one value per shock"
+            )
+        return setting
+
+    @classmethod
+    def of_one_shock(cls, text: str) -> Setting:
+        """Return a setting of one shock that was fitted over its settings, from NAME=VALUE,VALUE,...
+
+        Raises:
+            InputError: The text has another form, or does not have two or more distinct finite numbers.
+        """
+        setting = cls._parsed(text)
+        if len(setting.values) < 2:
+            raise InputError(f"--over {text!r} has one value; give two or more, e.g. rebound=0,4,8")
+        return setting
+
+    @classmethod
+    def _parsed(cls, text: str) -> Setting:
         name, equals, listed = text.rpartition("=")
         if not equals or not name.strip():
             raise InputError(f"--over {text!r} has no name; write NAME=VALUE,VALUE, e.g. --over clicks=0,4,8")
@@ -49,11 +73,23 @@ class Setting:
             values = tuple(float(word) for word in listed.split(","))
         except ValueError:
             raise InputError(f"--over {text!r}: {listed!r} is not a list of numbers; write e.g. clicks=0,4,8") from None
-        if len(values) != shocks:
-            raise InputError(f"--over {text!r} has {len(values)} values for {shocks} shocks; give one value per shock")
         if not all(isfinite(value) for value in values) or len(set(values)) != len(values):
             raise InputError(f"--over {text!r}: the values must be finite and different from each other")
         return cls(name.strip(), values)
+
+    @property
+    def axis(self) -> str:
+        """Name without the unit in brackets."""
+        return self.name.partition("[")[0].strip()
+
+    def in_unit(self, unit: str) -> tuple[float, ...]:
+        """Return the values in a unit; they have that unit if the name states none, as in `temperature [degC]`.
+
+        Raises:
+            UnknownUnitError: The stated unit is unknown or of another dimension.
+        """
+        stated = self.name.partition("[")[2].rstrip("] ")
+        return tuple(convert(value, stated, unit) for value in self.values) if stated else self.values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +120,8 @@ def shock_table(
 
     Args:
         sources: Shock files.
-        over: Quantity in which several shocks differ, as NAME=VALUE,VALUE,...; None for one shock.
+        over: Quantity in which several shocks differ, or an adjuster (or `temperature`) of one shock that was fitted
+            over its settings, as NAME=VALUE,VALUE,...; None for one shock at its reference setting.
         error: Permitted error of linear interpolation by velocity, relative to the range of force [1].
         speed: Highest velocity on both sides [m/s]; None for the fitted range, of all shocks if there are several.
 
@@ -95,16 +132,38 @@ def shock_table(
     shocks = [read_shock(path) for path in sources]
     if len(shocks) > 1 and over is None:
         raise InputError(f"{len(shocks)} shocks make a table over a setting; give it, e.g. --over clicks=0,4,8")
+    files = list(sources)
     if len(shocks) == 1 and over is not None:
-        raise InputError(f"--over {over!r} needs two or more shocks; omit it, or name the shocks of the other settings")
-    setting = None if over is None else Setting.parse(over, len(shocks))
+        setting: Setting | None = Setting.of_one_shock(over)
+        assert setting is not None
+        shocks = _at_settings(shocks[0], setting, over)
+        files *= len(shocks)
+    else:
+        setting = None if over is None else Setting.parse(over, len(shocks))
     order = range(len(shocks)) if setting is None else np.argsort(setting.values).tolist()
-    chosen, files = [shocks[k] for k in order], [sources[k] for k in order]
+    chosen, files = [shocks[k] for k in order], [files[k] for k in order]
     if setting is not None:
         setting = Setting(setting.name, tuple(setting.values[k] for k in order))
     velocity, force, found = table_points([shock.law for shock in chosen], error=error, speed=speed)
     remarks = _remarks(chosen, files, setting, found, velocity)
     return ShockTable(tuple(shock.name for shock in chosen), velocity, force, setting, found, remarks)
+
+
+def _at_settings(shock: Shock, setting: Setting, over: str) -> list[Shock]:
+    """Return a shock at the values of one of its settings; the others are at their reference."""
+    if shock.settings is None:
+        raise InputError(
+            f"--over {over!r}: {shock.name!r} was measured at one setting; omit --over, name the shocks of the other "
+            "settings, or fit them together (eightpost settings)"
+        )
+    axes = {axis.name: axis for axis in shock.settings.axes}
+    if setting.axis not in axes:
+        raise InputError(f"--over {over!r}: {shock.name!r} has no {setting.axis!r}, but {', '.join(axes)}")
+    axis = axes[setting.axis]
+    values = setting.in_unit(axis.unit) if axis.is_temperature else setting.values
+    if axis.is_temperature:
+        return [shock.at(temperature=value) for value in values]
+    return [shock.at(clicks={axis.name: value}) for value in values]
 
 
 # ---- Choice of velocities -------------------------------------------------------------------------------------------
@@ -204,7 +263,10 @@ def _remarks(
         f"interpolation is within {100.0 * error:.2g} % of the range of force",
     ]
     if setting is not None:
-        lines.append(f"between the values of {setting.name} the force was not measured; interpolation is an assumption")
+        known = (
+            "is that of the tool, not of the fit" if len(set(files)) == 1 else "is an assumption: it was not measured"
+        )
+        lines.append(f"interpolation between the values of {setting.name} {known}")
     for k, (shock, path) in enumerate(zip(shocks, files, strict=True)):
         value = "" if setting is None else f"{setting.name} = {setting.values[k]:g}: "
         lines += [f"{value}{line}" for line in _shock_remarks(shock, path)]
@@ -233,6 +295,11 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
         f"scales {port.compression_scale:.6g} in compression and {port.rebound_scale:.6g} in rebound are applied; "
         f"motion ratio {port.motion_ratio:.6g} is not",
     ]
+    if shock.validity is not None:
+        lines += [f"{reason.grade.value}: {reason}" for reason in shock.validity.verdict.about(SETTING).reasons]
+    if shock.settings is not None:
+        at = setting_text(shock.settings, shock.settings.reference)
+        lines.append(f"the curve is that of the reference setting, {at}; choose others with --over")
     lines += [
         f"condition: {name} {value}" for name, value in shock.conditions.items() if isinstance(value, str | float)
     ]

@@ -116,7 +116,8 @@ class HysteresisFit(FittedLaw):
                 stiff * model.runs.deviation * to_states[at_bound],
             ]
         )
-        spread = covariances(jacobian, root * end.error, model.runs)
+        penalties = end.problem.penalty @ end.linear, end.problem.unevenness @ end.parameters
+        spread = covariances(jacobian, root * end.error, model.runs, penalties)
         return Solution(model, parameters, spread, self.found.converged, self.found.status, (self.stop_note,))
 
 

@@ -7,11 +7,14 @@ leverage).
 
 A shock that warms or drifts during the test changes its parameters slowly, which blocks of 0.3 s do not show. So the
 same is done with quarters and eighths of the records, and the widest of the three intervals counts.
+
+Penalties move the solution in the same way in every part of the record. A law with many penalised parameters counts as
+a bias of its intervals what leaving out each penalty would change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -19,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -81,11 +85,18 @@ def _student(blocks: int, level: float) -> float:
     return float(student.ppf(0.5 + 0.5 * level, max(blocks - 1, 1)))
 
 
-def covariances(jacobian: Array, residual: Array, runs: Runs) -> Array:
+def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequence[Array] = ()) -> Array:
     """Return the covariances (3, n, n) of parameters for short blocks, eighths and quarters of the records.
 
     Each is scaled so that `quantile(runs)` standard errors are the half-width of its 95 % interval; `standard_error`
-    takes the largest. For the arguments see `covariance`.
+    takes the largest. For the first three arguments see `covariance`.
+
+    Args:
+        jacobian: Jacobian of the residual.
+        residual: Residual of the fit.
+        runs: Records of the fit.
+        penalties: Values (P,) of penalties that bias the parameters, in the order of the rows of the Jacobian behind
+            those of the data. The bias is added to the half-widths as the root of the sum of squares.
     """
     short = blocks_of(runs)
     found = [covariance(jacobian, residual, runs)]
@@ -93,7 +104,17 @@ def covariances(jacobian: Array, residual: Array, runs: Runs) -> Array:
         ends = np.linspace(0, residual.size, count + 1).astype(int).tolist()
         widened = (_student(count, _LONG_LEVEL) / _student(len(short), LEVEL)) ** 2
         found.append(widened * covariance(jacobian, residual, runs, [slice(*pair) for pair in pairwise(ends)]))
-    return np.array(found)
+    if not penalties:
+        return np.array(found)
+    moves = _without_penalties(jacobian, residual, penalties) / quantile(runs)
+    return np.array(found) + moves.T @ moves
+
+
+def _without_penalties(jacobian: Array, residual: Array, penalties: Sequence[Array]) -> Array:
+    """Return the changes of the solution (G, n) when each of G penalties is left out, to first order."""
+    ends = np.cumsum([residual.size, *(values.size for values in penalties)]).tolist()
+    values = np.concatenate([residual, *penalties, np.zeros(len(jacobian) - ends[-1])])
+    return _Directions.of(jacobian).moves(values, [slice(*pair) for pair in pairwise(ends)])
 
 
 def standard_error(rows: Array, covariances: Array) -> Array:
@@ -114,18 +135,46 @@ def covariance(jacobian: Array, residual: Array, runs: Runs, blocks: list[slice]
         runs: Records of the fit.
         blocks: Blocks of rows that are treated as independent; None for those of `blocks_of`.
     """
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0.0] = 1.0
-    left, strength, directions = np.linalg.svd(jacobian / size, full_matrices=False)
-    known = strength > _NO_INFORMATION * strength[0]
-    unknown = 1.0 - np.sum(directions[known] ** 2, axis=0)
-    scores = _moves(left[:, known], residual, blocks or blocks_of(runs))
-    moves = (scores / strength[known]) @ directions[known] / size
+    directions = _Directions.of(jacobian)
+    moves = directions.moves(residual, blocks or blocks_of(runs))
     count = moves.shape[0]
     moves = moves - moves.mean(axis=0)
     result = (count - 1) / count * moves.T @ moves
-    result[unknown > 1e-6], result[:, unknown > 1e-6] = np.nan, np.nan
+    result[directions.unknown], result[:, directions.unknown] = np.nan, np.nan
     return np.asarray(result, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Directions:
+    """Directions of the parameters (n,) that K singular vectors of a Jacobian (M, n) determine.
+
+    Attributes:
+        left: Left singular vectors (M, K).
+        strength: Singular values (K,) of the Jacobian with columns of size 1.
+        right: Right singular vectors (K, n).
+        size: Sizes of the columns (n,).
+        unknown: Whether each parameter (n,) is not determined.
+    """
+
+    left: Array
+    strength: Array
+    right: Array
+    size: Array
+    unknown: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, jacobian: Array) -> _Directions:
+        """Return the directions of a Jacobian."""
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0.0] = 1.0
+        left, strength, directions = np.linalg.svd(jacobian / size, full_matrices=False)
+        known = strength > _NO_INFORMATION * strength[0]
+        unknown = 1.0 - np.sum(directions[known] ** 2, axis=0) > 1e-6
+        return cls(left[:, known], strength[known], directions[known], size, unknown)
+
+    def moves(self, residual: Array, blocks: list[slice]) -> Array:
+        """Return the changes of the parameters (B, n) when each of B blocks of rows of a residual is left out."""
+        return np.asarray((_moves(self.left, residual, blocks) / self.strength) @ self.right / self.size)
 
 
 def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:

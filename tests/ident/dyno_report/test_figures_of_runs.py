@@ -13,8 +13,9 @@ from eightpost.ident.dyno_report.corner import CarCorner
 from eightpost.ident.dyno_report.cycles import cycles_of, force_at_rest
 from eightpost.ident.dyno_report.entry import entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
+from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.ident.dyno_report.slow import slow_figures
-from eightpost.ident.dyno_report.velocity_curve import BEND, STROKES, ratio_at
+from eightpost.ident.dyno_report.velocity_curve import BEND, STROKES, forces_at, ratio_at
 from eightpost.rig.excitations import random_multisine
 from eightpost.signals import TimeSeries
 
@@ -278,3 +279,24 @@ def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, 
     poles = np.linalg.eigvals(matrix)
     expected = -poles[0].real / abs(poles[0])
     assert CarCorner("lf", mass, rate, motion_ratio).damping_ratio(c) == pytest.approx(expected, rel=1e-6)
+
+
+# ---- Gas force of a slow run ----------------------------------------------------------------------------------------
+
+
+@settings(QUICK, max_examples=15)
+@given(st.floats(50.0, 400.0), st.floats(0.0, 2000.0), st.floats(0.0, 120.0))
+def test_a_fast_run_has_the_gas_force_of_the_slow_run_of_its_setting_subtracted(gas, stiffness, held):
+    """The fast sine holds back a force that the slow run does not have, as at the ends of its stroke."""
+    slow = entry(slow_record(gas, stiffness, 20.0, 3000.0, holds=True), clicks="4")
+    force = valve(viscous(2000.0), viscous(2000.0), gas=gas + held - 0.03 * stiffness, stiffness=stiffness)
+    fast, other = (entry(sine(force, ends=0.03), clicks=clicks) for clicks in ("4", "8"))
+    found = with_gas_of_slow_runs([slow, fast, other])
+    assert found[0] is slow
+    assert found[2] is other
+    assert found[1].level == pytest.approx(gas, abs=2.0)
+    assert other.level == pytest.approx(gas + held, abs=2.0)
+    for stroke, sign in (("compression", 1.0), ("rebound", -1.0)):
+        expected = 400.0 + sign * held
+        assert forces_at(found[1].curve, 0.2, stroke) == pytest.approx(expected, abs=0.02 * expected + 3.0)
+    assert "from the slow run" in found[1].notes[-1]

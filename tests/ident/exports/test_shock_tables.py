@@ -19,16 +19,21 @@ from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.exports.shock_formats import TABLE_FORMATS
 from eightpost.ident.exports.shock_table import Setting, shock_table, table_points
+from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.shock import (
     LAWS,
+    Axis,
     Lpnl2,
     Polylinear,
     Port,
+    Settings,
     Shock,
     ShockLaw,
+    Term,
     fit_parameters,
     own_parameters,
     parameter_units,
+    read_shock,
     write_shock,
 )
 from eightpost.shock.law import valve_force
@@ -274,6 +279,59 @@ def test_a_curve_that_falls_is_exported_with_a_remark(tmp_path: Path) -> None:
     assert "does not rise" in succeeded(falling, "-o", tmp_path / "t.csv")
 
 
+# ---- One shock over its settings ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def adjustable(tmp_path: Path) -> Path:
+    """A shock with a rebound adjuster and a temperature."""
+    axes = (Axis("rebound", (0.0, 4.0, 8.0), 4.0, highest=12.0), Axis("temperature", (300.0, 340.0), 300.0, unit="K"))
+    rebound = tuple((size,) * 12 + (0.0,) * 14 for size in (400.0, 0.0, -150.0))
+    terms = (Term(("rebound",), rebound), Term(("temperature",), ((0.0,) * 26, (-60.0,) * 26)))
+    tested = ((0.0, 300.0), (4.0, 300.0), (8.0, 300.0), (4.0, 340.0))
+    law = Lpnl2(knot_curve(), 1.3e-3, 2500.0, 4400.0, port=PORT)
+    path = tmp_path / "adjustable.json"
+    write_shock(Shock("adjustable", law, settings=Settings(axes, (), terms, tested, ((1.0,) * 25,) * 4)), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("over", "values"), [("rebound=8,0,6", (0.0, 6.0, 8.0)), ("temperature [degC]=60,30", (30.0, 60.0))]
+)
+def test_a_shock_over_its_settings_is_one_table_of_the_curves_at_them(
+    adjustable: Path, tmp_path: Path, over: str, values: tuple[float, ...]
+) -> None:
+    succeeded(adjustable, "--over", over, "-o", tmp_path / "t.csv")
+    record = read_record(tmp_path / "t.csv")
+    table = np.array(record.columns, dtype=float)
+    shock = read_shock(adjustable)
+    for k, value in enumerate(values, start=1):
+        at = {"clicks": {"rebound": value}} if over.startswith("rebound") else {"temperature": value + 273.15}
+        law = shock.at(**at).law  # type: ignore[arg-type]
+        assert table[k] == pytest.approx([valve_force(law.valve, v) for v in table[0].tolist()], rel=1e-12)
+    assert not np.array_equal(table[1], table[2])
+
+
+def test_an_exported_csv_is_read_back_as_peak_velocity_tables_of_the_same_forces(
+    adjustable: Path, tmp_path: Path
+) -> None:
+    succeeded(adjustable, "--over", "rebound=0,8", "-o", tmp_path / "t.csv")
+    table = shock_table([adjustable], over="rebound=0,8")
+    tables = read_peak_velocity(tmp_path / "t.csv")
+    assert [float(str(each.clicks).split("=")[1]) for each in tables] == [0.0, 8.0]
+    for each, force in zip(tables, table.force, strict=True):
+        for side, found in ((1.0, each.compression), (-1.0, each.rebound)):
+            expected = np.interp(side * each.speed, table.velocity, force)
+            np.testing.assert_allclose(found, expected, atol=1e-9 * np.ptp(force))
+
+
+def test_the_file_says_which_of_its_settings_were_not_measured(adjustable: Path, tmp_path: Path) -> None:
+    printed = succeeded(adjustable, "--over", "rebound=0,10", "-o", tmp_path / "t.mat")
+    assert "rebound = 0: usable: the setting is within the measured ones" in printed
+    assert "rebound = 10: usable within limits: the setting is beyond the measured ones" in printed
+    assert "that of the reference setting, rebound 4" in succeeded(adjustable, "-o", tmp_path / "t.dpr")
+
+
 # ---- Refusals -------------------------------------------------------------------------------------------------------
 
 
@@ -291,7 +349,22 @@ def test_a_format_of_one_shock_refuses_several(clicks: list[Path], tmp_path: Pat
 
 def test_several_shocks_need_a_setting_and_one_shock_has_none(clicks: list[Path], tmp_path: Path) -> None:
     assert "--over clicks=0,4,8" in refused(*clicks, "-o", tmp_path / "t.csv")
-    assert "two or more shocks" in refused(clicks[0], "--over", "clicks=1", "-o", tmp_path / "t.csv")
+    assert "measured at one setting" in refused(clicks[0], "--over", "clicks=1,2", "-o", tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize(
+    ("over", "message"),
+    [
+        ("rebound=4", "one value"),
+        ("clicks=0,4", "has no 'clicks', but rebound, temperature"),
+        ("rebound=0,99", "beyond the adjuster's stops"),
+        ("temperature [mm]=1,2", "dimensions differ"),
+    ],
+)
+def test_a_setting_that_a_shock_does_not_have_is_refused(
+    adjustable: Path, tmp_path: Path, over: str, message: str
+) -> None:
+    assert message in refused(adjustable, "--over", over, "-o", tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,14 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.errors import FileFormatError, InputError
+from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.shock.settings.clicks import best_clicks
 from eightpost.ident.shock.settings.result import fit_settings
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
@@ -158,6 +160,41 @@ def test_adjusters_that_change_together_are_refused_by_name():
     axes = (Axis("rebound", (0.0, 5.0), 0.0), Axis("compression", (0.0, 3.0), 0.0))
     with pytest.raises(InputError, match="do not separate the effects of rebound, compression"):
         effects_of(axes, [(0.0, 0.0), (5.0, 3.0)], np.zeros((2, 26)))
+
+
+@hypothesis.settings(max_examples=60, deadline=None)
+@hypothesis.given(st.sets(st.tuples(*[st.integers(0, 4)] * 2), min_size=2, max_size=12), st.integers(0, 99))
+def test_scattered_settings_are_reproduced_or_refused_by_name(places, seed):
+    """The settings are on no grid: most combinations of their clicks were not measured."""
+    measured = sorted((float(a), float(b)) for a, b in places)
+    axes = tuple(
+        Axis(name, nodes, nodes[len(nodes) // 2])
+        for name, nodes in zip(
+            "ab", (tuple(sorted(set(column))) for column in zip(*measured, strict=True)), strict=True
+        )
+    )
+    values = np.random.default_rng(seed).standard_normal((len(measured), 26))
+    values[:] = [[a * row + b * (1.0 + row) for row in values[0]] for a, b in measured]  # effects that add
+    try:
+        found = effects_of(axes, measured, values)
+    except InputError as error:
+        assert "do not separate the effects of" in str(error)
+        return
+    whole = Settings(axes, (), found.terms, tuple(measured), ((0.0,) * 25,) * len(measured))
+    for setting, value in zip(measured, values, strict=True):
+        assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value, abs=1e-8)
+
+
+def test_maxwell_is_fitted_over_settings():
+    fit = fit_settings(rebound_table(), law="maxwell")
+    assert fit.shock.law_name == "maxwell"
+    assert max(one.percent for one in fit.fits) < 5.0
+    assert fit.shock.at(clicks={"rebound": 10}).validity.verdict.about("setting").grade is Grade.USABLE
+
+
+def test_hysteresis_is_refused_over_settings_with_the_laws_that_can_be_fitted():
+    with pytest.raises(ParameterError, match=r"'hysteresis' is fitted .* not over settings; use one of"):
+        fit_settings(rebound_table(), law="hysteresis")
 
 
 def two_adjusters():
