@@ -114,8 +114,8 @@ def scale_statement(series: TimeSeries) -> str:
     peak = int(np.abs(force).argmax())
     stroke = f", stroke {1e3 * np.ptp(series['displacement']):.3g} mm" if "displacement" in series else ""
     return (
-        f"peak force {force[peak]:.4g} N at {velocity[peak]:.3g} m/s{stroke}: whether the units in the file are right "
-        "cannot be told from it. If this is not your shock, set them in a channel map, such as unit = 'lbf' "
+        f"peak force {force[peak]:.4g} N at {velocity[peak]:.3g} m/s{stroke}: the file does not show whether its units "
+        "are right. If this is not your shock, set them in a channel map, such as unit = 'lbf' "
         "(docs/signs_and_units.md)"
     )
 
@@ -127,5 +127,5 @@ def lag_statement(series: TimeSeries) -> str:
     follows = "follows" if delay >= 0.0 else "leads"
     return (
         f"force {follows} velocity by {1e3 * abs(delay):.3g} ms: a delay of the instruments, such as a filter on one "
-        "channel, cannot be told from the lag of the shock, and a fitted lag includes it"
+        "channel, cannot be distinguished from the lag of the shock, and a fitted lag includes it"
     )

@@ -223,8 +223,8 @@ def test_without_such_a_quantity_the_peak_is_stated_for_comparison(tmp_path):
     assert force_rules(tmp_path, POUNDS(stiff(gas=200.0)), "Shock: A") == []
     result = CliRunner().invoke(main, ["inspect", str(tmp_path / "r.csv")])
     assert "peak force" in result.output
-    assert "cannot be told from it" in result.output
-    assert "cannot be told from the lag of the shock" in result.output
+    assert "does not show whether its units are right" in result.output
+    assert "cannot be distinguished from the lag of the shock" in result.output
 
 
 @settings(max_examples=60, deadline=None)

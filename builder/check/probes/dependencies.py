@@ -173,8 +173,8 @@ def _input(variable: Variable, draw: random.Random, scale: float) -> float:
 _SCALES = (1.0, 1.0, 3.0, 3.0, 10.0, 10.0, 10.0, 10.0)
 _SWEEP, _MOST, _DECADES = 400, 20_000, 4
 
-#: Least change of a parameter over a sweep, that of one with start value 0: a thousandth of a parameter that is almost 0
-#: (a slope of 1e-6 N.s/m) has an effect below rounding.
+#: Least change of a parameter over a sweep, that of one with start value 0: a thousandth of a parameter that is almost
+#: 0 (a slope of 1e-6 N.s/m) has an effect below rounding.
 _LEAST_CHANGE = 1e-4
 
 
