@@ -18,6 +18,9 @@ typedef struct {
  * computed when they are read. */
 enum { REACHED = STATE_COUNT, BENT = STATE_COUNT + INPUTS };
 
+/* Upper limit of any state and input, in any unit: far below an overflow of an output, a derivative or the next step. */
+static const double LARGEST = 1e150;
+
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */
 static inline void load(const double *u, Modal *w)

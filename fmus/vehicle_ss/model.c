@@ -27,9 +27,6 @@ enum { MOST_DOUBLINGS = 6 };
 static const double SUB_STEP_SHARE = 0.0625, SUB_STEP_ANGLE = 0.125, SPRING_TRAVEL = 0.05;
 static const double MOST_SUB_STEPS = 100000.0;
 
-/* Upper limit of any state, in any unit. */
-static const double LARGEST = 1e150;
-
 /* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
 typedef struct {
     double h;

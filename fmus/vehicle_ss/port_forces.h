@@ -21,7 +21,8 @@ static inline int has_port_forces(const Parameters *p)
 {
     int any = 0;
     for (int i = 0; i < PORT_COUNT; i++) {
-        any |= (p->friction_force[i] > 0.0) | (p->bristle_force[i] > 0.0);
+        any |= p->friction_force[i] > 0.0;
+        any |= p->bristle_force[i] > 0.0;
     }
     for (int s = 0; s < SPRING_COUNT; s++) {
         any |= p->port_spring[s] != 0.0;

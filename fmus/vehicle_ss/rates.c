@@ -87,17 +87,34 @@ double *model_state(Memory *memory, int k)
     return &memory->state[place_of_state(k)];
 }
 
+static int is_in_limits(double x)
+{
+    return x >= -LARGEST && x <= LARGEST;
+}
+
 /* The state stays; the inputs there include the forces of the ports. */
 int model_evaluate(Memory *memory, void *work, Message *why)
 {
-    double u[INPUTS];
+    const Parameters *p = &memory->values.named.parameters;
+    const double *bend = memory->state + BENT;
+    double u[INPUTS], v[PORTS], force[PORTS], rates[PORTS];
     int finite = 1;
     (void)work;
     (void)why;
     memcpy(u, memory->values.named.signals.input, sizeof u);
-    add_port_forces(&memory->values.named.parameters, memory->state, memory->state + BENT, u);
+    port_velocities(memory->state, v);
+    port_forces(p, memory->state, v, bend, force);
+    add_to_inputs(force, u);
+    bristle_rates(p, v, bend, rates);
     for (int i = 0; i < INPUTS; i++) {
-        finite &= is_finite(u[i]);
+        finite &= is_in_limits(u[i]);
+    }
+    for (int k = 0; k < STATE_COUNT; k++) {
+        finite &= is_in_limits(memory->state[k]);
+    }
+    for (int i = 0; i < PORT_COUNT; i++) { /* products of a velocity and a deflection */
+        finite &= is_in_limits(bend[i]);
+        finite &= is_finite(rates[i]);
     }
     if (finite) {
         memcpy(memory->state + REACHED, u, sizeof u);
