@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads are slower
 
 import numpy as np
-from scipy.signal import resample
 
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import CASES, Case, records_of
@@ -29,8 +28,10 @@ from benchmarks.identification_measures import QUANTITIES
 from eightpost.corners import channel
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import FrictionSearch, direction
+from eightpost.ident.vehicle.port_laws import bristle_force
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig.post import Car
+from eightpost.vehicle import Bristle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,21 +45,13 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-#: First noise seed of the tests; rate at which the bristle is simulated [Hz].
-_NOISE, _FINE = 5000, 2000.0
+#: First noise seed of the tests.
+_NOISE = 5000
 
 
 def bristle(velocity: Array, rate: float, reach: float) -> Array:
-    """Return z / z_b (N,) of a bristle that slides at the reach z_b [m]: dz/dt = v - |v| z / z_b."""
-    finer = max(1, round(_FINE / rate))
-    fine = resample(velocity, velocity.size * finer)
-    kept = np.exp(-np.abs(fine) / (rate * finer * reach))
-    pushed = np.sign(fine) * (1.0 - kept)
-    z, bend = np.empty_like(fine), 0.0
-    for k in range(fine.size):
-        bend = bend * kept[k] + pushed[k]
-        z[k] = bend
-    return np.asarray(resample(z, velocity.size), dtype=np.float64)
+    """Return the force (N,) of a bristle of 1 N that slides at the reach z_s [m]."""
+    return bristle_force(velocity, rate, Bristle(1.0, reach))
 
 
 #: Laws by name, with the widths to try.

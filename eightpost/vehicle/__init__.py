@@ -1,6 +1,7 @@
 """Linear vehicle models with named channels; docs/ports.md defines names and signs."""
 
 from eightpost.corners import CORNERS
+from eightpost.vehicle.bristle import Bristle
 from eightpost.vehicle.conversions import add_port_damping, discretise
 from eightpost.vehicle.kernel import LinearStepper
 from eightpost.vehicle.quantities import Corners
@@ -12,6 +13,7 @@ from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle, StructuralVe
 
 __all__ = [
     "CORNERS",
+    "Bristle",
     "Channel",
     "Corners",
     "Friction",

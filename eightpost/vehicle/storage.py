@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ import eightpost
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.validity import Validity
+from eightpost.vehicle.bristle import Bristle
 from eightpost.vehicle.parameters import read_toml, write_toml
 from eightpost.vehicle.statespace import Channel, StateSpace
 from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle, StructuralVehicle, Vehicle
@@ -64,8 +66,8 @@ def shipped(model: Literal["quarter_car", "seven_dof"]) -> Path:
 
 # ---- JSON files of identified vehicles ------------------------------------------------------------------------------
 
-#: Newest schema of these files that can be read.
-SCHEMA = 1
+#: Newest schema of these files that can be read: 2 has bristles and port springs. A file without them is written as 1.
+SCHEMA = 2
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
 _OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction", "validity")
@@ -105,7 +107,7 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     """Return the content of a vehicle file: texts, numbers, lists and tables."""
     model = vehicle.state_space
     return {
-        "schema": SCHEMA,
+        "schema": SCHEMA if any(_is_new(law) for law in vehicle.friction.values()) else 1,
         "kind": "vehicle",
         "tool": f"eightpost {eightpost.__version__}",
         "model": vehicle.model,
@@ -123,10 +125,23 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     }
 
 
+def _is_new(law: Friction) -> bool:
+    """Return whether a law needs the schema 2."""
+    return law[2:] != Friction()[2:]
+
+
 def _friction(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     """Return the entry of the friction; empty without friction, so that older versions can read the file."""
-    entries = {port: {"force": law.force, "velocity": law.velocity} for port, law in vehicle.friction.items()}
+    entries = {
+        port: {"force": law.force, "velocity": law.velocity}
+        | ({"bristle": asdict(law.bristle), "spring": law.spring} if _is_new(law) else {})
+        for port, law in vehicle.friction.items()
+    }
     return {"friction": entries} if entries else {}
+
+
+def _law(entry: dict[str, Any]) -> Friction:
+    return Friction(entry["force"], entry["velocity"], Bristle(**entry.get("bristle", {})), entry.get("spring", 0.0))
 
 
 def _rows_on_lines(content: dict[str, Any]) -> str:
@@ -174,7 +189,7 @@ def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
         content.get("baseline_damping", {}),
         content.get("static", {}),
         content.get("sources", {}),
-        {port: Friction(law["force"], law["velocity"]) for port, law in content.get("friction", {}).items()},
+        {port: _law(entry) for port, entry in content.get("friction", {}).items()},
         Validity.from_json(content["validity"]) if "validity" in content else None,
     )
 

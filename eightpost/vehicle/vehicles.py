@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from math import isfinite
 from typing import Literal, NamedTuple
 
+from eightpost.corners import channel
 from eightpost.errors import ParameterError
 from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
+from eightpost.vehicle.bristle import Bristle
 from eightpost.vehicle.conversions import add_port_damping
 from eightpost.vehicle.quantities import check_static
 from eightpost.vehicle.quarter_car import QuarterCar
@@ -57,15 +59,55 @@ class StructuralVehicle:
 
 
 class Friction(NamedTuple):
-    """Suspension friction at a port, `F_f tanh(v / v_f)`, which is added to the shock force.
+    """Friction and progressive spring at a port; their force is added to the shock force.
+
+        F_f tanh(v / v_f) + F_s z / z_s + k2 d^2
+
+    with the velocity v and the displacement d of the port from the static state, and the bristle's deflection z.
 
     Attributes:
-        force: Friction force F_f [N], not below zero.
+        force: Friction force F_f of the part that creeps [N], not below zero.
         velocity: Smoothing velocity v_f of the change of sign [m/s], above zero.
+        bristle: The part that sticks; its default has no force.
+        spring: Coefficient k2 of the port spring [N/m2]: a spring that is stiffer in compression has a positive one.
     """
 
-    force: float
-    velocity: float
+    force: float = 0.0
+    velocity: float = 0.005
+    bristle: Bristle = Bristle()
+    spring: float = 0.0
+
+    @property
+    def acts(self) -> bool:
+        """Whether any element has a force."""
+        return self.force > 0.0 or self.bristle.force > 0.0 or self.spring != 0.0
+
+    @property
+    def sliding_force(self) -> float:
+        """Friction force of a port that slides [N]."""
+        return self.force + self.bristle.force
+
+    def fault(self) -> str | None:
+        """Return what is wrong with the values, None if they are valid."""
+        own = self.bristle
+        for name, value, is_in_range, range_ in (
+            ("force", self.force, self.force >= 0.0, "N, not below zero"),
+            ("velocity", self.velocity, self.velocity > 0.0, "m/s, above zero"),
+            ("bristle.force", own.force, own.force >= 0.0, "N, not below zero"),
+            ("bristle.reach", own.reach, own.reach > 0.0, "m, above zero"),
+            ("bristle.static_ratio", own.static_ratio, own.static_ratio >= 1.0, "at least 1"),
+            ("bristle.stribeck_velocity", own.stribeck_velocity, own.stribeck_velocity > 0.0, "m/s, above zero"),
+            ("spring", self.spring, True, "N/m2"),
+        ):
+            if not (isfinite(value) and is_in_range):
+                return f"{name} is {value!r}; give a finite number [{range_}]"
+        return None
+
+
+def _plain(law: Friction) -> Friction:
+    """Return the same law with Python's numbers."""
+    own = Bristle(*(float(value) for value in astuple(law.bristle)))
+    return Friction(float(law.force), float(law.velocity), own, float(law.spring))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +121,8 @@ class IdentifiedVehicle:
             The input of a port that is missing here is the whole force.
         static: Values of the static state by output, SI; see `StructuralVehicle`.
         sources: SHA-256 digests of the files that the vehicle was identified from, by name.
-        friction: Friction by port; the shock forces of the identification included it. Missing ports have no friction.
+        friction: Friction and springs by port; the shock forces of the identification included them. Missing ports have
+            none.
         validity: Verdict on the model and the ranges that it covers; None if they are not known.
     """
 
@@ -97,15 +140,17 @@ class IdentifiedVehicle:
         object.__setattr__(self, "static", check_static(self.static, names, self.name))
         object.__setattr__(self, "baseline_damping", {k: float(v) for k, v in self.baseline_damping.items()})
         object.__setattr__(self, "sources", dict(self.sources))
-        friction = {k: Friction(float(v.force), float(v.velocity)) for k, v in self.friction.items()}
+        friction = {k: _plain(v) for k, v in self.friction.items()}
         object.__setattr__(self, "friction", friction)
         self._check_ports("baseline damping", self.baseline_damping)
         self._check_ports("friction", self.friction)
         for port, law in friction.items():
-            if not (isfinite(law.force) and law.force >= 0.0 and isfinite(law.velocity) and law.velocity > 0.0):
+            if (fault := law.fault()) is not None:
+                raise ParameterError(f"{self.name}: the friction of the port {port!r} is invalid: {fault}")
+            if law.spring and channel(port, "displacement") not in names:
                 raise ParameterError(
-                    f"{self.name}: the friction of the port {port!r} has the force {law.force!r} N and the velocity "
-                    f"{law.velocity!r} m/s; give a force not below zero and a velocity above zero"
+                    f"{self.name}: the port {port!r} has a spring of {law.spring!r} N/m2, but the model has no output "
+                    f"{channel(port, 'displacement')}; identify that output, or remove the spring"
                 )
 
     def _check_ports(self, what: str, given: Iterable[str]) -> None:

@@ -89,9 +89,11 @@ def test_a_cars_states_are_the_modes_of_its_model(exchange, name):
     inputs, states = moved(fmu, 2)
     u = np.array([inputs[name] for name in model.input_names])
     z = states[: form.sigma.size] + 0j
-    z[: form.pairs] += 1j * states[form.sigma.size :]
+    modal = form.sigma.size + form.pairs
+    z[: form.pairs] += 1j * states[form.sigma.size : modal]
     rates = form.eigenvalues * z + form.B_re @ u + 1j * (form.B_im @ u)
-    expected = np.concatenate([rates.real, rates.imag[: form.pairs]])
+    rest = np.zeros(states.size - modal)  # bristles without force do not move
+    expected = np.concatenate([rates.real, rates.imag[: form.pairs], rest])
     np.testing.assert_allclose(fmu.derivatives(), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
     y = form.C_re @ z.real + form.C_im @ z.imag + form.D @ u
     np.testing.assert_allclose(fmu.get(*model.output_names), y, rtol=1e-12, atol=1e-12 * np.abs(y).max())
@@ -165,7 +167,7 @@ def test_every_function_is_refused_in_the_wrong_mode_and_leaves_the_instance_usa
     """The table of calls in FMI 2.0.4, 3.2.3."""
     info, flags = c_level.fmi2.fmi2EventInfo(), (ctypes.c_int * 2)()
     count = ctypes.c_size_t(len(host(name).state_names))
-    states = (ctypes.c_double * 20)()
+    states = (ctypes.c_double * 40)()
     calls = {
         "SetTime": (ctypes.c_double(0.0),), "SetContinuousStates": (states, count), "NewDiscreteStates": (info,),
         "GetContinuousStates": (states, count), "GetDerivatives": (states, count), "EnterEventMode": (),
@@ -200,7 +202,7 @@ def test_every_function_is_refused_in_the_wrong_mode_and_leaves_the_instance_usa
 @pytest.mark.parametrize("name", ALL)
 def test_an_instance_for_co_simulation_refuses_model_exchange_and_its_states_cannot_be_set(host, name):
     fmu = host(name).start()
-    count, numbers = ctypes.c_size_t(len(fmu.state_names)), (ctypes.c_double * 20)()
+    count, numbers = ctypes.c_size_t(len(fmu.state_names)), (ctypes.c_double * 40)()
     for function, arguments in {
         "SetTime": (ctypes.c_double(0.0),), "EnterEventMode": (), "EnterContinuousTimeMode": (),
         "GetDerivatives": (numbers, count), "GetContinuousStates": (numbers, count),
@@ -234,7 +236,7 @@ def test_wrong_numbers_of_states_and_values_that_are_not_finite_are_refused(exch
     fmu = exchange(name)
     _, states = moved(fmu, 4)
     before, count = fmu.all(), len(states)
-    numbers = (ctypes.c_double * 20)()
+    numbers = (ctypes.c_double * 40)()
     for function in ("SetContinuousStates", "GetContinuousStates", "GetDerivatives", "GetNominalsOfContinuousStates"):
         assert fmu.call(function, numbers, ctypes.c_size_t(count + 1)) == ERROR
         if count:
@@ -343,5 +345,8 @@ def test_the_derivative_attribute_connects_every_state_with_its_derivative(host,
     fmu = host(name)
     for state, rate in zip(fmu.state_names, fmu.derivative_names, strict=True):
         assert rate == f"der({state})"
-        assert re.fullmatch(r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\])", state)
+        assert re.fullmatch(
+            r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\]|(\w+\.)?bristle_deflection)",
+            state,
+        )
     assert len(set(fmu.state_names)) == len(fmu.state_names)

@@ -9,7 +9,7 @@ both hubs of its axle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from scipy.signal import resample
@@ -20,6 +20,7 @@ from eightpost.errors import InputError
 from eightpost.ident.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.ident.vehicle.grey_box.kernel import Numbers, march
+from eightpost.vehicle import Bristle
 
 #: Integration steps per second, at least [Hz].
 STEP_RATE = 1250.0
@@ -27,8 +28,8 @@ STEP_RATE = 1250.0
 #: Number of states: coordinates, velocities, accelerations, bristles.
 _STATES = 28
 
-#: Stribeck velocity of the friction [m/s], and breakaway over sliding force.
-_STRIBECK, _BREAKAWAY = 0.01, 1.15
+#: Friction of the family, of which force and reach are fitted: Stribeck velocity [m/s], static over sliding force.
+BRISTLE = Bristle(static_ratio=1.15, stribeck_velocity=0.01)
 
 #: Parameters that the base fit leaves at their start values.
 OPTIONAL = (
@@ -41,13 +42,12 @@ _AERO = tuple(f"{corner}.aero" for corner in CORNERS)
 _MODAL = ("heave_force", "roll_moment", "pitch_moment")
 
 
-def declared(starts: Mapping[str, float], rig: Sequence[str], *, sticking: bool = True) -> ParameterTable:
+def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
     """Return the parameters of the family.
 
     Args:
         starts: Start values by parameter; those missing have typical values.
         rig: Inputs of the rig; they decide the parameters of the loads.
-        sticking: Whether friction is a bristle that sticks; otherwise it is `F tanh(v / v_f)`, as in the vehicle file.
     """
     rows = [
         *(_positive(f"front.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
@@ -59,9 +59,7 @@ def declared(starts: Mapping[str, float], rig: Sequence[str], *, sticking: bool 
         *(Parameter(f"{axle}.mass coupling", "kg", 0.0, -200.0, 200.0, size=10.0) for axle in ("front", "rear")),
         *(Parameter(f"{axle}.shock_share", "1", 0.0, -0.6, 0.6, size=0.1) for axle in ("front", "rear")),
         Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, size=0.1),
-        _positive("friction_reach", "m", 1e-4, 1e-6, 3e-3)
-        if sticking
-        else _positive("friction_velocity", "m/s", 0.012, 1e-3, 0.2),
+        _positive("friction_reach", "m", BRISTLE.reach, 1e-6, 3e-3),
     ]
     for c in CORNERS:
         rows += [
@@ -186,7 +184,7 @@ class GreyBoxCar:
         InputError: The experiment is not that of a car with four corners.
     """
 
-    state_sizes = np.concatenate([np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.ones(4)])
+    state_sizes = np.concatenate([np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.full(4, 1e-4)])
 
     def __init__(self, experiment: Experiment, names: Sequence[str], static: Array) -> None:
         if experiment.ports != CORNERS:
@@ -224,12 +222,15 @@ class GreyBoxCar:
         springs = np.array([[p[f"{c}.spring_rate"], p[f"{c}.spring_progression"]] for c in CORNERS])
         tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
                           for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
-        reach = p.get("friction_reach")
-        law = [0.0, p["friction_velocity"], 1.0] if reach is None else [_BREAKAWAY, reach, _STRIBECK]
-        friction = np.array([[p[f"{c}.friction"], *law] for c in CORNERS])
+        friction = np.array([astuple(bristle_of(p, c)) for c in CORNERS])
         other = -inverse @ m.stiffness, -inverse @ m.damping
         rows = m.shock, m.spring, push, *other, springs, tires, friction, *output_rows(p, m, self._experiment.outputs)
         return tuple(np.asarray(row, dtype=np.float64) for row in rows)
+
+
+def bristle_of(p: Mapping[str, float], corner: str) -> Bristle:
+    """Return the friction of a corner for parameters by name."""
+    return replace(BRISTLE, force=p[f"{corner}.friction"], reach=p["friction_reach"])
 
 
 def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> tuple[Array, Array, Array, Array]:

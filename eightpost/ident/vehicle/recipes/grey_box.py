@@ -23,10 +23,10 @@ from eightpost.ident.output_error import (
 )
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import with_friction
-from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
+from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, bristle_of, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
+from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
@@ -73,8 +73,7 @@ class GreyBox:
         started = process_time()
         fit = self.explain(tests, experiment)
         lawful = self._with_laws_of_the_file(fit, tests, experiment)
-        width = lawful.values["friction_velocity"]
-        friction = {c: Friction(lawful.values[f"{c}.friction"], width) for c in CORNERS}
+        friction = {c: Friction(bristle=bristle_of(lawful.values, c)) for c in CORNERS}
         vehicle = IdentifiedVehicle(
             experiment.name, linear_model(lawful.values, experiment), experiment.baseline_damping, experiment.static,
             experiment.sources, friction,
@@ -122,8 +121,13 @@ class GreyBox:
     def _with_laws_of_the_file(
         self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment
     ) -> OutputErrorFit:
-        """Return a fit with the laws that the vehicle file can hold, so that the other parameters make up for them."""
-        table = declared({n: v for n, v in fit.values.items() if n not in OPTIONAL}, experiment.rig, sticking=False)
+        """Return a fit with the laws that the vehicle file can hold, so that the other parameters make up for them.
+
+        The file has linear springs and tires; if they were not fitted, it is the same fit.
+        """
+        if not any(fit.values[name] for name in OPTIONAL):
+            return fit
+        table = declared({n: v for n, v in fit.values.items() if n not in OPTIONAL}, experiment.rig)
         records = [_record(test, experiment, self.seconds[1]) for test in tests]
         fixed = (*_unused(table, experiment), *OPTIONAL)
         return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
@@ -143,7 +147,7 @@ class GreyBox:
         self, tests: Sequence[TimeSeries], experiment: Experiment, friction: Mapping[str, Friction]
     ) -> FrequencyResponse:
         return estimate_response(
-            [with_friction(test, friction) for test in tests],
+            [with_port_laws(test, friction) for test in tests],
             inputs=experiment.inputs,
             outputs=experiment.outputs,
             recipe=self.estimate,
@@ -210,9 +214,9 @@ def _notes(fit: OutputErrorFit, lawful: OutputErrorFit) -> list[str]:
     notes = [
         f"sprung mass {sprung:.1f} kg; residuals of the simulation are {100 * min(fit.residual.values()):.2g} to "
         f"{100 * max(fit.residual.values()):.2g} % of the outputs",
-        "the vehicle file has friction as tanh(v / v_f) and linear springs and tires about the mean of the tests; its "
-        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Sticking, progressive springs and tires "
-        "that lift off are in the parameters only",
+        "the vehicle file has the friction that sticks, and linear springs and tires about the mean of the tests; its "
+        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Progressive springs and tires that lift off "
+        "are in the parameters only",
     ]
     stiffening = [c for c in CORNERS if _is_significant(fit, f"{c}.tire_stiffening")]
     if stiffening:
