@@ -170,6 +170,7 @@ def _show_fit(console: Console, fit: VehicleFit) -> None:
         damping_sentence,
         fit_verdict,
         friction_table,
+        measure_table,
         residual_table,
         trust_table,
     )
@@ -177,6 +178,8 @@ def _show_fit(console: Console, fit: VehicleFit) -> None:
     console.print(residual_table(fit))
     if fit.trust is not None and fit.trust.outputs:
         console.print(trust_table(fit.trust))
+    if fit.trust is not None and fit.trust.measures:
+        console.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
         console.print(friction_table(fit, fit.trust))
     console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
