@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from scipy.stats import t as student
 
 from benchmarks.identification import markdown
-from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, TUNING, WIDE, Outcome, outcome
+from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, TUNING, Outcome, outcome
 from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 from eightpost.ident.vehicle.model_form import ModelForm, Shares
 
@@ -170,8 +170,9 @@ def coverage(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
 def comparisons(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
     """Return the stated and the observed share of correct comparisons by bins, for all pairs and for similar setups."""
     rows = []
-    for group, first in (("all", 0), ("similar laws", WIDE)):
-        pairs = np.array([pair for one in outcomes for pair in _pairs(one, settings, first)])
+    for group in ("all", "similar laws"):
+        first = [0 if group == "all" else one.similar for one in outcomes]
+        pairs = np.array([pair for one, k in zip(outcomes, first, strict=True) for pair in _pairs(one, settings, k)])
         place = np.clip(np.digitize(pairs[:, 0], BINS) - 1, 0, len(BINS) - 2)
         for k in range(len(BINS) - 1):
             chosen = pairs[place == k]

@@ -26,6 +26,11 @@ from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 
+#: Note on a vehicle that cannot be simulated with the shocks of its own tests.
+_NOT_SIMULATED = (
+    "No test could be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class CommonPoles:
@@ -73,6 +78,7 @@ class CommonPoles:
             laws,
         )
         outputs = self._outputs(found, tests, experiment, friction)
+        measures = self._measures(vehicle, found, tests, corrected, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(vehicle)
         springs = {} if self.springs is None else self.springs.find(corrected, experiment)
@@ -86,6 +92,7 @@ class CommonPoles:
                 else ()
             ),
             *flags.values(),
+            *((_NOT_SIMULATED,) if outputs and self.model_form is not None and not measures else ()),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
@@ -105,7 +112,7 @@ class CommonPoles:
                 flags,
                 found.orders,
                 self.samples,
-                self._measures(vehicle, found, tests, corrected, experiment, outputs),
+                measures,
             ),
         )
         return Identification(fit, found, response, friction, ranges)
