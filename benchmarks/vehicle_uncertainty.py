@@ -31,6 +31,7 @@ from scipy.stats import t as student
 
 from benchmarks.identification import markdown
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, TUNING, Outcome, outcome
+from eightpost.errors import StepError
 from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 from eightpost.ident.vehicle.model_form import ModelForm, Shares
 
@@ -69,14 +70,18 @@ def main() -> None:
     """Print both tables."""
     options = _options()
     seeds = TUNING if options.tune else REPORT if options.seeds is None else range(*options.seeds)
-    found = []
+    found, failed = [], []
     for seed in seeds:
         for kind in options.kinds.split(",") if options.kinds else KINDS:
-            found.append(outcome(kind, seed, options.kept))
+            try:
+                found.append(outcome(kind, seed, options.kept))
+            except StepError as error:
+                failed.append(f"{kind} {seed} has no prediction: {error}")
+                continue
             print(f"{kind} {seed}: {_summary(found[-1])}", file=sys.stderr, flush=True)
     settings = tuned(found) if options.tune else ModelForm()
     tables = {"coverage": coverage(found, settings), "comparisons": comparisons(found, settings)}
-    print(f"inside {tuple(settings.inside)}, above {tuple(settings.above)}")
+    print(f"{len(found)} truths; inside {tuple(settings.inside)}, above {tuple(settings.above)}", *failed, sep="\n")
     print(*(markdown(rows) for rows in tables.values()), sep="\n\n")
     if options.json:
         options.json.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
