@@ -28,6 +28,9 @@ Refit = Callable[[Sequence[int]], IdentifiedVehicle]
 #: Width of the bands in which the floor of the residual's spectrum is sought [Hz].
 _BAND = 2.0
 
+#: Relative residual of an output from which a simulation has diverged [1]; without any motion it would be 1.
+_DIVERGED = 3.0
+
 #: Smallest relative change of a shock's damping that counts as another shock [1].
 _OTHER = 0.1
 
@@ -86,22 +89,31 @@ class ModelForm:
             outputs: Uncertainty of the outputs due to noise.
 
         Returns:
-            Uncertainties by measure; empty if no test could be simulated.
+            Uncertainties by measure; empty if the simulation of a test with `vehicle` diverges or does not converge. A
+            vehicle without a test that cannot be simulated is replaced by `vehicle`.
         """
         names = measure_names(vehicle.state_space.output_names)
         left = () if refit is None else removable_tests(tests, experiment.ports)
         found = []
         for k, test in enumerate(tests):
-            model = refit([i for i in range(len(tests)) if i != k]) if refit is not None and k in left else vehicle
-            try:
-                found.append(self.residual(model, test, band[1]))
-            except StepError:
-                continue
-        if not found:
-            return {}
+            others = [i for i in range(len(tests)) if i != k]
+            residual = self._bounded(refit(others), test, band[1]) if refit is not None and k in left else None
+            residual = residual or self._bounded(vehicle, test, band[1])
+            if residual is None:
+                return {}
+            found.append(residual)
         inside, above = (np.sqrt(np.mean(np.square(rows), axis=0)) for rows in zip(*found, strict=True))
         noise = [self.noise(name, outputs or {}) for name in names]
         return {n: self.of_residual(*row) for n, *row in zip(names, inside, above, noise, strict=True)}
+
+    def _bounded(self, vehicle: IdentifiedVehicle, test: TimeSeries, high: float) -> Residual | None:
+        """Return the residual of a test; None if the simulation diverges or does not converge."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = self.residual(vehicle, test, high)
+        except StepError:
+            return None
+        return found if np.all(np.hypot(*found) < _DIVERGED) else None
 
     def residual(self, vehicle: IdentifiedVehicle, test: TimeSeries, high: float) -> Residual:
         """Return the residual of a test in and above the band of a model that ends at `high` [Hz].

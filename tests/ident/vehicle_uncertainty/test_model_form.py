@@ -109,6 +109,23 @@ def test_errors_grow_with_the_residual_and_include_noise(car, tests):
     assert quiet["velocity"].common < 2e-3
 
 
+def unstable(car):
+    """The car with a growing motion of 5 Hz that all outputs show."""
+    model, block = car.state_space, np.array([[8.0, 31.4], [-31.4, 8.0]])
+    A = np.block([[model.A, np.zeros((len(model.A), 2))], [np.zeros((2, len(model.A))), block]])
+    B = np.vstack([model.B, np.ones((2, model.B.shape[1]))])
+    C = np.hstack([model.C, np.ones((len(OUTPUTS), 2))])
+    return replace(car, state_space=replace(model, A=A, B=B, C=C))
+
+
+def test_no_uncertainty_is_stated_for_a_car_whose_simulation_diverges(car, tests):
+    wrong = unstable(car)
+    assert ModelForm().uncertainty(wrong, tests, experiment(car), (0.1, 16.0)) == {}
+    three = (*tests, record(car, ALTERNATE, seed=5))
+    plain = ModelForm().uncertainty(car, three, experiment(car), (0.1, 16.0))
+    assert ModelForm().uncertainty(car, three, experiment(car), (0.1, 16.0), refit=lambda kept: wrong) == plain
+
+
 def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, tests):
     assert removable_tests(tests, ("",)) == ()
     three = (*tests, record(car, ALTERNATE, seed=5))

@@ -28,7 +28,7 @@ from eightpost.vehicle import IdentifiedVehicle
 
 #: Note on a vehicle that cannot be simulated with the shocks of its own tests.
 _NOT_SIMULATED = (
-    "No test could be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
+    "A test could not be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
 )
 
 
