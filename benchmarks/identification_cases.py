@@ -33,7 +33,7 @@ from eightpost.rig.post import (
     track_drive,
     truth_named,
 )
-from eightpost.rig.post.drivefiles import RATE
+from eightpost.rig.post.drivefiles import RATE, STEPS
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 
@@ -81,7 +81,7 @@ class Case:
     laws: Callable[[], Sequence[Lpnl2]]
     changes: tuple[Callable[[Car], Car], ...] = ()
     car_seed: int | None = None
-    steps: int = 4
+    steps: int = STEPS
 
     @property
     def car(self) -> AnyCar:
@@ -137,9 +137,15 @@ def records_of(case: Case, noise: int = NOISE) -> tuple[tuple[TimeSeries, ...], 
 
 def truths(case: Case, lap: TimeSeries, setups: Sequence[Sequence[int]]) -> Iterator[dict[str, float]]:
     """Yield the true measures of setups."""
-    car, shocks = case.car, case.shocks()
-    chosen = [tuple(shocks[i] for i in setup) for setup in setups]
-    for motion in simulate_setups(car, lap, chosen, steps=case.steps):
+    shocks = case.shocks()
+    yield from truths_of(case.car, lap, [tuple(shocks[i] for i in setup) for setup in setups], steps=case.steps)
+
+
+def truths_of(
+    car: AnyCar, lap: TimeSeries, setups: Sequence[tuple[Shock, ...]], *, steps: int = STEPS
+) -> Iterator[dict[str, float]]:
+    """Yield the measures of a true car with shocks at its corners."""
+    for motion in simulate_setups(car, lap, setups, steps=steps):
         names, values = truth_of(car, motion)
         yield measures_of(names, values, RATE)
 

@@ -172,6 +172,7 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     from eightpost.ident.vehicle.verdict import (
         damping_sentence,
         friction_table,
+        measure_table,
         residual_table,
         trust_table,
     )
@@ -179,6 +180,8 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     console.print(residual_table(fit))
     if fit.trust is not None and fit.trust.outputs:
         console.print(trust_table(fit.trust))
+    if fit.trust is not None and fit.trust.measures:
+        console.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
         console.print(friction_table(fit, fit.trust))
     console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)

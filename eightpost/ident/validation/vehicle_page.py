@@ -34,6 +34,11 @@ _TRENDS = (
     "a record's RMS relative to the mean of all records. Records with different drives also differ by their roads."
 )
 _MODES = "Oscillating modes around the baseline damping. The MAC is computed over the outputs that both cars have."
+_MEASURES = (
+    "Part of the error of a predicted RMS value is the same for all setups on a drive and does not affect which one is "
+    "better. The error between two setups grows with their difference; the table gives it for predictions that differ "
+    "by 10 %, RMS over all measures. Both come from free-running simulations of the identification tests."
+)
 _VEHICLE = Markup(
     "<p>The vehicle <strong>{}</strong>: recipe {}, {} states, fitted from {:.3g} to {:.3g} Hz. Measurement and "
     "prediction pass the same zero-phase low-pass at {:.3g} Hz. The first {:.3g} s (at most a quarter) of each record "
@@ -83,6 +88,7 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     if trust := fit.trust:
         blocks: list[Block] = [" ".join(trust.flags.values()) or "The fit found no nonlinear effect in the car."]
         blocks += [tables.certainty_table(fit)] if trust.outputs else []
+        blocks += [_MEASURES, tables.measure_table(fit)] if trust.measures else []
         blocks += [] if friction.rows else [tables.port_table(fit)]
         blocks += [] if trust.orders is None else [_order_figure(trust.orders)]
         yield Section("fit", "Self-assessment of the fit", blocks)

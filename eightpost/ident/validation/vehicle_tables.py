@@ -9,6 +9,8 @@ import numpy as np
 from eightpost.ident.validation.comparison import Comparison
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
+from eightpost.ident.vehicle.verdict import TENTH
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable
 
 # ---- Self-assessment of the fit -------------------------------------------------------------------------------------
@@ -26,6 +28,18 @@ def certainty_table(fit: VehicleFit) -> ResultTable:
         for name, one in ({} if fit.trust is None else fit.trust.outputs).items()
     )  # fmt: skip
     return ResultTable.of("Uncertainty of the outputs, from the fit", columns, rows)
+
+
+def measure_table(fit: VehicleFit) -> ResultTable:
+    """Return 95 % intervals of predicted RMS values of setups; no rows if the fit does not contain them."""
+    columns = (
+        "measure", "error that all setups share, +- % .2", "error between two setups 10 % apart, +- % .2",
+    )  # fmt: skip
+    rows = (
+        (name, 100.0 * one.half_width(0.0), 100.0 * MeasureUncertainty(0.0, one.own).half_width(TENTH))
+        for name, one in ({} if fit.trust is None else fit.trust.measures).items()
+    )
+    return ResultTable.of("Accuracy of predicted RMS values of setups that were not tested, 95 %", columns, rows)
 
 
 def port_table(fit: VehicleFit) -> ResultTable:

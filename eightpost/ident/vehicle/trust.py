@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
+from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
+
 #: Number of standard deviations above which a force is significant [1].
 SIGNIFICANT = 4.0
 
@@ -100,6 +102,8 @@ class Trust:
             `misfit` and `unexplained`.
         orders: Choice of the number of states.
         samples: Number of models with resampled noise that the standard deviations come from.
+        measures: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire
+            forces; empty if it was not estimated.
     """
 
     outputs: Mapping[str, OutputTrust]
@@ -108,6 +112,7 @@ class Trust:
     flags: Mapping[str, str] = field(default_factory=dict)
     orders: Orders | None = None
     samples: int = 0
+    measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
 
     def as_json(self) -> Any:
         """Return the content as JSON values."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
+from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.console import Table, console_table, right
@@ -49,6 +50,29 @@ def trust_table(trust: Trust) -> Table:
         "resampled noise"
     )
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
+
+
+#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures.
+TENTH = 0.1
+
+
+def measure_table(trust: Trust) -> Table:
+    """Return 95 % intervals of predicted RMS values of untested setups: the worst output of each quantity."""
+    rows = []
+    for quantity, worst in worst_measures(trust):
+        halves = (worst.half_width(0.0), MeasureUncertainty(0.0, worst.own).half_width(TENTH))
+        rows.append((quantity, *(f"{100.0 * half:.2g}" for half in halves)))
+    title = "accuracy of predicted RMS values of setups that were not tested; 95 % intervals of the worst outputs"
+    columns = right("error that all setups share, +- %", "error between two setups 10 % apart, +- %")
+    return console_table(["quantity", *columns], rows, title=title)
+
+
+def worst_measures(trust: Trust) -> Iterator[tuple[str, MeasureUncertainty]]:
+    """Yield each quantity with the largest common and the largest own error of its measures."""
+    names = {name: name.rpartition(".")[2] for name in trust.measures}
+    for quantity in dict.fromkeys(names.values()):
+        found = [one for name, one in trust.measures.items() if names[name] == quantity]
+        yield quantity, MeasureUncertainty(max(one.common for one in found), max(one.own for one in found))
 
 
 def friction_table(fit: VehicleFit, trust: Trust) -> Table:

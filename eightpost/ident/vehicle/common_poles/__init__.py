@@ -8,6 +8,7 @@ from eightpost.ident.vehicle.common_poles.deviations import (
     spread,
     unmodelled,
 )
+from eightpost.ident.vehicle.common_poles.left_out import refitted
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
 from eightpost.ident.vehicle.ranges import Ranges
 
@@ -18,6 +19,7 @@ __all__ = [
     "Ranges",
     "Refinement",
     "output_trust",
+    "refitted",
     "response_deviation",
     "sampled_models",
     "spread",

@@ -1,0 +1,89 @@
+"""Free-running simulation of the rig tests that a vehicle was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import resample
+
+from eightpost.array_types import Array
+from eightpost.corners import channel
+from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.shock.curve import KNOTS, StaticCurve
+from eightpost.shock.polylinear import Polylinear
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import IdentifiedVehicle, add_port_damping
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoop:
+    """Simulation of a test with its own shocks in the loop.
+
+    The shock force of the test is split into a line and a rest: F = c v + (F - c v), where c is the slope of the
+    measured force over the measured velocity. The line follows the simulated velocity, and the rest is an input. For
+    linear dampers nothing but the rig drives the simulation; friction at the ports always follows the simulation.
+
+    Attributes:
+        seconds: Longest part of a test that is simulated, from its start [s].
+        settling: Time at the start that is left out, because the simulation starts at rest [s].
+        rate: Minimum sample rate of the simulation [Hz].
+    """
+
+    seconds: float = 60.0
+    settling: float = 4.0
+    rate: float = 1000.0
+
+    def outputs(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[Array, Array]:
+        """Return the simulated and the measured outputs of a test (p, N), without means, in the model's order.
+
+        Args:
+            vehicle: Continuous vehicle.
+            test: Record with the velocity and force of every port and the outputs; missing inputs of the rig are zero.
+
+        Raises:
+            StepError: The simulation does not converge.
+        """
+        part = _first(test, self.seconds)
+        ports = tuple(vehicle.baseline_damping)
+        slopes = {port: port_slope(part, port) for port in ports}
+        forces = tuple(channel(port, "force") for port in ports)
+        names = [n for n in vehicle.state_space.input_names if n in part and n not in forces]
+        rows = [part[name] for name in names]
+        rest = [part[force] - slopes[p] * part[channel(p, "velocity")] for p, force in zip(ports, forces, strict=True)]
+        finer = max(1, int(np.ceil(self.rate / part.sample_rate)))
+        values = resample(np.stack([*rows, *rest]), finer * len(part), axis=1)
+        units = (*(part.unit(name) for name in names), *("N",) * len(ports))
+        time = np.arange(values.shape[1]) / (finer * part.sample_rate)
+        drive = TimeSeries(time, values, (*names, *forces), units)
+        closed = ManySetups(_around(vehicle, slopes), (_NO_SHOCK,), drive, finer).run([[0] * len(ports)])[0]
+        kept = slice(round(self.settling * part.sample_rate), None)
+        measured = np.stack([part[name] for name in vehicle.state_space.output_names])
+        return _without_mean(closed[:, kept]), _without_mean(measured[:, kept])
+
+
+def _first(test: TimeSeries, seconds: float) -> TimeSeries:
+    count = min(len(test), round(seconds * test.sample_rate))
+    return TimeSeries(test.time[:count], test.values[:, :count], test.names, test.units)
+
+
+def port_slope(test: TimeSeries, port: str) -> float:
+    """Return the slope of a port's measured force over its measured velocity [N.s/m]."""
+    v, force = (_without_mean(test[channel(port, quantity)]) for quantity in ("velocity", "force"))
+    return float(v @ force / (v @ v))
+
+
+def _without_mean(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=-1, keepdims=True))
+
+
+def _around(vehicle: IdentifiedVehicle, slopes: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return the vehicle with linear dampers at its ports; its inputs are the forces beyond them."""
+    more = {port: slopes[port] - rate for port, rate in vehicle.baseline_damping.items()}
+    model = add_port_damping(vehicle.state_space, more)
+    return replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(slopes, 0.0))
+
+
+_PLACES = tuple(float(k - KNOTS // 2) for k in range(KNOTS))
+_NO_SHOCK = Polylinear(curve=StaticCurve.through_knots(_PLACES, (0.0,) * KNOTS, (0.0,) * KNOTS))
