@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from builder.check import check
+from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
 from builder.check.probes.dependencies import Pairs, _perturb
 
@@ -57,6 +58,21 @@ def test_feedthrough_is_observed_if_and_only_if_there_is_any(name):
     pairs = Pairs({"height": {"road"}}, {"road"})
     _perturb(bench, there, pairs)
     assert (pairs.unseen_knowns() == set()) is has_any
+
+
+@pytest.mark.parametrize(("law", "has_any"), [
+    (lambda u, h: 1e3 * u * (h + 7e5 * h * h), False),  # a speed that grows within microseconds
+    (lambda u, h: 1e3 * u * (h + 1.5e6 * h * h), False),
+    (lambda u, h: 1e3 * u * (1e-7 + h + 7e5 * h * h), True),
+    (lambda u, h: 1e3 * u * (1e-6 + h + 1.5e6 * h * h), True),
+])  # fmt: skip
+def test_undeclared_feedthrough_is_reported_but_no_mixture_of_powers_of_the_step(law, has_any):
+    bench = SimpleNamespace(inputs=[ROAD], outputs=[HEIGHT], timing=SimpleNamespace(step=1e-3))
+    there = SimpleNamespace(bench=bench, inputs=[0.002], after=lambda inputs, h: [law(inputs[0], h)])
+    pairs = Pairs({"height": set()}, {"road"})
+    _perturb(bench, there, pairs)
+    hidden = [finding.rule.identifier for finding in pairs.findings("over a step", rules.FALSE)]
+    assert hidden == (["dependency-hidden"] if has_any else [])
 
 
 def test_all_declared_dependencies_of_a_python_car_are_observed(python_fmus):

@@ -333,7 +333,7 @@ def _perturb(bench: Bench, there: Place, pairs: Pairs) -> None:
                 direct = _direct(long, short)
                 if direct and long == short and not _begins_at_once(there, moved, k, short):
                     continue  # the change is due to an internal step of the FMU that is longer than both steps
-                if direct and not pairs.declares(unknown, known) and not _is_confirmed(there, moved, k, short):
+                if direct and not pairs.declares(unknown, known) and not _is_confirmed(there, moved, k, short, direct):
                     continue  # the change begins with powers of the step size that two steps cannot separate
                 if direct:
                     pairs.record(unknown, known, (plain[_SHORT][k], plain[_SHORT][k] + direct))
@@ -352,13 +352,16 @@ def _direct(long: float, short: float) -> float:
     return direct if _SHARE * abs(short) < abs(direct) < 2.0 * abs(short) else 0.0
 
 
-def _is_confirmed(there: Place, moved: Values, output: int, short: float) -> bool:
-    """Return whether a change remains at step size zero by a third step too, ten times shorter."""
+def _is_confirmed(there: Place, moved: Values, output: int, short: float, direct: float) -> bool:
+    """Return whether about the same change remains at step size zero by a third step, ten times shorter.
+
+    What two powers of the step size leave there falls with the square of the steps that it is extrapolated from.
+    """
     try:
         shorter = there.after(moved, _SHORT / 10.0)[output] - there.after(there.inputs, _SHORT / 10.0)[output]
     except CallError:  # such a step is refused
         return True
-    return _direct(short, shorter) != 0.0
+    return abs(_direct(short, shorter)) > 0.5 * abs(direct)
 
 
 def _begins_at_once(there: Place, moved: Values, output: int, change: float) -> bool:
