@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from benchmarks.honesty import reference, scale, summary
 from benchmarks.honesty.campaign import read_rows, run_campaign
 from benchmarks.honesty.cars import vehicle, vehicle_names
-from benchmarks.honesty.cases import CORNERS, Case, DrawnCar, draw_case
+from benchmarks.honesty.cases import BRISTLES_FROM, CORNERS, Case, DrawnBristle, DrawnCar, draw_case
 from benchmarks.honesty.picture import draw
 from benchmarks.honesty.roads import multisine
 from benchmarks.honesty.shocks import DrawnShock, draw_shock
@@ -49,6 +49,15 @@ def test_systems_have_all_that_they_are_to_have() -> None:
     masses = [m for name in vehicle_names() for m in np.atleast_1d(vehicle(name).parameters.unsprung_mass)]
     assert 8.0 <= min(masses) < 9.0
     assert 55.0 < max(masses) <= 60.0
+
+
+def test_every_port_of_the_systems_with_bristles_has_one_and_other_systems_have_none() -> None:
+    for seed in (3, BRISTLES_FROM + 3):
+        case = draw_case(seed)
+        for car in case.cars:
+            assert set(car.bristles) == (set(car.shocks) if seed >= BRISTLES_FROM else set())
+    springs = [b.spring for k in range(20) for c in draw_case(BRISTLES_FROM + k).cars for b in c.bristles.values()]
+    assert 0.0 in springs and min(springs) < 0.0 < max(springs)
 
 
 def _case(model: str, shocks: dict[str, DrawnShock], stop: float, **friction: tuple[float, float]) -> Case:
@@ -126,7 +135,8 @@ def test_the_reference_is_that_of_scipy_on_a_quarter_car_with_maxwell_and_all_of
     port = Port(1.2, 1.5, 0.7, 900.0, 400.0, 20.0, 0.01)
     shock = replace(draw_shock(np.random.default_rng(2), "maxwell"), port=port, own={"series_stiffness": 4e5})
     case, stop, drag = _case("quarter_09", {"": shock}, 0.15), 0.15, (60.0, 0.02)
-    case = replace(case, cars=(replace(case.cars[0], friction={"": drag}),))
+    rub = DrawnBristle(80.0, 2e-4, 1.2, 0.02, 4e4)
+    case = replace(case, cars=(replace(case.cars[0], friction={"": drag}, bristles={"": rub}),))
     car, drive = vehicle("quarter_09").parameters, case.scenario.drive
     assert drive is not None
     road = drive.series["car0.road"]
@@ -138,17 +148,29 @@ def test_the_reference_is_that_of_scipy_on_a_quarter_car_with_maxwell_and_all_of
     def slope(t: float, y: Any) -> list[float]:
         x, v = y[1] - y[0], y[3] - y[2]
         w = brentq(lambda w: port.scale(w) * shock.curve.force(w) - y[4], -20.0, 20.0, xtol=1e-15)
-        total = force(x, v, y[4]) + drag[0] * np.tanh(v / drag[1]) + k * x
+        sliding = rub.reach * (1.0 + (rub.static_ratio - 1.0) * np.exp(-((v / rub.stribeck_velocity) ** 2)))
+        friction = drag[0] * np.tanh(v / drag[1]) + rub.force / rub.reach * y[5]
+        total = force(x, v, y[4]) + friction + rub.spring * x**2 + k * x
         up = tire * (np.interp(t + 0.1, drive.series.time, road) - y[1])
-        return [y[2], y[3], total / masses[0], (up - total) / masses[1], 4e5 * (1.2 * v - w)]
+        return [
+            y[2],
+            y[3],
+            total / masses[0],
+            (up - total) / masses[1],
+            4e5 * (1.2 * v - w),
+            v - abs(v) * y[5] / sliding,
+        ]
 
     preload, rate = 1.2 * 400.0, k + 1.2 * 900.0 * 1.2
     first = float(np.interp(0.1, drive.series.time, road))
-    y, times, states = [first + preload / rate, first, 0.0, 0.0, 0.0], 0.0025 * np.arange(61), []
+    at_rest = brentq(lambda x: rate * x + preload + rub.spring * x**2, -0.05, 0.0, xtol=1e-15)
+    y, times, states = [first - at_rest, first, 0.0, 0.0, 0.0, 0.0], 0.0025 * np.arange(61), []
     for start, end in zip(times, [*times[1:], None], strict=True):
         states.append(y)
         if end is not None:
-            solved = solve_ivp(slope, (start, end), y, method="LSODA", rtol=1e-9, atol=[1e-11, 1e-11, 1e-9, 1e-9, 1e-6])
+            solved = solve_ivp(
+                slope, (start, end), y, method="LSODA", rtol=1e-9, atol=[1e-11] * 2 + [1e-9] * 2 + [1e-6, 1e-13]
+            )
             y = solved.y[:, -1].tolist()
     found = reference.solve(case, times, 1e-10)
     rows, true = dict(zip(found.names, found.values, strict=True)), np.array(states).T

@@ -17,6 +17,8 @@ from eightpost.signals import Drivefile, TimeSeries
 
 #: Version of the draws: increase it if the same seed is to give another system.
 VERSION = 1
+#: First seed of the systems with a bristle at every port, and port springs in half of the cars.
+BRISTLES_FROM = 1_000_000
 #: Loads of a vehicle other than its roads, and their typical size in their unit.
 _LOADS = {"aero_force": 300.0, "heave_force": 800.0, "roll_moment": 300.0, "pitch_moment": 500.0}
 
@@ -31,6 +33,28 @@ class HeldFmu(FmuComponent):
 
 
 @dataclass(frozen=True)
+class DrawnBristle:
+    """Friction that sticks and the spring at a port, SI; the names are those of the vehicle FMU, without prefix."""
+
+    force: float = 0.0
+    reach: float = 1e-4
+    static_ratio: float = 1.0
+    stribeck_velocity: float = 0.01
+    spring: float = 0.0
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the vehicle FMU, without the prefix of the port."""
+        return {
+            "bristle_force": self.force,
+            "bristle_reach": self.reach,
+            "bristle_static_ratio": self.static_ratio,
+            "bristle_stribeck_velocity": self.stribeck_velocity,
+            "port_spring": self.spring,
+        }
+
+
+@dataclass(frozen=True)
 class DrawnCar:
     """One vehicle with its shocks.
 
@@ -38,13 +62,15 @@ class DrawnCar:
         name: Name of the component.
         model: Name of the vehicle in the bank (`cars.vehicle`).
         shocks: Shocks by port: "" for a quarter car, else a corner.
-        friction: Suspension friction by port: force [N] and velocity [m/s].
+        friction: Suspension friction that creeps by port: force [N] and velocity [m/s].
+        bristles: Friction that sticks and springs by port.
     """
 
     name: str
     model: str
     shocks: Mapping[str, DrawnShock]
     friction: Mapping[str, tuple[float, float]]
+    bristles: Mapping[str, DrawnBristle] = field(default_factory=dict)
 
     def shock_name(self, port: str) -> str:
         """Return the name of the component at a port."""
@@ -57,6 +83,8 @@ class DrawnCar:
         for port, (force, velocity) in self.friction.items():
             prefix = f"{port}." if port else ""
             found |= {f"{prefix}friction_force": force, f"{prefix}friction_velocity": velocity}
+        for port, bristle in self.bristles.items():
+            found |= {f"{port}.{name}" if port else name: value for name, value in bristle.parameters.items()}
         return found
 
 
@@ -133,6 +161,9 @@ class Case:
             parts.append("falls")
         if seal := max(shock.port.seal_friction for shock in shocks):
             parts.append(f"seal {seal:.0f} N")
+        bristles = [bristle for car in self.cars for bristle in car.bristles.values()]
+        if bristles:
+            parts.append(f"bristles to {max(b.force for b in bristles):.0f} N")
         parts.append(self._driven())
         if self.held:
             named = ", ".join(sorted(self.held)) if len(self.held) < 6 else f"{len(self.held)} components"
@@ -168,6 +199,9 @@ def draw_case(seed: int) -> Case:
         count = len(names) if random.random() < 0.2 else min(len(names), int(random.integers(1, 3)))
         held = frozenset(random.choice(names, size=count, replace=False).tolist())
     scenario, road = _draw_scenario(random, cars, short=slow)
+    if seed >= BRISTLES_FROM:
+        own = np.random.default_rng((VERSION, seed, 8))
+        cars = tuple(replace(car, bristles=_draw_bristles(own, car)) for car in cars)
     return Case(seed, cars, scenario, road, held, python)
 
 
@@ -187,6 +221,20 @@ def _draw_car(random: Random, name: str, *, seven: bool) -> DrawnCar:
     if random.random() < 0.1:
         friction = {port: (log_uniform(random, 10.0, 200.0), log_uniform(random, 2e-3, 2e-2)) for port in ports}
     return DrawnCar(name, model, shocks, friction)
+
+
+def _draw_bristles(random: Random, car: DrawnCar) -> dict[str, DrawnBristle]:
+    has_springs = random.random() < 0.5
+    return {
+        port: DrawnBristle(
+            force=log_uniform(random, 10.0, 300.0),
+            reach=log_uniform(random, 3e-5, 3e-4),
+            static_ratio=random.uniform(1.0, 1.4),
+            stribeck_velocity=log_uniform(random, 3e-3, 3e-2),
+            spring=random.uniform(-5e4, 5e4) if has_springs else 0.0,
+        )
+        for port in car.shocks
+    }
 
 
 def _draw_scenario(random: Random, cars: tuple[DrawnCar, ...], *, short: bool) -> tuple[Scenario, str]:

@@ -1,8 +1,9 @@
 """Compiled core of the reference: a vehicle with its shocks as one set of equations, solved by the Dormand-Prince pair.
 
-    q'' = A_q q + G F + b(t),   F = r (F_v(r S q', z) + seal + gas(r S q)) + friction(S q')
+    q'' = A_q q + G F + b(t),   F = r (F_v(r S q', z) + seal + gas(r S q)) + friction(S q, S q', y)
 
-with a state z for each shock: the lagged force (LPF1, LPNL2) or the force of the series spring (Maxwell).
+with two states for each port: z of its shock, the lagged force (LPF1, LPNL2) or the force of the series spring
+(Maxwell), and the deflection y of its bristle.
 
 Nothing of the FMUs' or the library's code is used: the formulas are those of docs/shock_models.md, docs/ports.md and
 the READMEs of fmus/.
@@ -17,7 +18,7 @@ POLYLINEAR, LPF1, LPNL2, MAXWELL = range(4)
 
 #: Columns of a shock's parameters.
 (LAW, RATIO, UP, DOWN, GAS_RATE, GAS, SEAL, SEAL_SPEED, OWN, FULL, NONE, SPEED, WIDTH, FAST_UP, FAST_DOWN, SLOPE_UP,
- SLOPE_DOWN, DRAG, DRAG_SPEED, INNER) = range(20)  # fmt: skip
+ SLOPE_DOWN, DRAG, DRAG_SPEED, BRISTLE, REACH, STATIC, STRIBECK, SPRING, INNER) = range(25)  # fmt: skip
 _INNER_COUNT, _OUTER_COUNT = 15, 4
 OUTER_UP = INNER + _INNER_COUNT
 OUTER_DOWN = OUTER_UP + _OUTER_COUNT
@@ -126,8 +127,21 @@ def shock(p, v, x, z, guess):
 
 
 @njit(cache=True)
+def friction(p, v, x, y):
+    """Return the force of friction and spring at the port, and y' of a bristle with the deflection y."""
+    force, follows = p[SPRING] * x * x, 0.0
+    if p[DRAG]:
+        force += p[DRAG] * np.tanh(v / p[DRAG_SPEED])
+    if p[BRISTLE]:
+        share = y / p[REACH]
+        force += p[BRISTLE] * share
+        follows = v - abs(v) * share / (1.0 + (p[STATIC] - 1.0) * np.exp(-((v / p[STRIBECK]) ** 2)))
+    return force, follows
+
+
+@njit(cache=True)
 def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
-    """Write y' for y = (q, q', z) under the drive's accelerations `push` (Q,); store each shock's w as next guess."""
+    """Write y' for y = (q, q', z, deflections) under accelerations `push` (Q,); store each shock's w as next guess."""
     count, rows = push.size, shocks.shape[0]
     for i in range(count):
         into[i] = y[count + i]
@@ -141,9 +155,9 @@ def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
             x += ports[s, j] * y[j]
             v += ports[s, j] * y[count + j]
         force, follows, guesses[s] = shock(shocks[s], v, x, y[2 * count + s], guesses[s])
-        if shocks[s, DRAG]:
-            force += shocks[s, DRAG] * np.tanh(v / shocks[s, DRAG_SPEED])
-        into[2 * count + s] = follows
+        drag, bends = friction(shocks[s], v, x, y[2 * count + rows + s])
+        force += drag
+        into[2 * count + s], into[2 * count + rows + s] = follows, bends
         for i in range(count):
             into[count + i] += mobility[i, s] * force
 
@@ -210,7 +224,7 @@ def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, t
 
 @njit(cache=True)
 def port_forces(states, ports, shocks):
-    """Return the forces of the shocks (P, N), without suspension friction, and of the friction (P, N)."""
+    """Return the forces of the shocks (P, N), and those of friction and springs beside them (P, N)."""
     count, rows = ports.shape[1], shocks.shape[0]
     forces, frictions = np.empty((rows, states.shape[0])), np.zeros((rows, states.shape[0]))
     for s in range(rows):
@@ -221,6 +235,5 @@ def port_forces(states, ports, shocks):
                 x += ports[s, j] * states[m, j]
                 v += ports[s, j] * states[m, count + j]
             forces[s, m], _, guess = shock(shocks[s], v, x, states[m, 2 * count + s], guess)
-            if shocks[s, DRAG]:
-                frictions[s, m] = shocks[s, DRAG] * np.tanh(v / shocks[s, DRAG_SPEED])
+            frictions[s, m], _ = friction(shocks[s], v, x, states[m, 2 * count + rows + s])
     return forces, frictions

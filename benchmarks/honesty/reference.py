@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from benchmarks.honesty import kernel
 from benchmarks.honesty.cars import vehicle
-from benchmarks.honesty.cases import Case, DrawnCar
+from benchmarks.honesty.cases import Case, DrawnBristle, DrawnCar
 from benchmarks.honesty.shocks import LAWS, DrawnShock
 from eightpost.vehicle import StateSpace
 
 Array = NDArray[np.float64]
 
-#: Typical sizes of a displacement [m], a velocity [m/s] and a lagged force [N].
-_SIZES = (1e-3, 1e-1, 1e2)
+#: Typical sizes of a displacement [m], a velocity [m/s], a lagged force [N] and a bristle's deflection [m].
+_SIZES = (1e-3, 1e-1, 1e2, 1e-4)
+#: Most steps of the search for the state at rest, and the last relative change.
+_MOST_NEWTON_STEPS, _AT_REST = 50, 1e-13
 #: Maximum number of integration steps for each vehicle.
 _MOST_STEPS = 10_000_000
 
@@ -69,8 +71,8 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
     return Answer(times, np.vstack(values), tuple(names), tuple(units), steps)
 
 
-def shock_numbers(shock: DrawnShock, friction: tuple[float, float]) -> Array:
-    """Return the kernel's parameters of a shock and of the suspension friction at its port (COLUMNS,)."""
+def shock_numbers(shock: DrawnShock, friction: tuple[float, float], bristle: DrawnBristle) -> Array:
+    """Return the kernel's parameters of a shock, and of the friction and the spring at its port (COLUMNS,)."""
     port, curve, own = shock.port, shock.curve, shock.own
     first = own.get("time_constant", own.get("series_stiffness", 0.0))
     return np.array(
@@ -82,6 +84,7 @@ def shock_numbers(shock: DrawnShock, friction: tuple[float, float]) -> Array:
             *(curve.transition_speed, curve.transition_width, curve.compression_speed, curve.rebound_speed),
             *(curve.compression_slope, curve.rebound_slope),
             *friction,
+            *(bristle.force, bristle.reach, bristle.static_ratio, bristle.stribeck_velocity, bristle.spring),
             *(*curve.inner, *curve.compression, *curve.rebound),
         ]
     )
@@ -102,9 +105,11 @@ class _Equations:
         self._mobility = np.ascontiguousarray(model.B[count:, self._forces])
         rows = [model.output_names.index(self._named(port, "displacement")) for port in self._ports]
         self._strut = np.ascontiguousarray(model.C[rows, :count])
-        frictions = [car.friction.get(port, (0.0, 1.0)) for port in self._ports]
         self._shocks = np.array(
-            [shock_numbers(shock, friction) for shock, friction in zip(car.shocks.values(), frictions, strict=True)]
+            [
+                shock_numbers(shock, car.friction.get(port, (0.0, 1.0)), car.bristles.get(port, DrawnBristle()))
+                for port, shock in car.shocks.items()
+            ]
         )
 
     @property
@@ -125,7 +130,7 @@ class _Equations:
         count = len(self._stiffness)
         pushes = np.ascontiguousarray((self._model.B[count:, self._driven] @ drive).T)
         start = self._equilibrium(pushes[0])
-        sizes = np.repeat(_SIZES, [count, count, len(self._ports)])
+        sizes = np.repeat(_SIZES, [count, count, len(self._ports), len(self._ports)])
         matrices = (self._stiffness, self._strut, self._mobility, self._shocks)
         states, made = kernel.integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
         if made < 0 or not np.isfinite(states[-1]).all():
@@ -159,11 +164,26 @@ class _Equations:
         return np.array(rows)
 
     def _equilibrium(self, push: Array) -> Array:
-        """Return the state at rest under the first inputs: A_q q + G r (F_0 + K r S q) + b = 0, lagged forces 0."""
-        ratio, rate, gas = (self._shocks[:, column] for column in (kernel.RATIO, kernel.GAS_RATE, kernel.GAS))
+        """Return the state at rest under the first inputs, with lagged forces and deflections of bristles 0.
+
+        A_q q + G (r (F_0 + K r S q) + k2 (S q)^2) + b = 0
+        """
+        columns = (kernel.RATIO, kernel.GAS_RATE, kernel.GAS, kernel.SPRING)
+        ratio, rate, gas, spring = (self._shocks[:, column] for column in columns)
         matrix = self._stiffness + self._mobility @ ((ratio**2 * rate)[:, None] * self._strut)
         q = np.linalg.solve(matrix, -push - self._mobility @ (ratio * gas))
-        return np.concatenate([q, np.zeros(q.size + len(self._ports))])
+        for _ in range(_MOST_NEWTON_STEPS if spring.any() else 0):
+            x = self._strut @ q
+            off = matrix @ q + self._mobility @ (ratio * gas + spring * x**2) + push
+            slope = matrix + self._mobility @ ((2.0 * spring * x)[:, None] * self._strut)
+            change = np.linalg.solve(slope, -off)
+            q = q + change
+            if np.abs(change).max() <= _AT_REST * (np.abs(q).max() + 1e-3):
+                break
+        else:
+            if spring.any():
+                raise UnsolvedError(f"seed {self._case.seed}: {self._car.name} has no state at rest")
+        return np.concatenate([q, np.zeros(q.size + 2 * len(self._ports))])
 
     def _channels(self, states: Array, drive: Array) -> Array:
         """Return the outputs of the vehicle and the forces of the shocks (C, N)."""

@@ -178,6 +178,9 @@ def prepare(setup: Setup) -> Running:
 
 # ---- Errors for a loop that ended early -----------------------------------------------------------------------------
 
+#: Size of an exchanged signal in its SI unit from which a discarded step is a divergence of the coupling.
+_FAR = 1e7
+
 #: Descriptions of the loop's calls, by their numbers.
 _CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
 
@@ -201,6 +204,8 @@ def failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcept
     if (raised := _raised(running.tables[name])) is not None:
         return raised
     component = setup.system.components[name]
+    if (status, call) == (DISCARD, STEP) and (far := _far_signal(setup, running)):
+        return _diverged(setup, *far, time)
     if isinstance(component, Native):
         return component.refused(what, status, time, _inputs(setup, running, part))
     return StepError(f"component {name!r} ({component.source}) failed to {what} at {time:g} s")
@@ -239,10 +244,25 @@ def terminated_at(setup: Setup, running: Running, time: float, step: float) -> s
 
 def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
     signal = int(running.memory.failure[1])
+    return _diverged(setup, setup.layout.signals[signal], float(running.memory.ahead[signal]), time)
+
+
+def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
     return DivergedError(
-        f"the coupling diverged: {setup.layout.signals[signal]} is {running.memory.ahead[signal]:g} after {time:g} s; "
+        f"the coupling diverged: {signal} is {value:g} after {time:g} s; "
         f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
     )
+
+
+def _far_signal(setup: Setup, running: Running) -> tuple[str, float] | None:
+    """Return the largest exchanged signal before the step and its value; None if all are of a sensible size.
+
+    An FMU whose forces grow with powers of its motion (the springs at the ports of a vehicle) can refuse a step of a
+    diverging coupling before any signal is as large as the loop's own limit.
+    """
+    values = dict(zip(setup.layout.signals, running.memory.now.tolist(), strict=True))
+    worst = max(values, key=lambda name: abs(values[name]), default=None)
+    return None if worst is None or abs(values[worst]) < _FAR else (worst, values[worst])
 
 
 def _raised(table: FunctionTable) -> BaseException | None:

@@ -1,9 +1,13 @@
 """Only a diverging coupling is retried with a smaller step or an implicit scheme, never a component that failed."""
 
+import numpy as np
 import pytest
 
-from cosim import Bond, Capabilities, Scenario, System, run
+from cosim import Bond, Capabilities, FmuComponent, GaussSeidel, Scenario, System, run
 from eightpost.errors import DivergedError, StepError
+from eightpost.signals import Drivefile, TimeSeries
+
+SCALES = ("compression_scale", "rebound_scale")
 
 
 @pytest.mark.parametrize("options", [{}, {"step": 0.01}], ids=["default", "given step"])
@@ -21,3 +25,21 @@ def test_a_component_error_that_mentions_divergence_is_not_treated_as_a_diverged
         run(system, Scenario(0.1), **options)
     assert not isinstance(raised.value, DivergedError)
     assert sum(entry == ("started",) for entry in mass.log) == 1
+
+
+def test_a_vehicle_that_refuses_a_step_of_a_diverging_coupling_is_retried(fmus):
+    """Its port spring grows with the square of the displacement, so that it refuses before signals are at the limit."""
+    components = {
+        name: FmuComponent(fmus[fmu], name) for name, fmu in {"car": "quarter_car", "shock": "polylinear"}.items()
+    }
+    time = np.arange(0.0, 0.6, 0.01)
+    road = 0.01 * np.sin(12.0 * time) + 0.003 * np.sin(70.0 * time)
+    scenario = Scenario(0.5, Drivefile(TimeSeries.from_channels(time, {"road": ("m", road)})), {"road": "car.road"})
+    for scale in np.linspace(6.0, 16.0, 11):
+        shock = dict.fromkeys(SCALES, float(scale))
+        parameters = {"car": {"port_spring": 4e5, "bristle_force": 100.0}, "shock": shock}
+        bonds = [Bond.between("car", "shock")]
+        system = System(components, bonds, constants={"car.aero_force": 0.0}, parameters=parameters)
+        with pytest.raises(DivergedError, match="the coupling diverged"):
+            run(system, scenario, step=2e-3, algorithm=GaussSeidel(values="parabolic"))
+        assert np.abs(run(system, scenario).series["car.displacement"]).max() < 0.02

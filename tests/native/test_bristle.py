@@ -112,26 +112,26 @@ def drive_on(fmu, name, moves, time):
 
 def test_a_port_under_a_load_below_the_sliding_force_stays_where_it_is(component):
     """Its displacement is that of the bristle; with friction that creeps it ends where it would without friction."""
-    moved = {}
+    moved, step, loading = {}, 2e-3, 4000
     for law, values in {
         "sticks": {"bristle_force": 200.0, "bristle_reach": 1e-4, "bristle_static_ratio": 1.2},
         "creeps": {"friction_force": 200.0, "friction_velocity": 0.005},
     }.items():
         fmu, places = component("quarter_car", **values), []
         fmu.end_initialization()
-        for k in range(3000):
-            share = min(1.0, k / 2000)  # smooth, because nothing damps the car on its tire while the port sticks
-            fmu.set(("force",), (-75.0 * (1.0 - np.cos(np.pi * share)),))
-            fmu.step(2e-3 * k, 2e-3)
-            places += fmu.get(("displacement",)) if k >= 2000 else []
-        moved[law] = places[0], np.mean(places[-500:]) - np.mean(places[:500])
-    stuck, drift = moved["sticks"]
+        for k in range(loading + 2000):
+            # Nothing damps the car on its tire while the port sticks, and vibration lets it creep: three derivatives
+            # of the load are smooth, so that the car does not vibrate.
+            share = min(1.0, k / loading)
+            fmu.set(("force",), (-150.0 * share**4 * (35.0 - 84.0 * share + 70.0 * share**2 - 20.0 * share**3),))
+            fmu.step(step * k, step)
+            places += fmu.get(("displacement",)) if k >= loading else []
+        moved[law] = np.array(places)
+    stuck = moved["sticks"][0]
     assert 0.5e-4 < stuck < 1.2e-4
-    assert abs(drift) < 1e-3 * stuck  # presliding under the residual motion of the car on its tire
+    assert np.abs(moved["sticks"] - stuck).max() < 1e-5 * stuck  # over four seconds
     static = -150.0 * model_of("quarter_car").select(inputs=["force"], outputs=["displacement"]).dc_gain()[0, 0]
-    assert moved["creeps"][0] == pytest.approx(
-        static, rel=0.01
-    )  # it has crept all the way to the balance of the spring
+    assert moved["creeps"][0] == pytest.approx(static, rel=0.01)  # it has crept to the balance of the spring
     assert stuck < 0.2 * static
 
 

@@ -74,5 +74,5 @@ def test_a_state_value_that_is_too_large_is_detected_at_every_position(parts):
 
 
 def test_the_number_of_sub_steps_is_rounded_up(parts):
-    parts.sub_steps.argtypes = [ctypes.c_double]
-    assert [parts.sub_steps(count) for count in (0.0, 0.4, 1.0, 1.1, 2.0, 2.9, 99999.5)] == [1, 1, 1, 2, 2, 3, 100000]
+    parts.rounded_up.argtypes = [ctypes.c_double]
+    assert [parts.rounded_up(count) for count in (0.0, 0.4, 1.0, 1.1, 2.0, 2.9, 99999.5)] == [1, 1, 1, 2, 2, 3, 100000]

@@ -52,7 +52,7 @@ void exponentials_of(double re, double im, int doublings, double *parts)
     }
 }
 
-int sub_steps(double count)
+int rounded_up(double count)
 {
     return whole_number_above(count);
 }

@@ -189,7 +189,7 @@ def step(instance: Instance, time: float, h: float) -> None:
 
 
 #: Sizes of parameters with the start value zero by unit, where 0.1 in SI units has no visible effect.
-_FROM_ZERO = {"N/m2": 1e5}
+_FROM_ZERO = {"N/m": 1e3, "N/m2": 1e5}
 
 
 def amplitude(variable: Variable) -> float:
