@@ -1,6 +1,6 @@
 """Benchmark of the choice of the law on tests of a single speed, with random virtual shocks.
 
-    python benchmarks/single_speed.py [--shocks 24] [--seed 2024] [--json FILE]
+    python benchmarks/single_speed.py [--shocks 24] [--seed 7301] [--json FILE] [--page FILE]
 
 Each shock (shims, clicks, gas pressure, dish and jet drawn at random) is tested with a sine of random amplitude and
 frequency. Law and curve are chosen on this record, and judged on a sine of the same amplitude that is 1.5 to 4 times
@@ -24,7 +24,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.law_choice import CLOSE, CURVES, HYSTERESIS, Candidate
+from benchmarks.law_choice import CLOSE, CURVES, HYSTERESIS, Candidate, rewrite
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
 from eightpost.ident import choose_law, evaluate, fit_shock
@@ -43,8 +43,8 @@ RATE, EVERY = 2000.0, 4
 #: Seconds of rest before a sine, and length of the sines [s].
 REST, DURATION, SHORT = 3.0, 10.5, 5.0
 
-#: Seed of the shocks and their tests.
-SEED = 2024
+#: Seed of the shocks and their tests; no setting was chosen with it.
+SEED = 7301
 
 #: Codes of Table 7.2 for the main piston and for the head valve.
 MAIN, HEAD = ("AA", "A", "B", "C", "D", "A+", "B+"), ("B", "A+", "A")
@@ -201,6 +201,7 @@ def main() -> None:
     parser.add_argument("--shocks", type=int, default=24, help="number of shocks")
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the shocks and their tests")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
+    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/law_choice.md")
     options = parser.parse_args()
     found = []
     for shock in range(options.shocks):
@@ -208,7 +209,10 @@ def main() -> None:
         print(f"shock {shock + 1} of {options.shocks}", file=sys.stderr, flush=True)
         if options.json:
             options.json.write_text(json.dumps([row(*pair) for pair in found], indent=1) + "\n", encoding="utf-8")
-    print(report([one for _, one in found]))
+    text = report([one for _, one in found])
+    print(text)
+    if options.page:
+        rewrite(options.page, "single_speed", text)
 
 
 if __name__ == "__main__":
