@@ -5,7 +5,8 @@
 The records are configurations of the virtual dynamometer, with constant damping and with a damping that falls by 0.4 %
 per kelvin while the shock warms, and the measured records in the folder that EIGHTPOST_DATA names. The law's own
 parameters and six points of the curve are compared; an interval covers if the difference of the halves is within the
-root of the sum of squares of both half-widths. Parameters at a bound are left out. Prints the share per group.
+root of the sum of squares of both half-widths. Parameters at a bound are left out, and so are those that one half does
+not have, such as a stop of Hysteresis. Prints the share per group.
 """
 
 from __future__ import annotations
@@ -51,19 +52,17 @@ def covered(test: DynoTest, law: str) -> list[bool]:
     has_transition = slow < 0.4 and law != "hysteresis"
     speed = 0.6 * slow if has_transition else None  # the same in both halves
     one, other = (fit_shock(test, law, segment=part, transition_speed=speed) for part in ((0.5, middle), (middle, end)))
-    found = [
-        abs(a - b) <= np.hypot(wide, wide_too)
-        for (a, wide), (b, wide_too) in zip(_own(one), _own(other), strict=True)
-        if np.isfinite(wide + wide_too)
-    ]
+    first, second = _own(one), _own(other)
+    pairs = [(*first[name], *second[name]) for name in first if name in second]
+    found = [abs(a - b) <= np.hypot(wide, wide_too) for a, wide, b, wide_too in pairs if np.isfinite(wide + wide_too)]
     (a, wide), (b, wide_too) = (_points(fit, SHARES * slow) for fit in (one, other))
     return [bool(hit) for hit in (*found, *(np.abs(a - b) <= np.hypot(wide, wide_too)))]
 
 
-def _own(fit: ShockFit) -> list[tuple[float, float]]:
-    """Return value and half-width of the law's own parameters; NaN where there is no valid interval."""
+def _own(fit: ShockFit) -> dict[str, tuple[float, float]]:
+    """Return value and half-width of the law's own parameters by name; NaN where there is no valid interval."""
     known = [parameter for parameter in fit.parameters if not parameter.name.startswith("gas_")]
-    return [(p.value, np.nan if p.at_bound or p.error is None else p.reach * p.error) for p in known]
+    return {p.name: (p.value, np.nan if p.at_bound or p.error is None else p.reach * p.error) for p in known}
 
 
 def _points(fit: ShockFit, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from benchmarks.law_choice import Chosen, Errors, choices_table, gains_table, summary
 from benchmarks.shock_records import Case
 from benchmarks.shock_rows import shape_rms
+from benchmarks.single_speed import Outcome, report
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 
@@ -64,3 +65,17 @@ def test_choices_and_gains_are_counted_with_and_without_the_level_of_another_run
         ["-50", "-38 |"],
         ["-5", "+6 |"],
     ]
+
+
+def test_on_one_speed_the_choices_of_both_groups_and_the_change_by_knots_are_counted_largest_first():
+    chosen = {"all laws": HYSTERESIS, "without Hysteresis": LPNL2_KNOTS}
+    first = Outcome("faster", {LPNL2_POLYNOMIAL: 10.0, LPNL2_KNOTS: 12.0, HYSTERESIS: 10.4}, chosen)
+    second = Outcome("faster", {LPNL2_POLYNOMIAL: 20.0, LPNL2_KNOTS: 10.0, HYSTERESIS: 15.0}, chosen)
+    assert [first.excess(group) for group in chosen] == pytest.approx([0.04, 0.2])
+    assert first.change("lpnl2") == pytest.approx(0.2)
+    assert first.change("hysteresis") is None
+    rows = [line.strip("| ").split(" | ") for line in report([first, second]).splitlines()]
+    assert rows[2][:3] == ["faster", "all laws", "1 of 2"]
+    assert rows[2][3] == "50, 4, .., 27 (median), .., 4"
+    assert rows[3][1:3] == ["without Hysteresis", "1 of 2"]
+    assert ["faster", "LPNL2", "1 of 2", "20, -50, .., -15 (median), .., -50"] in [row[:4] for row in rows]

@@ -65,8 +65,7 @@ def projection(*, has_stop):
         prepare_runs([sine(law, 1.2, duration=3.0), sine(law, 0.3, duration=3.0)]), "hysteresis", Choices()
     ).fit
     model = fitted.model
-    if has_stop and not model.dynamics.has_stop:
-        model = replace(model, dynamics=model.dynamics.with_stop())
+    model = replace(model, dynamics=replace(model.dynamics, has_stop=has_stop))
     point = np.log([8e-3, 3e-3, 2e-3, 5e-4, 1e-2][: 5 if has_stop else 3])
     return Projection(model, is_thin=False), point
 

@@ -133,6 +133,23 @@ def test_the_end_slope_of_a_slow_run_is_not_that_of_its_few_fastest_samples(digr
     np.testing.assert_allclose([curve.rebound_slope, curve.compression_slope], chords, rtol=0.5)
 
 
+@given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.integers(2, 12))
+def test_a_bend_that_continues_through_the_last_two_cells_costs_nothing_and_a_straight_last_cell_does(low, high, cells):
+    basis = KnotBasis.of(RANGE, cells=cells)
+    knots = np.array(basis.knots)
+    inner = np.sqrt(np.abs(knots[2:-2]))  # any slopes; the two knots at each end are on a line with the third
+    slopes = np.concatenate(
+        [inner[0] + low * (knots[:2] - knots[2]), inner, inner[-1] + high * (knots[-2:] - knots[-3])]
+    )
+    size = basis.speed * (1.0 + np.abs(slopes).max())
+    end_rows = basis.penalty()[-2:]
+    np.testing.assert_allclose(end_rows @ slopes, 0.0, atol=1e-12 * size)
+    straight = slopes.copy()
+    straight[[0, -1]] = straight[[1, -2]]
+    expected = -3e-2 * basis.speed * np.array([low, high]) * np.diff(knots)[[0, -1]]
+    np.testing.assert_allclose(end_rows @ straight, expected, atol=1e-12 * size)
+
+
 def test_the_band_covers_the_curve_of_another_draw(digressive_record):
     one, other = (fit_shock(digressive_record(seed), "lpf1", curve="knots") for seed in (1, 2))
     inner = np.abs(one.band.velocity) < 0.5
