@@ -10,7 +10,7 @@ import numpy as np
 from eightpost.corners import channel
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import bands, solve_forces
+from eightpost.ident.vehicle.projection import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
 
