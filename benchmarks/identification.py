@@ -1,17 +1,19 @@
 """Benchmark of identified vehicles against known cars: accuracy of the predicted response measures of unseen setups.
 
     python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N] [--seeds N]
+        [--car-seed N]
 
 Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
 eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3, the model uses the true laws),
 eight_post_fitted (the same with physical dampers, the model uses fitted laws), eight_post_close (laws within 10 % of
-each other). --quick: the same records, 100 setups. Prints Markdown; --json writes rows {case, method, setups,
-all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS measures and setups,
-the lowest rank correlations over the measures, and the processor time of the identification. quarter_car adds
-mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and tire_force_max_lbf (of
-the deviations of the tire force's standard deviation over the shocks). --seeds: number of sets of rig tests with
-different noise, for the same drive file and true cars; two rows per method, with the worst value and the median of
-every figure over the seeds. Seeds are in benchmarks/identification_cases.py.
+each other), and flexible_known, flexible_fitted, flexible_close: the same for the flexible car and 400 s, with its base
+parameters or those of --car-seed. --quick: the same records, 100 setups. Prints Markdown; --json writes rows {case,
+method, setups, all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS
+measures and setups, the lowest rank correlations over the measures, and the processor time of the identification.
+quarter_car adds mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and
+tire_force_max_lbf (of the deviations of the tire force's standard deviation over the shocks). --seeds: number of sets
+of rig tests with different noise, for the same drive file and true cars; two rows per method, with the worst value and
+the median of every figure over the seeds. Seeds are in benchmarks/identification_cases.py.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -55,7 +57,7 @@ _EVERY, _TOGETHER = 5, 20
 def main() -> None:
     """Run one case."""
     options = _options()
-    case = CASES[options.case]
+    case = CASES[options.case] if options.car_seed is None else replace(CASES[options.case], car_seed=options.car_seed)
     console = Console(stderr=True)
     with Progress(console=console, transient=True) as progress:
         rows = run(case, options, progress)
@@ -171,6 +173,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--setups", type=int, help="maximum number of setups, chosen at random")
     parser.add_argument("--methods", default="", help="methods to run, separated by semicolons (default: all)")
     parser.add_argument("--seeds", type=int, default=1, help="number of sets of rig tests with different noise")
+    parser.add_argument("--car-seed", type=int, help="seed of the parameters of the flexible car")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

@@ -114,7 +114,9 @@ def _misfits(found: Identification) -> Row:
 def _forces(case: Case, found: Identification) -> Row:
     if found.friction is None:
         return {}
-    true = dict(zip(case.car.corners, case.car.friction.coulomb[:, 0], strict=True))
+    car = case.car
+    assert isinstance(car, Car)
+    true = dict(zip(car.corners, car.friction.coulomb[:, 0], strict=True))
     shares = [100.0 * force / true[port] for port, force in found.friction.force.items() if true[port] > 1.0]
     return {"force, % of true": ", ".join(f"{share:.1f}" for share in shares) or "none"}
 

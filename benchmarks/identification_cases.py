@@ -20,8 +20,8 @@ from eightpost.rig import shim_build
 from eightpost.rig.excitations import random_multisine
 from eightpost.rig.post import (
     NO_DRIFT,
-    TRUTHS,
     Actuators,
+    AnyCar,
     Car,
     LinearDamper,
     RigSensors,
@@ -31,6 +31,7 @@ from eightpost.rig.post import (
     run_test,
     simulate_setups,
     track_drive,
+    truth_named,
 )
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.signals import Drivefile, TimeSeries
@@ -64,7 +65,9 @@ class Case:
         alternate: Shock that replaces the baseline shock at one corner at a time.
         shocks: Bank of shocks for the true car.
         laws: Bank of shock laws for the identified vehicle.
-        changes: Functions that modify the true car, applied in order.
+        changes: Functions that modify the true car, applied in order; for cars with matrices only.
+        car_seed: Seed of the parameters of the flexible car; None gives its base parameters.
+        steps: Number of integration steps per sample of the true car; physical dampers on the flexible car need 8.
     """
 
     name: str
@@ -77,12 +80,15 @@ class Case:
     shocks: Callable[[], Sequence[Shock]]
     laws: Callable[[], Sequence[Lpnl2]]
     changes: tuple[Callable[[Car], Car], ...] = ()
+    car_seed: int | None = None
+    steps: int = 4
 
     @property
-    def car(self) -> Car:
+    def car(self) -> AnyCar:
         """Return the true car."""
-        car = TRUTHS[self.truth]()
+        car = truth_named(self.truth, self.car_seed)
         for change in self.changes:
+            assert isinstance(car, Car)
             car = change(car)
         return car
 
@@ -93,7 +99,8 @@ class Case:
         for number in range(len(car.corners) + 1):
             shocks = [alternate if place == number - 1 else baseline for place in range(len(car.corners))]
             sensors = RigSensors.perfect(relative=self.noise)
-            yield run_test(car, drive, shocks, seed=noise + number, sensors=sensors, drift=NO_DRIFT)
+            seed = noise + number
+            yield run_test(car, drive, shocks, seed=seed, sensors=sensors, drift=NO_DRIFT, steps=self.steps)
 
     def _identification_drive(self) -> Drivefile:
         return random_drive(self.car, DRIVE, duration=self.duration)
@@ -132,7 +139,7 @@ def truths(case: Case, lap: TimeSeries, setups: Sequence[Sequence[int]]) -> Iter
     """Yield the true measures of setups."""
     car, shocks = case.car, case.shocks()
     chosen = [tuple(shocks[i] for i in setup) for setup in setups]
-    for motion in simulate_setups(car, lap, chosen):
+    for motion in simulate_setups(car, lap, chosen, steps=case.steps):
         names, values = truth_of(car, motion)
         yield measures_of(names, values, RATE)
 
@@ -173,5 +180,11 @@ CASES = {
             lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, bank,
         ),
         Case("eight_post_close", "eight_post", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
+        Case("flexible_known", "flexible", 400.0, 0.01, 2401, _linear(20.74), _linear(9.0), bank, bank),
+        Case(
+            "flexible_fitted", "flexible", 400.0, 0.01, 250,
+            lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, bank, steps=8,
+        ),
+        Case("flexible_close", "flexible", 400.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
     )
 }  # fmt: skip

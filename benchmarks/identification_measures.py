@@ -13,7 +13,7 @@ from eightpost.rig.post.modes import displacement_modes, ride_heights
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.rig.post import Car, Motion
+    from eightpost.rig.post import Motion, RigCar
 
     Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def measures_of(names: tuple[str, ...], values: Array, rate: float) -> dict[str,
     return found
 
 
-def truth_of(car: Car, motion: Motion) -> tuple[tuple[str, ...], Array]:
+def truth_of(car: RigCar, motion: Motion) -> tuple[tuple[str, ...], Array]:
     """Return the names and values (p, N) of the measured channels of a true car."""
     q, corners = motion.position, len(car.corners)
     rows = [car.shock @ motion.velocity, motion.tire_force, car.wheel @ motion.acceleration]
@@ -57,7 +57,7 @@ def truth_of(car: Car, motion: Motion) -> tuple[tuple[str, ...], Array]:
     )
 
 
-def _chassis(car: Car, q: Array) -> tuple[Array, Array]:
+def _chassis(car: RigCar, q: Array) -> tuple[Array, Array]:
     """Return heave and pitch as the rig measures them: at the aeroloaders' positions if there are aeroloaders."""
     if car.geometry is not None and car.loads == car.named("aero"):
         modes = displacement_modes(car.geometry) @ (-car.load @ q)

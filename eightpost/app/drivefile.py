@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
     from eightpost.vehicle import Vehicle
 
-CARS = ("quarter_car", "seven_dof", "eight_post")
+CARS = ("quarter_car", "seven_dof", "eight_post", "flexible")
 
 
 @click.group(cls=VerbGroup)

@@ -17,13 +17,16 @@ if TYPE_CHECKING:
     from eightpost.rig.post.program import Draws
 
 TESTS = ("random", "single", "sine", "bump", "static", "track")
-CARS = ("quarter_car", "seven_dof", "eight_post")
+CARS = ("quarter_car", "seven_dof", "eight_post", "flexible")
 PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all")
 
 
 @click.command()
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
               help="Model of the car under test (docs/rig.md).")  # fmt: skip
+@click.option("--car-seed", type=click.IntRange(min=0), metavar="N",
+              help="Seed of the parameters of the flexible car; another number is another car. Default: its base "
+              "parameters.")  # fmt: skip
 @click.option("--test", "test_name", type=click.Choice(TESTS), default="random", show_default=True,
               help="Drive file of a single test (4.5.1, 6.1.3).")  # fmt: skip
 @click.option("--program", "program_name", type=click.Choice(PROGRAMS),
@@ -61,13 +64,14 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 @click.option("--noise", type=click.Choice(["rig", "none"]), default="rig", show_default=True,
               help="Sensors of the rig. none: perfect sensors and no drift.")  # fmt: skip
 @click.option("--friction", type=click.Choice(["on", "off"]), default="on", show_default=True,
-              help="Friction of the car along its shocks.")  # fmt: skip
+              help="Friction of the car.")  # fmt: skip
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
               help="File format of a program's records.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
               help="Output file (.parquet or .csv); with --program, the output folder.")  # fmt: skip
 def rig(  # one parameter per option
     truth: str,
+    car_seed: int | None,
     test_name: str,
     program_name: str | None,
     shocks: tuple[str, ...],
@@ -103,7 +107,7 @@ def rig(  # one parameter per option
     from eightpost.rig.post.bench import Bench
     from eightpost.rig.post.shocks import shocks_named
 
-    bench = Bench.of(truth, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
+    bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))
     shocks_named((*names, alternate))  # an unknown shock is an error before the first test
     console = Console()

@@ -12,6 +12,7 @@ from eightpost.corners import channel
 from eightpost.drivefile.target import Target
 from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.port_laws import bristle_force
 from eightpost.shock import ShockLaw
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, StructuralVehicle, Vehicle, add_port_damping
@@ -112,7 +113,7 @@ def _about_the_track(vehicle: Vehicle, target: Target, shocks: Mapping[str, Shoc
             notes.append(f"{channel(port, 'displacement')} is not a target, so friction and shock of this corner are "
                          "not converted to damping.")  # fmt: skip
             continue
-        added[port] = _added_damping(vehicle, port, shocks.get(port), velocity)
+        added[port] = _added_damping(vehicle, port, shocks.get(port), velocity, target.rate)
     if unknown := [port for port in shocks if channel(port, "force") not in vehicle.state_space.input_names]:
         raise ParameterError(f"the car {vehicle.name!r} has no corner {unknown[0]!r}; correct --shock")
     return add_port_damping(vehicle.state_space, added), notes
@@ -126,10 +127,10 @@ def _velocity(target: Target, port: str) -> Array | None:
     return velocity_from_displacement(target.series[name], target.rate, min(_CUTOFF, 0.4 * target.rate))
 
 
-def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, velocity: Array) -> float:
+def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, velocity: Array, rate: float) -> float:
     """Return the damping [N.s/m] of friction and shock at the track's velocities, minus the baseline damping."""
-    friction = vehicle.friction.get(port, Friction(0.0, 1.0))
-    force = friction.force * np.tanh(velocity / friction.velocity)
+    friction = vehicle.friction.get(port, Friction())
+    force = friction.force * np.tanh(velocity / friction.velocity) + bristle_force(velocity, rate, friction.bristle)
     if law is not None:
         curve = np.array([law.static_force(float(v)) for v in np.linspace(velocity.min(), velocity.max(), 201)])
         force = force + np.interp(velocity, np.linspace(velocity.min(), velocity.max(), 201), curve)

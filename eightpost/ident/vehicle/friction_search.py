@@ -138,7 +138,8 @@ class FrictionEstimate:
         forces = ", ".join(f"{port or 'port'} {force.text}" for port, force in self.forces.items())
         left = 100.0 * float(np.mean(list(self.residual.values())))
         law = law_text(next(law for law in self.friction.values() if law.acts))
-        return f"Friction at the ports (+- two standard deviations): {forces}; {law}; {left:.0f} % of the residual remains."
+        about = "Friction at the ports (+- two standard deviations)"
+        return f"{about}: {forces}; {law}; {left:.0f} % of the residual remains."
 
 
 def law_text(law: Friction) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numba
@@ -20,6 +20,7 @@ from eightpost.shock import ShockLaw
 from eightpost.shock.compiled import LAW_FILES, law_numbers, law_step
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
+from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 Whole = NDArray[np.intp]
 
@@ -32,8 +33,13 @@ _CLOSE = 1e-3
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    found: Callable[..., Any] = kept(numba.njit(nogil=True, error_model="numpy")(function), LAW_FILES)
+    found: Callable[..., Any] = kept(numba.njit(nogil=True, error_model="numpy")(function), LAW_FILES + BRISTLE_FILE)
     return found
+
+
+def _port_numbers(law: Friction) -> tuple[float, ...]:
+    """Return F_f, v_f, then F_s, z_s, rho, v_s of the bristle, and the coefficient k2 of the spring, SI."""
+    return law.force, law.velocity, *astuple(law.bristle), law.spring
 
 
 @_compiled
@@ -57,13 +63,13 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
     """Find the force differences at the end of a step by iteration; return whether they converged.
 
     `ports` has the velocities without the forces of the step, the displacements, the force differences (on entry: the
-    initial guess), and the states of the shocks and the velocities before the step (on return: after it). The first
-    sample has a step of 0.
+    initial guess), and the states of the shocks, the velocities and the deflections of the bristles before the step (on
+    return: after it). The first sample has a step of 0.
     """
     gain, damping = model
-    free, place, change, states, before = ports
+    free, place, change, states, before, bristles = ports
     count = free.size
-    v, force, after = np.empty(count), np.empty(count), np.empty((count, 2))
+    v, force, after, bent = np.empty(count), np.empty(count), np.empty((count, 2)), np.zeros(count)
     for iteration in range(_MAX_ITERATIONS):
         error = 0.0
         for i in range(count):
@@ -74,12 +80,16 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
             moved, force[i] = law_step(laws[i], (states[i, 0], states[i, 1]), before[i], v[i], place[i], step)
             after[i, 0], after[i, 1] = moved
             rub = friction[i, 0] * math.tanh(v[i] / friction[i, 1]) if friction[i, 0] else 0.0
-            force[i] += rub - damping[i] * v[i]
+            if friction[i, 2]:
+                middle, reach = 0.5 * (before[i] + v[i]), friction[i, 3]
+                bent[i] = deflection_after(bristles[i], middle, step, reach, friction[i, 4], friction[i, 5])
+                rub += friction[i, 2] * bent[i] / reach
+            force[i] += rub + friction[i, 6] * place[i] ** 2 - damping[i] * v[i]
         for i in range(count):
             error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if error <= _CLOSE:
-            states[:], before[:] = after, v
+            states[:], before[:], bristles[:] = after, v, bent
             return True
     return False
 
@@ -93,8 +103,8 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
             damping (P,).
         rows: Indices of the velocities (P,) and displacements (P or 0,) among the outputs.
         driven: Outputs due to the drive alone (p, N).
-        shocks: Laws of the ports as records (P,) of `LAW_NUMBERS`, and friction force F_c and velocity v_f of each port
-            (P, 2).
+        shocks: Laws of the ports as records (P,) of `LAW_NUMBERS`, and friction and spring of each port (P, 7), see
+            `_port_numbers`.
         step: Step of the drive [s].
         every: Interval of the output samples, in samples of the drive.
         out: Array for the outputs (p, kept).
@@ -108,6 +118,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
     x, gain = np.zeros(decay.size, dtype=np.complex128), np.zeros((count, count))
     free, place = np.zeros(count), np.zeros(count)
     change, last, states, before = np.zeros(count), np.zeros(count), np.zeros((count, 2)), np.zeros(count)
+    bristles = np.zeros(count)
     for j in range(count):
         _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
     for k in range(driven.shape[1]):
@@ -120,7 +131,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
             last[i], change[i] = change[i], 2.0 * change[i] - last[i]
         _add_outputs(C, velocities, x, free)
         _add_outputs(C, displacements, x, place)
-        ports = (free, place, change, states, before)
+        ports = (free, place, change, states, before, bristles)
         if not _solve_forces((gain, damping), laws, friction, ports, step if k else 0.0):
             return k
         if k:
@@ -169,10 +180,10 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"each setup needs one shock for each of {', '.join(plant.ports) or 'one port'}")
-        rub = [self.vehicle.friction.get(port, Friction(0.0, 1.0)) for port in plant.ports]
+        rub = np.array([_port_numbers(self.vehicle.friction.get(port, Friction())) for port in plant.ports])
         laws = law_numbers(self.bank)
         laws["port"]["gas_preload"] = 0.0
-        return plant.march(laws, np.array([[one.force, one.velocity] for one in rub]), chosen, self.every)
+        return plant.march(laws, rub, chosen, self.every)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

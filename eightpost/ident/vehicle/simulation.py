@@ -11,8 +11,8 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
-from eightpost.ident.vehicle.friction import with_friction
 from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
@@ -35,16 +35,16 @@ _FINER = (1, 2, 4, 8)
 def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
     """Return the vehicle's outputs under a record's roads, loads and shock forces, from rest.
 
-        dF = F + F_f tanh(v / v_f) - c v
+        dF = F + F_port(v, d) - c v
 
-    with the measured force F and the measured velocity v.
+    with the measured force F, velocity v and displacement d, and the force F_port of friction and spring at the port.
 
     Args:
         vehicle: Identified vehicle.
         record: Record without means; inputs of the vehicle that are not in it are zero.
     """
     model = vehicle.state_space
-    whole = with_friction(record, vehicle.friction)
+    whole = with_port_laws(record, vehicle.friction)
     u = np.zeros((len(record), len(model.inputs)))
     for j, name in enumerate(model.input_names):
         if name in whole:
@@ -165,7 +165,7 @@ class _Loop:
     forces: list[int]
     velocities: list[int]
     displacements: list[int | None]
-    friction: tuple[Array, Array]
+    friction: tuple[Friction, ...]
 
     @classmethod
     def of(cls, vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> _Loop:
@@ -187,14 +187,28 @@ class _Loop:
         rows = {name: row for row, name in enumerate(model.output_names)}
         at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        laws = [vehicle.friction.get(port, Friction(0.0, 1.0)) for port in ports]
-        friction = np.array([law.force for law in laws]), np.array([law.velocity for law in laws])
+        friction = tuple(vehicle.friction.get(port, Friction()) for port in ports)
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
-    def _change(self, force: Array, v: Array) -> Array:
-        """Return the force of shocks and friction minus that of the baseline dampers [N] (ports,)."""
-        rubbing = self.friction[0] * np.tanh(v / self.friction[1])
-        return np.asarray(force + rubbing - self.damping * v)
+    def _change(self, force: Array, v: Array, places: Sequence[float], bristles: Array) -> Array:
+        """Return the force of shocks, friction and springs minus that of the baseline dampers [N] (ports,).
+
+        Args:
+            force: Shock forces [N] (ports,).
+            v: Velocities of the ports [m/s] (ports,).
+            places: Displacements of the ports [m] (ports,).
+            bristles: Deflections of the bristles [m] (ports,).
+        """
+        own = np.zeros(len(self.ports))
+        for i, law in enumerate(self.friction):
+            own[i] = law.force * np.tanh(v[i] / law.velocity) + law.bristle.force_at(bristles[i])
+            own[i] += law.spring * places[i] ** 2
+        return np.asarray(force + own - self.damping * v)
+
+    def _bristles(self, z: Array, before: Array, now: Array, step: float) -> Array:
+        """Return the deflections of the bristles after a step with linear velocities [m] (ports,)."""
+        middle = 0.5 * (before + now)
+        return np.array([law.bristle.deflection_after(z[i], middle[i], step) for i, law in enumerate(self.friction)])
 
     def run(self, drive: TimeSeries) -> tuple[Array, Array]:
         """Return the outputs (p, N) and the shock forces (ports, N)."""
@@ -213,12 +227,14 @@ class _Loop:
         A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v = np.zeros(len(self.ports))
+        v, z = np.zeros(len(self.ports)), np.zeros(len(self.ports))
         for k in range(len(u)):
             y = C @ x + model.D @ u[k]
-            state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
+            places = self._displacement(y)
+            state, forces[k] = state.after(v, y[self.velocities], places, step if k else 0.0)
+            z = self._bristles(z, v, y[self.velocities], step if k else 0.0)
             v = y[self.velocities]
-            u[k, self.forces] = self._change(forces[k], v)
+            u[k, self.forces] = self._change(forces[k], v, places, z)
             outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
             x = A @ x + B @ u[k]
         return outputs.T, forces.T
@@ -231,15 +247,17 @@ class _Loop:
         driven = found.B1[:, self.forces]
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v, change = np.zeros(len(self.ports)), np.zeros(len(self.ports))
+        v, z, change = (np.zeros(len(self.ports)) for _ in range(3))
         for k in range(len(u)):
             free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
             y_free = C @ free + model.D @ u[k]
             sensitivity = model.D[:, self.forces] if k == 0 else by_force
             for _ in range(_MAX_ITERATIONS):
                 y = y_free + sensitivity @ change
-                following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
-                previous, change = change, self._change(force, y[self.velocities])
+                now, places = y[self.velocities], self._displacement(y)
+                following, force = state.after(v, now, places, step if k else 0.0)
+                bent = self._bristles(z, v, now, step if k else 0.0)
+                previous, change = change, self._change(force, now, places, bent)
                 if np.abs(change - previous).max(initial=0.0) <= _CLOSE:
                     break
             else:
@@ -247,7 +265,7 @@ class _Loop:
                     f"the shock forces at sample {k} do not converge with steps of {step:g} s; resample the drive at a "
                     "higher rate"
                 )
-            state, forces[k], outputs[k], v = following, force, y, y[self.velocities]
+            state, forces[k], outputs[k], v, z = following, force, y, y[self.velocities], bent
             x = free if k == 0 else free + driven @ change
             u[k, self.forces] = change
         return outputs.T, forces.T

@@ -117,7 +117,7 @@ FLAG = Rule(
 RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 #: Flags that need no reason, because the model includes the effect.
-_MODELLED = ("friction",)
+_MODELLED = ("friction", "port springs")
 
 
 def with_validity(fit: VehicleFit) -> VehicleFit:

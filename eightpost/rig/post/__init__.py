@@ -1,6 +1,6 @@
 """Virtual rig: a quarter-car rig and an 8-post rig with known true cars (dissertation 4.5, 6.1)."""
 
-from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
+from eightpost.rig.post.car import Car, Friction, Geometry, RigCar, Springs, Tires
 from eightpost.rig.post.channels import RigSensors
 from eightpost.rig.post.drivefiles import (
     bump_drive,
@@ -10,6 +10,7 @@ from eightpost.rig.post.drivefiles import (
     static_drive,
     track_drive,
 )
+from eightpost.rig.post.flexible import FlexibleCar, flexible_truth
 from eightpost.rig.post.program import (
     NO_DRIFT,
     PROGRAMS,
@@ -26,21 +27,24 @@ from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersErr
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
 from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.post.simulate import Motion, Run, simulate, simulate_setups
-from eightpost.rig.post.truths import TRUTHS, quarter_truth, seven_dof_truth, stand_in_truth
+from eightpost.rig.post.truths import TRUTHS, AnyCar, quarter_truth, seven_dof_truth, stand_in_truth, truth_named
 
 __all__ = [
     "NO_DRIFT",
     "PROGRAMS",
     "TRUTHS",
     "Actuators",
+    "AnyCar",
     "Car",
     "Drift",
+    "FlexibleCar",
     "Friction",
     "Geometry",
     "LinearDamper",
     "MismatchedRateError",
     "Motion",
     "PlannedTest",
+    "RigCar",
     "RigConditions",
     "RigSensors",
     "RigTest",
@@ -51,6 +55,7 @@ __all__ = [
     "Tires",
     "bump_drive",
     "bump_test",
+    "flexible_truth",
     "identification_program",
     "program",
     "quarter_random",
@@ -66,4 +71,5 @@ __all__ = [
     "stand_in_truth",
     "static_drive",
     "track_drive",
+    "truth_named",
 ]

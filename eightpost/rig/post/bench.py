@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from eightpost import __version__, units
 from eightpost.errors import InputError
-from eightpost.rig.post.car import Car
 from eightpost.rig.post.channels import RigSensors
 from eightpost.rig.post.drivefiles import random_drive, sine_drive, static_drive, track_drive
 from eightpost.rig.post.program import (
@@ -21,7 +20,7 @@ from eightpost.rig.post.program import (
 )
 from eightpost.rig.post.rig_test import RigConditions, RigTest
 from eightpost.rig.post.shocks import shocks_named
-from eightpost.rig.post.truths import TRUTHS
+from eightpost.rig.post.truths import AnyCar, truth_named
 from eightpost.signals.drivefile import Drivefile
 
 
@@ -36,24 +35,35 @@ class Bench:
         note: Note that marks the records as synthetic.
     """
 
-    car: Car
+    car: AnyCar
     is_noisy: bool
     run: int
     note: str
 
     @classmethod
-    def of(cls, truth: str, *, friction: bool = True, noise: bool = True, run: int = 0, seed: int = 1) -> Bench:
+    def of(
+        cls,
+        truth: str,
+        *,
+        car_seed: int | None = None,
+        friction: bool = True,
+        noise: bool = True,
+        run: int = 0,
+        seed: int = 1,
+    ) -> Bench:
         """Return the bench of a car.
 
         Args:
             truth: Name of the car, one of `TRUTHS`.
-            friction: Whether the car has friction along its shocks.
+            car_seed: Seed of the parameters of the flexible car; None gives its base parameters.
+            friction: Whether the car has friction.
             noise: Whether the sensors have noise and the rig drifts.
             run: Seed of noise and drift.
             seed: Seed of the drive files, for the note.
         """
-        car = TRUTHS[truth]() if friction else TRUTHS[truth]().without_friction()
-        words = f"{truth}, friction {'on' if friction else 'off'}, noise {'rig' if noise else 'none'}"
+        car = truth_named(truth, car_seed)
+        car = car if friction else car.without_friction()
+        words = f"{car.name}, friction {'on' if friction else 'off'}, noise {'rig' if noise else 'none'}"
         return cls(car, noise, run, f"SYNTHETIC: eightpost rig {__version__}, {words}, drivefile seed {seed}")
 
     def shocks(self, names: Sequence[str]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -36,6 +37,85 @@ class Geometry:
     rear_aero_track: float
     front_overhang: float
     rear_overhang: float
+
+
+Self = TypeVar("Self", bound="RigCar")
+
+
+class RigCar(Protocol):
+    """What the rig knows of a car with C corners, A loads and D coordinates in which its motion is recorded."""
+
+    @property
+    def name(self) -> str:
+        """Name of the car."""
+        ...
+
+    @property
+    def corners(self) -> tuple[str, ...]:
+        """Names of the corners; one empty name for a quarter car."""
+        ...
+
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """Names of the loads, as in a drive file."""
+        ...
+
+    @property
+    def load_units(self) -> tuple[str, ...]:
+        """Units of the loads, N or N.m."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of roads and loads, in the order of a drive."""
+        ...
+
+    @property
+    def shock(self) -> Array:
+        """Rows (C, D) of the compression of the shocks."""
+        ...
+
+    @property
+    def wheel(self) -> Array:
+        """Rows (C, D) of the heights of the wheels at the tires."""
+        ...
+
+    @property
+    def chassis(self) -> Array:
+        """Rows (C, D) of the heights of the chassis above the wheels."""
+        ...
+
+    @property
+    def load(self) -> Array:
+        """Rows (A, D) of the travel of the loads in their own direction."""
+        ...
+
+    @property
+    def points(self) -> Mapping[str, Array]:
+        """Rows (D,) of the heights or angles of other measured points, by name."""
+        ...
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """Positions of actuators and measurements, None for a quarter car."""
+        ...
+
+    @property
+    def static_load(self) -> Array:
+        """Static loads of the tires (C, 1) [N]; 0 if their forces are changes from static."""
+        ...
+
+    def named(self, quantity: str) -> tuple[str, ...]:
+        """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
+        ...
+
+    def changed(self: Self, friction: float, tire: float) -> Self:
+        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
+        ...
+
+    def without_friction(self: Self) -> Self:
+        """Return the same car without friction."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +168,16 @@ class Car:
     def inputs(self) -> tuple[str, ...]:
         """Names of roads and loads, in the order of a drive."""
         return (*self.named("road"), *self.loads)
+
+    @property
+    def static_load(self) -> Array:
+        """Static loads of the tires (C, 1) [N]; 0 if their forces are changes from static."""
+        return np.where(np.isfinite(self.tires.static_load), self.tires.static_load, 0.0)
+
+    def changed(self, friction: float, tire: float) -> Car:
+        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
+        tires = replace(self.tires, stiffness=self.tires.stiffness * tire)
+        return replace(self, friction=self.friction.scaled(friction), tires=tires)
 
     def without_friction(self) -> Car:
         """Return the same car without friction."""

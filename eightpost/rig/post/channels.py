@@ -17,7 +17,7 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.rig.post.car import Car
+    from eightpost.rig.post.car import RigCar
     from eightpost.rig.post.simulate import Motion
 
     Channels = dict[str, tuple[str, Array]]
@@ -61,7 +61,7 @@ class RigSensors:
         return {"m": self.position, "N": self.load, "m/s2": self.acceleration}.get(unit, 0.0)
 
 
-def sensor_channels(car: Car, motion: Motion, sensors: RigSensors, generator: np.random.Generator) -> Channels:
+def sensor_channels(car: RigCar, motion: Motion, sensors: RigSensors, generator: np.random.Generator) -> Channels:
     """Return the sensor readings with noise: channels 1 to 16 and 25 to 44 of Table 6.1."""
     channels = {}
     for name, (unit, values) in _true_channels(car, motion).items():
@@ -71,19 +71,19 @@ def sensor_channels(car: Car, motion: Motion, sensors: RigSensors, generator: np
     return channels
 
 
-def commands(car: Car, command: TimeSeries) -> Channels:
+def commands(car: RigCar, command: TimeSeries) -> Channels:
     """Return the commands, channels 17 to 24: `<input>_command`."""
     grid = command.resample(RATE)
     return {f"{name}_command": (grid.unit(name), grid[name]) for name in car.inputs}
 
 
-def _true_channels(car: Car, motion: Motion) -> Channels:
+def _true_channels(car: RigCar, motion: Motion) -> Channels:
     q, a, corners = motion.position, motion.acceleration, len(car.corners)
     roads, loads = motion.drive[:corners], motion.drive[corners:]
     channels: Channels = {}
     channels |= _corner_channels(car, "road", "m", roads)
     channels |= _aero_positions(car, q)
-    channels |= _corner_channels(car, "tire_force", "N", motion.tire_force + _static(car))
+    channels |= _corner_channels(car, "tire_force", "N", motion.tire_force + car.static_load)
     channels |= {n: (u, row) for n, u, row in zip(car.loads, car.load_units, loads, strict=True)}
     channels |= _corner_channels(car, "displacement", "m", car.shock @ q)
     channels |= _corner_channels(car, "force", "N", motion.shock_force)
@@ -92,23 +92,18 @@ def _true_channels(car: Car, motion: Motion) -> Channels:
     return channels | _cockpit(car, q, a)
 
 
-def _corner_channels(car: Car, quantity: str, unit: str, rows: Array) -> Channels:
+def _corner_channels(car: RigCar, quantity: str, unit: str, rows: Array) -> Channels:
     return {name: (unit, row) for name, row in zip(car.named(quantity), rows, strict=True)}
 
 
-def _static(car: Car) -> Array:
-    """Return the static tire loads (C, 1) [N]; 0 if the tire forces of the car are changes from static."""
-    return np.where(np.isfinite(car.tires.static_load), car.tires.static_load, 0.0)
-
-
-def _aero_positions(car: Car, q: Array) -> Channels:
+def _aero_positions(car: RigCar, q: Array) -> Channels:
     """Return channels 5 to 8; none for the seven-DOF car, which has modal forces instead of aeroloaders."""
     if car.loads != car.named("aero"):
         return {}
     return _corner_channels(car, "aero_position", "m", -car.load @ q)
 
 
-def _cockpit(car: Car, q: Array, a: Array) -> Channels:
+def _cockpit(car: RigCar, q: Array, a: Array) -> Channels:
     """Return channels 41 to 44; lateral and longitudinal acceleration include gravity through the chassis' tilt."""
     if not car.points:
         return {}
@@ -121,7 +116,7 @@ def _cockpit(car: Car, q: Array, a: Array) -> Channels:
     }
 
 
-def with_math(car: Car, motion: Motion, series: TimeSeries) -> TimeSeries:
+def with_math(car: RigCar, motion: Motion, series: TimeSeries) -> TimeSeries:
     """Return the record with the math channels 45 to 62, computed from the measured channels as in 6.1.2.
 
     The ride heights of the linear cars are exact, because these cars have no aeroloaders from which to compute them.
@@ -146,7 +141,7 @@ def _mode_channels(rows: Array, units: tuple[str, ...], suffixes: tuple[str, ...
     return dict(zip(names, zip(units, rows, strict=True), strict=True))
 
 
-def _ride_heights(car: Car, motion: Motion, channels: Mapping[str, tuple[str, Array]]) -> Channels:
+def _ride_heights(car: RigCar, motion: Motion, channels: Mapping[str, tuple[str, Array]]) -> Channels:
     roads = np.stack([channels[name][1] for name in car.named("road")])
     if car.geometry is None:
         return {"ride_height": ("m", (car.chassis @ motion.position)[0] - roads[0])}

@@ -19,7 +19,7 @@ from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from eightpost.rig.post.car import Car, Geometry
+    from eightpost.rig.post.car import Geometry, RigCar
 
 
 #: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
@@ -65,7 +65,7 @@ STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
 
 
 def random_drive(
-    car: Car, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
+    car: RigCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
 ) -> Drivefile:
     """Return the random test: Gaussian noise with the spectra of Table 6.3 on all actuators, or on `active` ones only.
 
@@ -73,7 +73,7 @@ def random_drive(
     Inactive wheelloaders are at 0, inactive aeroloaders at their mean force.
 
     Args:
-        car: Car whose inputs are commanded.
+        car: RigCar whose inputs are commanded.
         seed: Seed of the noise generator.
         duration: Duration [s]; 800, and 100 for single inputs (6.1.3).
         active: Names of the inputs that move; empty for all inputs.
@@ -122,12 +122,12 @@ def _with_loads(roads: Mapping[str, Array], count: int) -> dict[str, tuple[str, 
 
 
 def sine_drive(
-    car: Car, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
+    car: RigCar, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
 ) -> Drivefile:
     """Return a sine of the wheelloaders in a mode; the amplitude grows during the first second.
 
     Args:
-        car: Car whose inputs are commanded.
+        car: RigCar whose inputs are commanded.
         frequency: Sine frequency [Hz].
         amplitude: Amplitude of each wheelloader [m].
         mode: Mode: heave, pitch, roll or warp.
@@ -139,7 +139,7 @@ def sine_drive(
     return _drivefile(car, time.size, _in_mode(car, mode, wave))
 
 
-def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
+def bump_drive(car: RigCar, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
     """Return a square wave of all wheelloaders, `height` [m] from peak to peak (6.1.3: 0.4 in, 10 s period, 50 s long).
 
     The edges take 20 ms (two moving averages of 10 ms), because actuators cannot jump. Section 4.5.1 has 1 in, a period
@@ -154,12 +154,12 @@ def bump_drive(car: Car, *, height: float = 0.4 * _INCH, period: float = 10.0, d
 
 
 def static_drive(
-    car: Car, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
+    car: RigCar, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
 ) -> Drivefile:
     """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
 
     Args:
-        car: Car with four aeroloaders.
+        car: RigCar with four aeroloaders.
         kind: Type of loading: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
         most: Maximum force of each active aeroloader [N]; in pitch, roll and warp, two of them pull. Default
             `STATIC_PUSH` if all push and `STATIC_PULL` if some pull.
@@ -196,14 +196,14 @@ def _check_duration(duration: float) -> None:
         raise ParameterError(f"the duration must be above 0, not {duration:g} s")
 
 
-def _in_mode(car: Car, mode: str, wave: Array) -> dict[str, Array]:
+def _in_mode(car: RigCar, mode: str, wave: Array) -> dict[str, Array]:
     if mode not in SIGNS:
         raise ParameterError(f"there is no mode {mode!r}; there are {', '.join(SIGNS)}")
     signs = SIGNS[mode] if len(car.corners) == 4 else (1,)
     return {name: sign * wave for name, sign in zip(car.named("road"), signs, strict=True)}
 
 
-def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
+def _drivefile(car: RigCar, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
     """Return the drive file of the inputs that move; with `rest`, the mean forces of the aeroloaders are added."""
     zero, channels = np.zeros(count), {}
     units = (*("m",) * len(car.corners), *car.load_units)
@@ -213,14 +213,14 @@ def _drivefile(car: Car, count: int, commands: Mapping[str, Array], *, rest: boo
     return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
 
 
-def _mean_load(car: Car, name: str) -> float:
+def _mean_load(car: RigCar, name: str) -> float:
     """Return the mean of an input, which is the downforce for aeroloaders and 0 otherwise."""
     if car.loads != car.named("aero") or name not in car.loads:
         return 0.0
     return DOWNFORCE[0] if car.loads.index(name) < 2 else DOWNFORCE[1]
 
 
-def _load_peak(car: Car, name: str) -> float:
+def _load_peak(car: RigCar, name: str) -> float:
     """Return the peak of a load: 560 lbf, or a moment of 560 lbf with half the wheelbase as lever arm."""
     if car.geometry is None or not name.endswith("_moment"):
         return AERO_PEAK
@@ -261,13 +261,13 @@ _LAP = replace(
 )
 
 
-def track_drive(car: Car, seed: int, *, duration: float = 33.0) -> Drivefile:
+def track_drive(car: RigCar, seed: int, *, duration: float = 33.0) -> Drivefile:
     """Return a synthetic lap for a four-wheeled car; the aeroloaders apply the loads if the car has any.
 
     The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.
 
     Args:
-        car: Car whose inputs are commanded.
+        car: RigCar whose inputs are commanded.
         seed: Seed of the noise generator.
         duration: Duration [s]; all channels grow from their means during the first second.
 

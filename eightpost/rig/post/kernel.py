@@ -3,13 +3,15 @@
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
 The functions work on arrays and numbers only; `simulate.py` fills them from cars and shocks. This is the only module of
-the rig that imports numba.
+the rig that imports numba; `compiled` compiles the functions of other cars.
 """
 
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -37,6 +39,9 @@ _GAMMA = 1.0 + math.sqrt(0.5)
 
 #: Minimum sliding velocity [m/s].
 _STILL = 1e-12
+
+#: Number that changes with the files of the laws and with this file, whose functions other cars compile too.
+_FILES = LAW_FILES + zlib.crc32(Path(__file__).read_bytes())
 
 #: Number of samples between checks that the motion is finite.
 _CHECK_INTERVAL = 500
@@ -100,13 +105,13 @@ class Inputs(NamedTuple):
     rate: float
 
 
-def _compile(function: Function) -> Function:
+def compiled(function: Function) -> Function:
     """Compile a function and cache its machine code on disk; sums may be computed in another order."""
     options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-    return cast("Function", kept(njit(**options)(function), LAW_FILES))
+    return cast("Function", kept(njit(**options)(function), _FILES))
 
 
-@_compile
+@compiled
 def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, records: Array) -> int:
     """Fill the records (N, 3 D + 3 C) of one run with q, q', q'', shock, friction and tire forces.
 
@@ -136,9 +141,9 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
             _record(records[sample], q, v, a, outputs)
         if sample % _CHECK_INTERVAL == 0 and not np.isfinite(q).all():
             return sample
-        _fill_knots(inputs, sample, knots)
+        fill_knots(inputs, sample, knots)
         for k in range(steps):
-            _drive_at(inputs, k, knots, drive, slope)
+            drive_at(inputs, k, knots, drive, slope)
             for i in range(dofs):
                 q[i] += h * (v[i] + 0.5 * h * a[i])
                 guess[i] = v[i] + h * a[i]
@@ -146,7 +151,7 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
             _multiply(car.ports, guess, speeds)
             for c in range(corners):
                 s = which[c]
-                force = _shock(
+                force = shock_force(
                     shocks.kinds[s], shocks.numbers[s], shocks.laws[s], states[c], before[c], speeds[c], places[c], h,
                     work,
                 )  # fmt: skip
@@ -164,7 +169,7 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
     return -inputs.lead - 1
 
 
-@_compile
+@compiled
 def _record(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
     d, c = q.size, outputs.shape[1]
     row[:d], row[d : 2 * d], row[2 * d : 3 * d] = q, v, a
@@ -172,8 +177,8 @@ def _record(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
         row[3 * d + k * c : 3 * d + (k + 1) * c] = outputs[k]
 
 
-@_compile
-def _fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
+@compiled
+def fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
     """Fill the values and slopes (4, U) at a sample and at the next; outside the drive, its end values are held."""
     last = inputs.values.shape[0] - 1
     for side in range(2):
@@ -187,8 +192,9 @@ def _fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
             knots[2 * side + 1, j] = inside * inputs.slopes[place, j] * factor + value * rise
 
 
-@_compile
-def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
+@compiled
+def drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
+    """Fill the drive (U,) and its slope per second (U,) at the end of a step."""
     w, g = inputs.weights[0, step], inputs.weights[1, step]
     for j in range(drive.size):
         drive[j] = w[0] * knots[0, j] + w[1] * knots[1, j] + w[2] * knots[2, j] + w[3] * knots[3, j]
@@ -196,7 +202,7 @@ def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Arra
         slope[j] = change * inputs.rate
 
 
-@_compile
+@compiled
 def _dot(row: Array, x: Array) -> float:
     total = 0.0
     for i in range(x.size):
@@ -204,13 +210,13 @@ def _dot(row: Array, x: Array) -> float:
     return total
 
 
-@_compile
+@compiled
 def _multiply(matrix: Array, x: Array, out: Array) -> None:
     for k in range(out.size):
         out[k] = _dot(matrix[k], x)
 
 
-@_compile
+@compiled
 def _accelerate(car: CarNumbers, forces: Array, q: Array, guess: Array, v: Array, a: Array, h: float) -> None:
     """Update the accelerations and velocities to the end of the step."""
     for i in range(a.size):
@@ -219,13 +225,13 @@ def _accelerate(car: CarNumbers, forces: Array, q: Array, guess: Array, v: Array
         a[i] = new
 
 
-@_compile
+@compiled
 def _spring(spring: Array, s: float) -> float:
     into = max(s - spring[2], 0.0)
     return float(spring[0] * s * (1.0 + spring[1] * s) + spring[3] * into * into)
 
 
-@_compile
+@compiled
 def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
     """Return the bristle deflection of `Friction` [m] after a step at a constant velocity, exactly."""
     speed, ratio = abs(velocity), velocity / friction[3]
@@ -237,8 +243,8 @@ def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
     return steady + (before - steady) * math.exp(-speed * h / reach)
 
 
-@_compile
-def _shock(
+@compiled
+def shock_force(
     kind: int, n: Array, law: Any, state: Array, before: float, after: float, place: float, h: float, work: Array
 ) -> float:
     """Return a shock's force [N] after a step h [s], and update its states.
@@ -257,12 +263,12 @@ def _shock(
     return float(force)
 
 
-@_compile
+@compiled
 def _softplus(x: float) -> float:
     return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
 
 
-@_compile
+@compiled
 def _fluid(n: Array, state: Array, before: float, after: float, place: float, h: float) -> float:
     """Return the force of a demonstration damper.
 
@@ -282,7 +288,7 @@ def _fluid(n: Array, state: Array, before: float, after: float, place: float, h:
     return float(state[0] + n[2] * place + n[3] + n[4] * math.tanh(after / n[5]))
 
 
-@_compile
+@compiled
 def _passage(drop: float, p: Array) -> tuple[float, float]:
     """Return flow and slope of a `Passage` (its fields in order) at a pressure drop >= 0 [Pa]."""
     size = drop * drop + p[1] * p[1]
@@ -299,13 +305,13 @@ def _passage(drop: float, p: Array) -> tuple[float, float]:
     return flow + gap * lift * rise, slope + gap * (growth * rise / series + 0.5 * lift / rise)
 
 
-@_compile
+@compiled
 def _valve(drop: float, forward: Array, backward: Array) -> tuple[float, float]:
     flow, slope = _passage(abs(drop), forward if drop >= 0.0 else backward)
     return (flow if drop >= 0.0 else -flow), slope
 
 
-@_compile
+@compiled
 def _filling(n: Array, level: float) -> tuple[float, float, float, float]:
     """Return a chamber's pressure above the vapour pressure, content, softness and d ln(softness) / d level."""
     excess = n[1] * math.exp(level)
@@ -319,7 +325,7 @@ def _filling(n: Array, level: float) -> tuple[float, float, float, float]:
     return excess, math.exp((excess - n[1]) * n[5]) / phi, softness, change / softness
 
 
-@_compile
+@compiled
 def _plant(n: Array, x: float, v: float, y: Array, rates: Array, matrix: Array) -> None:
     """Fill the state derivatives (3,) and the Jacobian (3, 3) of `Plant` at states y (3,)."""
     excess_c, content_c, softness_c, bend_c = _filling(n, y[0])
@@ -340,7 +346,7 @@ def _plant(n: Array, x: float, v: float, y: Array, rates: Array, matrix: Array) 
     matrix[2, 0], matrix[2, 1], matrix[2, 2] = -ease_out * excess_c * n[12], 0.0, ease_out * slope * n[12]
 
 
-@_compile
+@compiled
 def _solve(m: Array, b: Array, x: Array) -> None:
     """Solve m x = b (3, 3) with cofactors; m is close to the identity plus a non-negative diagonal."""
     c0 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
@@ -355,7 +361,7 @@ def _solve(m: Array, b: Array, x: Array) -> None:
     x[2] = (c2 * b[0] + g0 * b[1] + g1 * b[2]) / whole
 
 
-@_compile
+@compiled
 def _physical(n: Array, state: Array, velocity: float, place: float, h: float, work: Array) -> float:
     """Return the force of a physical damper.
 

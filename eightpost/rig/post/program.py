@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
@@ -18,6 +18,7 @@ from eightpost.rig.post.drivefiles import (
     LEAD,
     RATE,
     SIGNS,
+    STEPS,
     TABLE_4_4,
     TILT_SINES,
     bump_drive,
@@ -33,8 +34,8 @@ from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from eightpost.rig.post.car import Car
     from eightpost.rig.post.shocks import Shock
+    from eightpost.rig.post.truths import AnyCar
     from eightpost.signals.drivefile import Drivefile
 
 
@@ -53,7 +54,7 @@ class Actuators:
     wheelloader: float = 125.0
     aeroloader: float = 9.0
 
-    def follow(self, command: TimeSeries, car: Car) -> TimeSeries:
+    def follow(self, command: TimeSeries, car: AnyCar) -> TimeSeries:
         """Return the roads and loads (`car.inputs`) at 1250 Hz for commands with the same names."""
         grid = command.resample(RATE)
         roads = car.named("road")
@@ -90,11 +91,10 @@ class Drift:
     load_zero: float = convert(2.0, "lbf", "N")
     travel_zero: float = convert(0.002, "in", "m")
 
-    def of(self, car: Car, generator: np.random.Generator) -> Car:
+    def of(self, car: AnyCar, generator: np.random.Generator) -> AnyCar:
         """Return the car with the random changes of one run."""
         friction, tire = 1.0 + np.array([self.friction, self.tire]) * generator.standard_normal(2)
-        tires = replace(car.tires, stiffness=car.tires.stiffness * float(tire))
-        return replace(car, friction=car.friction.scaled(max(float(friction), 0.0)), tires=tires)
+        return car.changed(max(float(friction), 0.0), float(tire))
 
     def zero(self, name: str, generator: np.random.Generator) -> float:
         """Return the zero offset of a measured channel in one run, in its SI unit."""
@@ -114,7 +114,7 @@ NO_DRIFT = Drift(0.0, 0.0, 0.0, 0.0)
 
 
 def run_test(
-    car: Car,
+    car: AnyCar,
     drivefile: Drivefile,
     shocks: Sequence[Shock],
     *,
@@ -123,12 +123,13 @@ def run_test(
     drift: Drift | None = None,
     actuators: Actuators | None = None,
     lead: float = LEAD,
+    steps: int = STEPS,
     conditions: RigConditions | None = None,
 ) -> RigTest:
     """Run a test and return its record at 1250 Hz with the channels of Table 6.1.
 
     Args:
-        car: Car to test.
+        car: AnyCar to test.
         drivefile: Commands with the car's `inputs` as channels.
         shocks: One shock per corner.
         seed: Seed of noise and drift.
@@ -136,12 +137,13 @@ def run_test(
         drift: Standard deviations of the random drift; `NO_DRIFT` for none.
         actuators: Bandwidths of the actuators.
         lead: Lead-in before the record [s]; see `simulate`.
+        steps: Number of integration steps per sample; see `simulate`.
         conditions: Conditions to write into the file; the name of the car and the seed are added.
     """
     generator, drift = np.random.default_rng(seed), drift or Drift()
     car = drift.of(car, generator)
     drive = (actuators or Actuators()).follow(drivefile.series, car)
-    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
+    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead, steps=steps)[0]
     channels = sensor_channels(car, motion, sensors or RigSensors(), generator)
     channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}
     series = TimeSeries.from_channels(motion.time, channels | commands(car, drivefile.series))
@@ -178,12 +180,12 @@ class PlannedTest:
 
 
 def identification_program(
-    car: Car, seed: int, *, duration: float | None = None, draws: Draws = "same"
+    car: AnyCar, seed: int, *, duration: float | None = None, draws: Draws = "same"
 ) -> tuple[PlannedTest, ...]:
     """Return `baseline` and one `alternate_<corner>` per corner with the random drive file (6.1.5).
 
     Args:
-        car: Car to identify.
+        car: AnyCar to identify.
         seed: Seed of the drive file.
         duration: Duration [s]; default 800, for a quarter car 120.
         draws: "other" uses the following seeds for the alternate tests, which gives the local polynomial method and the
@@ -199,26 +201,26 @@ def identification_program(
     return tuple(planned)
 
 
-def random_length(car: Car) -> float:
+def random_length(car: AnyCar) -> float:
     """Return the duration of the random test in the dissertation for a car [s]."""
     return RANDOM if len(car.corners) == 4 else QUARTER_RANDOM
 
 
-def random_test(car: Car, seed: int, *, duration: float) -> Drivefile:
+def random_test(car: AnyCar, seed: int, *, duration: float) -> Drivefile:
     """Return a car's random drive file: noise of Table 6.3, for a quarter car the multisine of Table 4.3."""
     if len(car.corners) == 1:
         return quarter_random(seed, duration=duration)
     return random_drive(car, seed, duration=duration)
 
 
-def bump_test(car: Car, *, duration: float | None = None) -> Drivefile:
+def bump_test(car: AnyCar, *, duration: float | None = None) -> Drivefile:
     """Return a car's bump test: 0.4 in, 10 s period, 50 s; for a quarter car 1 in, 20 s, 60 s (4.5.1)."""
     if len(car.corners) == 1:
         return bump_drive(car, height=_INCH, period=20.0, duration=duration or 60.0)
     return bump_drive(car, duration=duration or 50.0)
 
 
-def _single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
+def _single_program(car: AnyCar, seed: int) -> tuple[PlannedTest, ...]:
     """Return `single_<input>` for each input alone, 100 s each (6.1.3), each with another draw."""
     return tuple(
         PlannedTest(
@@ -230,7 +232,7 @@ def _single_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
     )
 
 
-def _sine_program(car: Car) -> tuple[PlannedTest, ...]:
+def _sine_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     """Return `sine_<mode>_<frequency>hz` of Table 6.2 in heave, pitch and roll, or of Table 4.4 for a quarter car."""
     tables = {"heave": HEAVE_SINES, "pitch": TILT_SINES, "roll": TILT_SINES}
     if len(car.corners) == 1:
@@ -246,12 +248,12 @@ def _sine_program(car: Car) -> tuple[PlannedTest, ...]:
     )
 
 
-def _bump_program(car: Car) -> tuple[PlannedTest, ...]:
+def _bump_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     """Return the test `bump`."""
     return (PlannedTest("bump", "bump", partial(bump_test, car)),)
 
 
-def _static_program(car: Car) -> tuple[PlannedTest, ...]:
+def _static_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3); none for a car without aeroloaders."""
     if car.loads != car.named("aero"):
         return ()
@@ -262,7 +264,7 @@ def _static_program(car: Car) -> tuple[PlannedTest, ...]:
     )
 
 
-def _track_program(car: Car, seed: int) -> tuple[PlannedTest, ...]:
+def _track_program(car: AnyCar, seed: int) -> tuple[PlannedTest, ...]:
     """Return `track_baseline` and `track_alternate_<corner>` (6.1.5); none for a quarter car."""
     if car.geometry is None:
         return ()
@@ -276,13 +278,13 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 
 
 def program(
-    name: str, car: Car, seed: int, *, duration: float | None = None, draws: Draws = "same"
+    name: str, car: AnyCar, seed: int, *, duration: float | None = None, draws: Draws = "same"
 ) -> tuple[PlannedTest, ...]:
     """Return a program's tests.
 
     Args:
         name: Name of the program, one of `PROGRAMS`.
-        car: Car to test; `all` leaves out tests for which the car has no actuators.
+        car: AnyCar to test; `all` leaves out tests for which the car has no actuators.
         seed: Seed of the drive files.
         duration: Duration of the random test [s]; see `identification_program`.
         draws: Choice of random draws; see `identification_program`.

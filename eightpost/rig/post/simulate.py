@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,9 @@ from eightpost.errors import ParameterError, StepError
 from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post import kernel
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
+from eightpost.rig.post.flexible import FlexibleCar
+from eightpost.rig.post.flexible import kernel as flexible_kernel
+from eightpost.rig.post.flexible import motion as flexible_motion
 from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.truth_damper import TruthDamper
 from eightpost.shock import ShockLaw
@@ -26,6 +29,7 @@ from eightpost.workers.process import usable_processors
 if TYPE_CHECKING:
     from eightpost.rig.damper.valves import Passage
     from eightpost.rig.post.car import Car
+    from eightpost.rig.post.truths import AnyCar
     from eightpost.rig.truth_damper import ValveSide
 
 
@@ -83,18 +87,19 @@ def _hermite(s: Array) -> tuple[Array, Array]:
 # ---- Conversion of cars, shocks and drives to arrays for the compiled integration, and runs on all cores ------------
 
 
-def _records(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
+def _records(car: AnyCar, shocks: Sequence[Sequence[Shock]], drives: Drives) -> list[Array]:
     """Return the records (N, 3 D + 3 C) of each run: q, q', q'', shock, friction and tire forces."""
     own = {id(shock): shock for corners in shocks for shock in corners}
     places = {key: k for k, key in enumerate(own)}
-    numbers, bank = _car_numbers(car), _shock_numbers(tuple(own.values()))
+    bank, march = _shock_numbers(tuple(own.values())), _march(car)
+    width = 3 * _coordinates(car) + 3 * len(car.corners)
 
     def run_records(run: int) -> Array:
         which = np.array([places[id(shock)] for shock in shocks[run]])
         values, slopes = drives.values[run], drives.slopes[run]
-        records = np.empty((len(values), 3 * car.mass.size + 3 * len(car.corners)))
+        records = np.empty((len(values), width))
         inputs = kernel.Inputs(values, slopes, drives.lead, drives.growth, drives.weights, RATE)
-        failed = kernel.march(numbers, which, bank, inputs, records)
+        failed = march(which, bank, inputs, records)
         if failed >= -drives.lead:
             raise StepError(_divergence_message(car, failed))
         return records
@@ -103,7 +108,19 @@ def _records(car: Car, shocks: Sequence[Sequence[Shock]], drives: Drives) -> lis
         return list(pool.map(run_records, range(len(shocks))))
 
 
-def _divergence_message(car: Car, sample: int) -> str:
+def _march(car: AnyCar) -> Callable[..., int]:
+    """Return the compiled integration of a car."""
+    if isinstance(car, FlexibleCar):
+        return partial(flexible_kernel.march, flexible_motion.numbers_of(car))
+    return partial(kernel.march, _car_numbers(car))
+
+
+def _coordinates(car: AnyCar) -> int:
+    """Return the number of coordinates of the integration."""
+    return flexible_kernel.COORDINATES if isinstance(car, FlexibleCar) else car.mass.size
+
+
+def _divergence_message(car: AnyCar, sample: int) -> str:
     """Return the message for a motion that is no longer finite at a sample."""
     return f"the motion of the {car.name} diverged near {sample / RATE:.2f} s; check its shocks and its drive"
 
@@ -199,7 +216,7 @@ class Motion:
     Attributes:
         time: Times (N,) [s].
         drive: Roads and loads (U, N) in the order of the car's inputs.
-        position: Coordinates q (D, N).
+        position: Coordinates q (D, N); those in which the rig measures for the flexible car.
         velocity: Velocities q' (D, N).
         acceleration: Accelerations q'' (D, N).
         shock_force: Forces of the shocks (C, N) [N].
@@ -217,14 +234,14 @@ class Motion:
     tire_force: Array
 
 
-def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS) -> list[Motion]:
+def simulate(car: AnyCar, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS) -> list[Motion]:
     """Return the motion of the car in every run.
 
     Each run starts at rest. During the lead-in before the record, the roads and loads grow to the values of the first
     sample and are then held.
 
     Args:
-        car: Car to simulate.
+        car: AnyCar to simulate.
         runs: Drives and shocks of the runs.
         lead: Duration of the lead-in [s].
         steps: Number of integration steps per sample; default 4, which is 5 kHz.
@@ -244,7 +261,7 @@ def simulate(car: Car, runs: Sequence[Run], *, lead: float = LEAD, steps: int = 
 
 
 def simulate_setups(
-    car: Car, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD, steps: int = STEPS
+    car: AnyCar, drive: TimeSeries, setups: Iterable[Sequence[Shock]], *, lead: float = LEAD, steps: int = STEPS
 ) -> Iterator[Motion]:
     """Yield the motion of the car with each setup for one drive, in the order of the setups.
 
@@ -252,7 +269,7 @@ def simulate_setups(
     not the motions.
 
     Args:
-        car: Car to simulate.
+        car: AnyCar to simulate.
         drive: Actual motion and force of the actuators, at `RATE`.
         setups: Setups with one shock per corner; setups should share shock objects.
         lead: Duration of the lead-in [s]; see `simulate`.
@@ -268,7 +285,7 @@ def simulate_setups(
         yield from simulate(car, [Run(drive, tuple(shocks)) for shocks in batch], lead=lead, steps=steps)
 
 
-def _check(car: Car, run: Run) -> None:
+def _check(car: AnyCar, run: Run) -> None:
     missing = [name for name in car.inputs if name not in run.drive]
     if missing:
         raise ParameterError(f"the drive lacks {', '.join(missing)}; the {car.name} needs {', '.join(car.inputs)}")
@@ -278,15 +295,17 @@ def _check(car: Car, run: Run) -> None:
         raise ParameterError(f"the {car.name} needs {len(car.corners)} shocks, not {len(run.shocks)}")
 
 
-def _inputs(car: Car, drive: TimeSeries) -> Array:
+def _inputs(car: AnyCar, drive: TimeSeries) -> Array:
     return np.stack([drive[name] for name in car.inputs])
 
 
-def _motion(car: Car, run: Run, inputs: Array, records: Array) -> Motion:
+def _motion(car: AnyCar, run: Run, inputs: Array, records: Array) -> Motion:
     """Return a run's motion from its records (N, 3 D + 3 C)."""
     if not np.isfinite(records[:, 0]).all():
         raise StepError(_divergence_message(car, int(np.argmin(np.isfinite(records[:, 0])))))
-    dofs, corners = car.mass.size, len(car.corners)
+    dofs, corners = _coordinates(car), len(car.corners)
     bounds = np.cumsum([dofs, dofs, dofs, corners, corners])
     parts = np.split(records.T, bounds)
+    if isinstance(car, FlexibleCar):
+        parts[:3] = flexible_motion.measured(car, records)
     return Motion(run.drive.time, inputs, *(np.ascontiguousarray(part) for part in parts))

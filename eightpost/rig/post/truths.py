@@ -1,4 +1,4 @@
-"""The three simulated cars (truths) of the virtual rig: quarter car, seven-DOF car, and 8-post stand-in."""
+"""The simulated cars (truths) of the virtual rig: quarter car, seven-DOF car, 8-post stand-in, and flexible car."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
+from eightpost.errors import ParameterError
 from eightpost.rig.post.car import Car, Friction, Geometry, Springs, Tires
+from eightpost.rig.post.flexible import FlexibleCar, base_car, flexible_truth
 from eightpost.units import convert
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+#: A car that the virtual rig can test.
+AnyCar = Car | FlexibleCar
 
 _INCH = convert(1.0, "in", "m")
 _POUND = convert(1.0, "lbf", "N")
@@ -231,8 +235,26 @@ def _points(heave: Array, pitch: Array, roll_at: Callable[[float], Array]) -> di
 
 
 #: Functions that create the simulated cars, by their names on the command line and in files.
-TRUTHS: dict[str, Callable[[], Car]] = {
+TRUTHS: dict[str, Callable[[], AnyCar]] = {
     "quarter_car": quarter_truth,
     "seven_dof": seven_dof_truth,
     "eight_post": stand_in_truth,
+    "flexible": base_car,
 }
+
+
+def truth_named(name: str, seed: int | None = None) -> AnyCar:
+    """Return a simulated car.
+
+    Args:
+        name: Name of the car, one of `TRUTHS`.
+        seed: Seed of its random parameters; None gives its base parameters. Only the flexible car has them.
+
+    Raises:
+        ParameterError: The car has no random parameters.
+    """
+    if seed is None:
+        return TRUTHS[name]()
+    if name != "flexible":
+        raise ParameterError(f"the {name} has no random parameters; leave out the seed of the car, or use flexible")
+    return flexible_truth(seed)

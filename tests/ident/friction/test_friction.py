@@ -10,7 +10,8 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionSearch, direction, with_friction
+from eightpost.ident.vehicle.friction import direction, with_friction
+from eightpost.ident.vehicle.friction_search import FrictionSearch
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
@@ -81,7 +82,9 @@ def test_friction_that_follows_the_law_is_found_within_its_deviation(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
     law = Friction(-50.0, 0.006)  # subtracting 50 N from the measured forces makes a friction of 50 N
-    found = FrictionSearch(velocities=(0.006,)).find([with_friction(test, {"": law}) for test in smooth], experiment)
+    found = FrictionSearch(velocities=(0.006,), reaches=()).find(
+        [with_friction(test, {"": law}) for test in smooth], experiment
+    )
     assert found.forces[""].value == pytest.approx(50.0, abs=4.0 * found.forces[""].deviation + 0.05)
     assert found.friction[""].velocity == pytest.approx(0.006)
 
@@ -136,7 +139,7 @@ def test_the_file_keeps_the_friction(tmp_path: Path) -> None:
 def test_the_fit_reports_its_friction_and_stores_it_in_its_files(
     rubbing: list[TimeSeries], experiment: Experiment, tmp_path: Path
 ) -> None:
-    fit = CommonPoles(friction=FrictionSearch(velocities=(0.01,))).identify(rubbing, experiment)
+    fit = CommonPoles(friction=FrictionSearch(velocities=(0.01,), reaches=())).identify(rubbing, experiment)
     write_fit(tmp_path / "car.json", fit)
     again = read_fit(tmp_path / "car.json")
     assert fit.stable

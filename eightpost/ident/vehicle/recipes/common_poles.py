@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from time import process_time
+from typing import NamedTuple
 
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.vehicle.band import CoherentBand, SupportedBand
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
@@ -14,30 +16,38 @@ from eightpost.ident.vehicle.common_poles import (
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
+from eightpost.ident.vehicle.free_running import fault_in_simulation
+from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
+from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
-from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
+from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle
+from eightpost.vehicle import Friction, IdentifiedVehicle
 
 
 @dataclass(frozen=True, slots=True)
 class CommonPoles:
-    """Recipe that estimates friction at the ports, the local polynomial response around it, and a common-pole model.
+    """Recipe that estimates the laws of the ports, the response around them, and a common-pole model of that response.
+
+    The laws are friction that sticks or creeps, whichever explains more, and springs that are not linear. The vehicle
+    has exactly the laws that the response was estimated with. If it is unstable or fails in a simulation, simpler laws
+    are tried.
 
     Attributes:
         estimate: Method of estimating the response.
-        fit: Settings of the model fit.
+        fit: Settings of the model fit. The upper end of its band is replaced by that of `band`.
+        band: Criterion for the upper end of the band; None uses that of `fit`.
         friction: Settings of the friction estimate; None assumes ports without friction.
-        springs: Settings of the test for nonlinear springs, which are reported and not modelled; None skips the test.
+        springs: Settings of the estimate of nonlinear springs; None assumes linear springs.
         samples: Number of models with resampled noise that give the standard deviations; 0 gives none.
     """
 
-    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
+    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=32.0))
     fit: CommonPoleFit = field(default_factory=CommonPoleFit)
+    band: CoherentBand | None = field(default_factory=CoherentBand)
     friction: FrictionSearch | None = field(default_factory=FrictionSearch)
     springs: SpringSearch | None = field(default_factory=SpringSearch)
     samples: int = 8
@@ -54,60 +64,86 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        friction = None if self.friction is None else self.friction.find(tests, experiment)
-        laws = {} if friction is None else {port: law for port, law in friction.friction.items() if law.force > 0.0}
-        corrected = [with_friction(test, laws) for test in tests]
+        failed: list[str] = []
+        for laws in self._port_laws(tests, experiment):
+            car = self._car(tests, experiment, laws)
+            fault = fault_in_simulation(car.vehicle, tests)
+            if fault is None:
+                break
+            failed.append(f"A model with {laws.text} was rejected: {fault}.")
+        return self._identification(car, tests, experiment, (started, tuple(failed)))
+
+    def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
+        """Yield the laws of the ports, the best first, then simpler ones."""
+        searches = [self.friction] if self.friction is not None else []
+        for search in searches:
+            friction = search.find(tests, experiment)
+            laws = _PortLaws.of(friction)
+            springs = {} if self.springs is None else self.springs.find(laws.added_to(tests), experiment)
+            stiff = port_springs(springs, tests, experiment.ports)
+            if stiff:
+                yield laws.with_springs(springs, stiff)
+            yield replace(laws, springs=springs)
+            if friction.sticks:
+                searches.append(search.creeping)
+        plain = _PortLaws.of(None)
+        springs = {} if self.springs is None or self.friction is not None else self.springs.find(tests, experiment)
+        yield replace(plain, springs=springs)
+
+    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws) -> _Car:
         response = estimate_response(
-            corrected,
+            laws.added_to(tests),
             inputs=experiment.inputs,
             outputs=experiment.outputs,
             recipe=self.estimate,
             baseline_damping=experiment.baseline_damping,
         )
-        found = self.fit.fit(response)
+        supported = None if self.band is None else self.band.of(response)
+        fit = self.fit if supported is None else replace(self.fit, high=supported.high)
+        found = fit.fit(response)
         vehicle = IdentifiedVehicle(
             experiment.name,
             found.model,
             experiment.baseline_damping,
             experiment.static,
             experiment.sources,
-            laws,
+            laws.of_ports,
         )
+        return _Car(vehicle, found, response, laws, supported)
+
+    def _identification(
+        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, before: tuple[float, tuple[str, ...]]
+    ) -> Identification:
+        """Return the result for a car, given the time at the start and notes on the cars that were rejected."""
+        found, laws, friction = car.found, car.laws, car.laws.friction
+        started, failed = before
         ranges = ranges_of(tests, experiment, found.band)
-        stability = closed_loop_stability(vehicle)
-        springs = {} if self.springs is None else self.springs.find(corrected, experiment)
-        flags = _flags(friction, springs) | unmodelled(response, found, tests, experiment.means)
+        stability = closed_loop_stability(car.vehicle)
+        flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
+        unused = friction is not None and not friction.acts
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
+            *(() if car.supported is None else (car.supported.summary(),)),
+            *failed,
             *found.notes,
-            *(
-                ("No significant friction was found at the ports.",)
-                if friction is not None and not friction.acts
-                else ()
-            ),
+            *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
-        fit = VehicleFit(
-            vehicle,
-            "common-poles",
-            response,
-            found.residual,
-            notes,
-            process_time() - started,
-            stability.stable,
-            ranges.as_mapping(),
-            Trust(
-                self._outputs(found, tests, experiment, friction),
-                {} if friction is None else friction.forces,
-                springs,
-                flags,
-                found.orders,
-                self.samples,
-            ),
+        trust = Trust(
+            self._outputs(found, tests, experiment, friction),
+            {} if friction is None else friction.forces,
+            laws.springs,
+            flags,
+            found.orders,
+            self.samples,
         )
-        return Identification(fit, found, response, friction, ranges)
+        fit = VehicleFit(
+            car.vehicle, "common-poles", car.response, found.residual, notes, process_time() - started,
+            stability.stable, ranges.as_mapping(), trust,
+        )  # fmt: skip
+        return Identification(fit, found, car.response, friction, ranges)
 
     def _outputs(
         self,
@@ -122,10 +158,67 @@ class CommonPoles:
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
 
-def _flags(friction: FrictionEstimate | None, springs: Mapping[str, ForceEstimate]) -> dict[str, str]:
-    flags = {"friction": friction.summary()} if friction is not None and friction.acts else {}
-    sentence = nonlinear_spring_sentence(springs)
-    return flags if sentence is None else flags | {"springs": sentence}
+@dataclass(frozen=True, slots=True, eq=False)
+class _PortLaws:
+    """Laws of the ports that a response is estimated around.
+
+    Attributes:
+        friction: Estimate of the friction; None if it was not estimated.
+        springs: Estimate of the nonlinear springs.
+        of_ports: Friction and springs of the vehicle, by port.
+    """
+
+    friction: FrictionEstimate | None
+    springs: Mapping[str, ForceEstimate]
+    of_ports: Mapping[str, Friction]
+
+    @classmethod
+    def of(cls, friction: FrictionEstimate | None) -> _PortLaws:
+        """Return laws without springs."""
+        found = {} if friction is None else friction.friction
+        return cls(friction, {}, {port: law for port, law in found.items() if law.acts})
+
+    def with_springs(self, springs: Mapping[str, ForceEstimate], stiff: Mapping[str, float]) -> _PortLaws:
+        """Return the laws with the coefficients `stiff` [N/m2] of the springs' estimate."""
+        laws = dict(self.of_ports)
+        for port, coefficient in stiff.items():
+            laws[port] = laws.get(port, Friction())._replace(spring=coefficient)
+        return _PortLaws(self.friction, springs, laws)
+
+    def added_to(self, tests: Sequence[TimeSeries]) -> list[TimeSeries]:
+        """Return the tests with the laws' forces included in the shock forces."""
+        return [with_port_laws(test, self.of_ports) for test in tests]
+
+    @property
+    def flags(self) -> dict[str, str]:
+        """Sentences on the friction, and on springs that are not linear."""
+        flags = {"friction": self.friction.summary()} if self.friction is not None and self.friction.acts else {}
+        if any(law.spring for law in self.of_ports.values()):
+            sentence, key = nonlinear_spring_sentence(self.springs, held=MODELLED), "port springs"
+        else:
+            sentence, key = nonlinear_spring_sentence(self.springs), "springs"
+        return flags if sentence is None else flags | {key: sentence}
+
+    @property
+    def text(self) -> str:
+        """Names of the laws."""
+        laws = list(self.of_ports.values())
+        names = [name for name, is_there in (
+            ("friction that sticks", any(law.bristle.force for law in laws)),
+            ("friction that creeps", any(law.force for law in laws)),
+            ("port springs", any(law.spring for law in laws)),
+        ) if is_there]  # fmt: skip
+        return " and ".join(names) or "linear ports"
+
+
+class _Car(NamedTuple):
+    """A vehicle with its fit, the response that was fitted, the laws of its ports, and the band that was found."""
+
+    vehicle: IdentifiedVehicle
+    found: CommonPoleModel
+    response: FrequencyResponse
+    laws: _PortLaws
+    supported: SupportedBand | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
