@@ -22,20 +22,23 @@ _LISTED = 4
 class CoherentBand:
     """Criterion for the upper end of the band that a model is fitted in.
 
-    An output is supported up to the frequency above which its multiple coherence stays below `coherence`. The band ends
-    where fewer than `share` of the outputs are supported, or where the last road or shock force has no power.
+    An output is supported up to the frequency above which its multiple coherence stays below `coherence`. The tests
+    support a model up to the frequency where fewer than `share` of the outputs are supported, or where a road or a
+    shock force has no power. The band ends `margin` below it, as the response beyond a band decides its last poles.
 
     Attributes:
         coherence: Lowest multiple coherence [1].
         share: Share of the outputs that must be supported [1]; the others are named.
+        margin: Part of the supported frequencies at their upper end that is not fitted [1].
         lowest: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
-        highest: Highest upper end [Hz].
+        highest: Highest frequency that is examined [Hz].
         smoothing: Width of the median filter over the coherence [Hz].
         width: Width of the range in which the coherence must stay low [Hz]; a narrower dip does not end the band.
     """
 
     coherence: float = 0.9
     share: float = 0.75
+    margin: float = 0.15
     lowest: float = 6.0
     highest: float = 30.0
     smoothing: float = 1.0
@@ -58,12 +61,16 @@ class CoherentBand:
         top = min(self.highest, float(response.frequency[-1]))
         powered = _powered(response, top)
         if response.coherence is None:
-            return SupportedBand(min(top, powered), {}, self.coherence, powered)
+            return self._end(min(top, powered), {}, powered)
         limits = {n: self._limit(response.frequency, row, top)
                   for n, row in zip(response.output_names, response.coherence, strict=True)}  # fmt: skip
         ordered = sorted(limits.values(), reverse=True)
         coherent = ordered[int(np.ceil(self.share * len(ordered))) - 1]
-        return SupportedBand(max(min(coherent, powered, top), min(self.lowest, top)), limits, self.coherence, powered)
+        return self._end(min(coherent, powered, top), limits, powered)
+
+    def _end(self, supported: float, limits: Mapping[str, float], powered: float) -> SupportedBand:
+        high = max((1.0 - self.margin) * supported, min(self.lowest, supported))
+        return SupportedBand(high, supported, limits, self.coherence, powered)
 
     def _limit(self, frequency: Array, coherence: Array, top: float) -> float:
         """Return the frequency [Hz] above which a coherence (K,) stays low."""
@@ -79,28 +86,30 @@ class SupportedBand:
     """Upper end of the band that rig tests support.
 
     Attributes:
-        high: Upper end [Hz].
+        high: Upper end of the band of a fit [Hz].
+        supported: Frequency up to which the tests support a model [Hz].
         outputs: Frequency [Hz] up to which the coherence of each output is sufficient.
         coherence: Lowest multiple coherence that counts as sufficient [1].
         powered: Highest frequency at which all roads and shock forces have power [Hz].
     """
 
     high: float
+    supported: float
     outputs: Mapping[str, float]
     coherence: float
     powered: float
 
     def summary(self) -> str:
         """Return the upper end and its reason as a sentence."""
-        text = f"The tests support a model up to {self.high:.3g} Hz"
-        above = [name for name, limit in self.outputs.items() if limit <= self.high + 1e-9]
-        if self.powered <= self.high + 1e-9:
-            reason = f"{text}: above, a road or a shock force has no power"
-        elif above:
-            reason = f"{text}: above, the multiple coherence of {_listed(above)} stays below {self.coherence:g}"
+        text = f"The model was fitted up to {self.high:.3g} Hz, as the tests support one up to {self.supported:.3g} Hz"
+        weak = [name for name, limit in self.outputs.items() if limit <= self.supported + 1e-9]
+        if self.powered <= self.supported + 1e-9:
+            reason = f"{text}; above, a road or a shock force has no power"
+        elif weak:
+            reason = f"{text}; above, the multiple coherence of {_listed(weak)} stays below {self.coherence:g}"
         else:
-            reason = f"{text}, the highest frequency that is tried"
-        less = {name: limit for name, limit in self.outputs.items() if limit < self.high - 1e-9}
+            reason = f"{text}, the highest frequency that was examined"
+        less = {name: limit for name, limit in self.outputs.items() if limit < self.high}
         if not less:
             return f"{reason}."
         exceptions = ", ".join(f"{name} {limit:.3g} Hz" for name, limit in sorted(less.items(), key=lambda p: p[1]))

@@ -147,7 +147,10 @@ def _reasons(fit: VehicleFit) -> Iterator[Reason]:
 
 
 def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
-    """Yield the amplitude ranges of the model's channels and the fitted band for every shock velocity."""
+    """Yield the amplitude ranges of the model's channels, and the fitted band for every output.
+
+    The band of a velocity has a lower end; other outputs may be static.
+    """
     units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
     for name, (low, high) in ranges.items():
         if name in units:
@@ -155,5 +158,5 @@ def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Ite
     if "frequency" in ranges:
         low, high = ranges["frequency"]
         for channel in model.outputs:
-            if channel.name.rpartition(".")[2] == "velocity":
-                yield Range(channel.name, "frequency", low, high, "Hz")
+            moves = channel.name.rpartition(".")[2] == "velocity"
+            yield Range(channel.name, "frequency", low if moves else 0.0, high, "Hz")

@@ -45,7 +45,7 @@ class CommonPoles:
         samples: Number of models with resampled noise that give the standard deviations; 0 gives none.
     """
 
-    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=32.0))
+    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(half_width=0.05, spacing=0.1, high=32.0))
     fit: CommonPoleFit = field(default_factory=CommonPoleFit)
     band: CoherentBand | None = field(default_factory=CoherentBand)
     friction: FrictionSearch | None = field(default_factory=FrictionSearch)
