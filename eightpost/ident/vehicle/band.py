@@ -132,5 +132,5 @@ def _powered(response: FrequencyResponse, top: float) -> float:
     if response.variance is None:
         return top
     needed = [quantity(name) in ("road", "force") for name in response.input_names]
-    known = np.isfinite(response.variance[:, needed]).any(axis=0)
+    known = np.asarray(np.isfinite(response.variance[:, needed]).any(axis=0), dtype=np.bool_)
     return min([top, *(float(response.frequency[np.flatnonzero(row)[-1]]) for row in known if row.any())])

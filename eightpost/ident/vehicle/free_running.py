@@ -41,7 +41,8 @@ def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping
     added = {port: rate - vehicle.baseline_damping.get(port, 0.0) for port, rate in damping.items()}
     model = add_port_damping(vehicle.state_space, added)
     car = replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(damping, 0.0))
-    return ManySetups(car, [_NOTHING], drive, every).run([[0] * len(damping)])[0]
+    outputs: Array = ManySetups(car, [_NOTHING], drive, every).run([[0] * len(damping)])[0]
+    return outputs
 
 
 def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence[str]) -> TimeSeries:

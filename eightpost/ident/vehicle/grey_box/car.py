@@ -28,7 +28,7 @@ STEP_RATE = 1250.0
 _STATES = 28
 
 #: Stribeck velocity of the friction [m/s], and breakaway over sliding force.
-_STRIBECK, _BREAKAWAY = 0.01, 1.15
+STRIBECK, BREAKAWAY = 0.01, 1.15
 
 #: Parameters that the base fit leaves at their start values.
 OPTIONAL = (
@@ -41,13 +41,12 @@ _AERO = tuple(f"{corner}.aero" for corner in CORNERS)
 _MODAL = ("heave_force", "roll_moment", "pitch_moment")
 
 
-def declared(starts: Mapping[str, float], rig: Sequence[str], *, sticking: bool = True) -> ParameterTable:
+def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
     """Return the parameters of the family.
 
     Args:
         starts: Start values by parameter; those missing have typical values.
         rig: Inputs of the rig; they decide the parameters of the loads.
-        sticking: Whether friction is a bristle that sticks; otherwise it is `F tanh(v / v_f)`, as in the vehicle file.
     """
     rows = [
         *(_positive(f"front.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
@@ -59,9 +58,7 @@ def declared(starts: Mapping[str, float], rig: Sequence[str], *, sticking: bool 
         *(Parameter(f"{axle}.mass coupling", "kg", 0.0, -200.0, 200.0, size=10.0) for axle in ("front", "rear")),
         *(Parameter(f"{axle}.shock_share", "1", 0.0, -0.6, 0.6, size=0.1) for axle in ("front", "rear")),
         Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, size=0.1),
-        _positive("friction_reach", "m", 1e-4, 1e-6, 3e-3)
-        if sticking
-        else _positive("friction_velocity", "m/s", 0.012, 1e-3, 0.2),
+        _positive("friction_reach", "m", 1e-4, 1e-6, 3e-3),
     ]
     for c in CORNERS:
         rows += [
@@ -224,9 +221,7 @@ class GreyBoxCar:
         springs = np.array([[p[f"{c}.spring_rate"], p[f"{c}.spring_progression"]] for c in CORNERS])
         tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
                           for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
-        reach = p.get("friction_reach")
-        law = [0.0, p["friction_velocity"], 1.0] if reach is None else [_BREAKAWAY, reach, _STRIBECK]
-        friction = np.array([[p[f"{c}.friction"], *law] for c in CORNERS])
+        friction = np.array([[p[f"{c}.friction"], BREAKAWAY, p["friction_reach"], STRIBECK] for c in CORNERS])
         other = -inverse @ m.stiffness, -inverse @ m.damping
         rows = m.shock, m.spring, push, *other, springs, tires, friction, *output_rows(p, m, self._experiment.outputs)
         return tuple(np.asarray(row, dtype=np.float64) for row in rows)

@@ -30,8 +30,8 @@ class Numbers(NamedTuple):
         damping: Accelerations per q' of the other elements (K, 8, 8).
         springs: Rate, progression of the springs (K, 4, 2).
         tires: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
-        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4); a breakaway of 0 is the
-            law of the vehicle file, tanh of velocity over the third number.
+        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4), as in
+            `eightpost.vehicle.bristle`.
         baseline: Damping about which the ports are driven (4,).
         position: Outputs per q (K, Y, 8).
         velocity: Outputs per q' (K, Y, 8).
@@ -64,8 +64,6 @@ def _compile(function: Callable[..., Any]) -> Any:
 @_compile
 def friction_after(before: float, velocity: float, numbers: Array, h: float) -> float:
     """Return the friction over the sliding force after a step h at a constant velocity."""
-    if numbers[1] == 0.0:
-        return math.tanh(velocity / numbers[2])
     speed = abs(velocity)
     if speed < 1e-12:
         return before
@@ -107,7 +105,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             for c in range(4):
                 speed, way = _dot(shock[c], guess), _dot(spring[c], q)
                 law = numbers.friction[run, c]
-                z[c] = friction_after(z[c], speed if law[1] == 0.0 else 0.5 * (ports[c] + speed), law, step)
+                z[c] = friction_after(z[c], 0.5 * (ports[c] + speed), law, step)
                 rate = numbers.springs[run, c]
                 forces[c] = drive[8 + loads + c] + numbers.baseline[c] * speed + law[0] * z[c]
                 forces[4 + c] = rate[0] * way * (1.0 + rate[1] * way)

@@ -1,4 +1,4 @@
-"""Vehicle of the file format from a grey-box car: a linear model about the mean of the tests."""
+"""Vehicle of the file format from a grey-box car: a linear model about the mean of the tests, and laws of its ports."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from eightpost.corners import CORNERS, channel
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.grey_box.car import WHEEL, matrices, output_rows
-from eightpost.vehicle import StateSpace
+from eightpost.ident.vehicle.grey_box.car import BREAKAWAY, STRIBECK, WHEEL, matrices, output_rows
+from eightpost.vehicle import Bristle, Friction, StateSpace
 from eightpost.vehicle.statespace import Channel
 
 #: Cut-off of the lag that makes the road's velocity, which tire dampers need, a proper input [rad/s].
@@ -56,6 +56,25 @@ def linear_model(p: Mapping[str, float], experiment: Experiment) -> StateSpace:
             D[k, roads[c]] = tire[c, c] + _LAG * damper[c, c]
     channels, outputs = (tuple(Channel(n, _unit(n)) for n in ns) for ns in (experiment.inputs, experiment.outputs))
     return StateSpace(A, B, C, D, channels, outputs, name=experiment.name)
+
+
+def port_laws(p: Mapping[str, float], experiment: Experiment) -> dict[str, Friction]:
+    """Return the friction and the springs at the ports for parameters by name.
+
+    The force k p w^2 of a progressive spring with the wheel travel w is that of a port spring with the displacement
+    d = r w, for a port that moves with the spring:
+
+        k2 = k p / r^3
+
+    Ports whose displacement is not an output have no spring.
+    """
+    laws = {}
+    for c in CORNERS:
+        bristle = Bristle(p[f"{c}.friction"], p["friction_reach"], BREAKAWAY, STRIBECK)
+        seen = channel(c, "displacement") in experiment.outputs
+        spring = p[f"{c}.spring_rate"] * p[f"{c}.spring_progression"] / p[f"{c}.motion_ratio"] ** 3 if seen else 0.0
+        laws[c] = Friction(bristle=bristle, spring=spring)
+    return laws
 
 
 def _unit(name: str) -> str:

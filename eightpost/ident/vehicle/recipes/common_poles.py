@@ -64,6 +64,20 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
+        car, failed = self._usable_car(tests, experiment)
+        return self._identification(car, tests, experiment, (started, failed))
+
+    def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
+        """Return the vehicle without its uncertainty, which takes less time.
+
+        Raises:
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
+            TooShortError: The records have too few frequency bins.
+        """
+        return self._usable_car(tests, experiment)[0].vehicle
+
+    def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...]]:
+        """Return the first car that can be simulated, or else the last, and notes on those that were rejected."""
         failed: list[str] = []
         for laws in self._port_laws(tests, experiment):
             car = self._car(tests, experiment, laws)
@@ -71,7 +85,7 @@ class CommonPoles:
             if fault is None:
                 break
             failed.append(f"A model with {laws.text} was rejected: {fault}.")
-        return self._identification(car, tests, experiment, (started, tuple(failed)))
+        return car, tuple(failed)
 
     def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
         """Yield the laws of the ports, the best first, then simpler ones."""
