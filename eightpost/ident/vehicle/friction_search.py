@@ -77,19 +77,21 @@ class FrictionSearch:
             TooShortError: The records have too few frequency bins.
         """
         brief, whole = ([_first(test, duration) for test in tests] for duration in self.seconds)
-        families = [[Candidate(law, self._at(brief, experiment, law).cost) for law in laws] for laws in self._families]
-        chosen = min(families, key=lambda family: min(tried.cost for tried in family))
-        law = _with_width(chosen[0].law, _lowest(chosen))
-        profile = tuple(tried for family in families for tried in family)
-        return _estimate(experiment, self._at(whole, experiment, law), law, profile)
+        tried = [self._tried(brief, experiment, Friction(1.0, velocity)) for velocity in self.velocities]
+        first, *others = self.static_ratios
+        bristles = [self._tried(brief, experiment, Friction(bristle=Bristle(1.0, reach, first)))
+                    for reach in self.reaches]  # fmt: skip
+        best = min((family for family in (tried, bristles) if family), key=_least)
+        law = _with_width(best[0].law, _lowest(best))
+        if law.bristle.force:
+            # The reach hardly depends on the ratio, so other ratios are tried with the best reach only.
+            ratios = [law._replace(bristle=replace(law.bristle, static_ratio=ratio)) for ratio in (first, *others)]
+            at_best = [self._tried(brief, experiment, ratio) for ratio in ratios]
+            law, bristles = min(at_best, key=lambda one: one.cost).law, [*bristles, *at_best]
+        return _estimate(experiment, self._at(whole, experiment, law), law, (*tried, *bristles))
 
-    @property
-    def _families(self) -> list[list[Friction]]:
-        """Laws of 1 N that differ in their width only."""
-        creeping = [Friction(1.0, velocity) for velocity in self.velocities]
-        sticking = [[Friction(bristle=Bristle(1.0, reach, ratio)) for reach in self.reaches]
-                    for ratio in self.static_ratios]  # fmt: skip
-        return [family for family in (creeping, *sticking) if family]
+    def _tried(self, tests: Sequence[TimeSeries], experiment: Experiment, law: Friction) -> Candidate:
+        return Candidate(law, self._at(tests, experiment, law).cost)
 
     def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, law: Friction) -> ForceSolution:
         marked = [_with_unit_friction(test, experiment.ports, law) for test in tests]
@@ -178,6 +180,10 @@ def _scaled(law: Friction, force: float) -> Friction:
 def _first(series: TimeSeries, seconds: float) -> TimeSeries:
     samples = round(seconds * series.sample_rate)
     return series if len(series) <= samples else series.window(float(series.time[0]), float(series.time[0]) + seconds)
+
+
+def _least(family: Sequence[Candidate]) -> float:
+    return min(tried.cost for tried in family)
 
 
 def _lowest(family: Sequence[Candidate]) -> float:

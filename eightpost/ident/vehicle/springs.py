@@ -33,7 +33,7 @@ class SpringSearch:
     seconds: float = 100.0
     low: float = 0.3
     high: float = 16.0
-    iterations: int = 2
+    iterations: int = 4
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
         """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
