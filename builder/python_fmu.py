@@ -22,7 +22,7 @@ import eightpost.shock
 import eightpost.vehicle.friction
 from builder.documents import Disclosure, Subject, documents
 from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.interface import friction_ports, source_folder
+from builder.fmu.interface import friction_ports, source_folder, spring_ports
 from builder.fmu.product import Product
 from eightpost import __version__
 from eightpost.archive import read_archive
@@ -86,6 +86,7 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
         "outputs": outputs,
         "offsets": [offsets[name] for name in outputs],
         "ports": list(friction_ports(product.interface)),
+        "springs": list(spring_ports(product.interface)),
     }
     code = imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
     fmus = source_folder()

@@ -16,7 +16,7 @@ from builder.assembly.parts import VEHICLE, Part, model_files
 from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.build import fmu_identifier
 from builder.fmu.description import Description
-from builder.fmu.interface import Interface, source_folder
+from builder.fmu.interface import BRISTLE, Interface, friction_ports, source_folder
 from builder.native.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
 from builder.native.tables import c_number, interface_header, interface_source, layout
 from builder.native.toolchain import Toolchain, find_toolchain
@@ -185,13 +185,21 @@ def _state_places(assembly: Assembly) -> Iterator[int]:
     """
     for part, keeps in zip(assembly.parts, accumulate(map(_kept, assembly.parts), initial=0), strict=False):
         named = part.interface
-        modes = int(re.findall(r"\bMODES = (\d+)", part.data)[0]) if part.is_vehicle else 0
-        for name in named.states:
-            if part.is_vehicle:
-                number = int(re.findall(r"\[(\d+)\]", name)[0]) - 1
-                yield keeps + number + (modes if "imaginary" in name else 0)
-            else:
-                yield keeps + max(1, part.states) + _reals(named, "input", "output", "local").index(name)
+        if part.is_vehicle:
+            yield from (keeps + place for place in _vehicle_places(part))
+        for name in () if part.is_vehicle else named.states:
+            yield keeps + max(1, part.states) + _reals(named, "input", "output", "local").index(name)
+
+
+def _vehicle_places(part: Part) -> Iterator[int]:
+    """Yield the place of each of a vehicle's continuous states in what its model keeps; deflections come last."""
+    modes, bristles = int(re.findall(r"\bMODES = (\d+)", part.data)[0]), friction_ports(part.interface)
+    for name in part.interface.states:
+        if name.endswith(BRISTLE):
+            yield part.states - len(bristles) + bristles.index(name.removesuffix(BRISTLE))
+        else:
+            number = int(re.findall(r"\[(\d+)\]", name)[0]) - 1
+            yield number + (modes if "imaginary" in name else 0)
 
 
 def _own_signals(assembly: Assembly, part: Part) -> tuple[int, int]:

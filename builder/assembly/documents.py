@@ -17,12 +17,19 @@ from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
 from builder.documents.validity import combined_member
-from builder.fmu.interface import Interface, friction_ports, own_value, source_folder
+from builder.fmu.interface import (
+    PORT_PARAMETERS,
+    Interface,
+    friction_ports,
+    own_value,
+    source_folder,
+    spring_ports,
+)
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
 from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve, own_parameters
 from eightpost.vehicle import LinearStepper, friction
-from eightpost.vehicle.friction import PortFriction, ports_of
+from eightpost.vehicle.friction import PortFriction, named_ports
 from eightpost.wiring import Wire
 
 # ---- The parts as models of the library, read from the contents of their FMUs, for pictures and ---------------------
@@ -65,18 +72,15 @@ def _vehicle_model(assembly: Assembly) -> _VehicleModel:
     values, data, named = _start_values(assembly, part), _Data(part.data), part.interface
     inputs, outputs = named.names("input"), named.names("output")
     stepper = LinearStepper(*data.state_space(len(inputs), len(outputs)))
-    ports = friction_ports(named)
-    friction = PortFriction(
-        ports_of(stepper, [inputs.index(f"{p}force") for p in ports], [outputs.index(f"{p}velocity") for p in ports]),
-        np.array([float(values[f"{p}friction_force"]) for p in ports]),
-        np.array([float(values[f"{p}friction_velocity"]) for p in ports]),
-    )
+    names = friction_ports(named)
+    ports = named_ports(stepper, (inputs, outputs), names, spring_ports(named))
+    port_friction = PortFriction.of_values(ports, names, {name: float(value) for name, value in values.items()})
     offsets = np.zeros(len(outputs))
     added = [v.name for v in named.variables if v.causality == "parameter" and v.type == "Real"]
-    added = [name for name in added if not name.rpartition(".")[2].startswith("friction")]
+    added = [name for name in added if name.rpartition(".")[2] not in PORT_PARAMETERS]
     for output, place in enumerate(data.integers("OFFSET_OF")):
         offsets[output] = float(values[added[place]]) if place >= 0 else 0.0
-    return _VehicleModel(stepper, friction, offsets, bool(values["start_at_equilibrium"]))
+    return _VehicleModel(stepper, port_friction, offsets, bool(values["start_at_equilibrium"]))
 
 
 class _Data:
@@ -155,7 +159,7 @@ class _Run:
         self._assembly = assembly
         self._vehicle: _VehicleModel = _vehicle_model(assembly)
         self._laws: dict[str, ShockLaw] = {part.name: _shock_law(assembly, part) for part in assembly.shocks}
-        self._state = np.zeros(self._vehicle.stepper.A.shape[0])
+        self._state = np.zeros(self._vehicle.stepper.A.shape[0] + self._vehicle.friction.states)
         self._lagged = dict.fromkeys(self._laws, 0.0)
         self._now: dict[str, float] = {}
         self._slope = {f"{name}.force": 0.0 for name in self._laws}
@@ -185,7 +189,7 @@ class _Run:
         model, self._now = self._vehicle, dict(forces)
         fed = self._fed(self._assembly.vehicle.name, u, self._now)
         if model.starts_at_equilibrium:
-            self._state = model.stepper.equilibrium(fed)
+            self._state = friction.equilibrium(model.stepper, model.friction, fed)
         self._take_vehicle(fed)
         for name, law in self._laws.items():
             velocity, displacement = self._fed(name, u, self._now)

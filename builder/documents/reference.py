@@ -8,11 +8,11 @@ from enum import Enum
 
 import numpy as np
 
-from builder.fmu.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable, friction_ports, spring_ports
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.shock import Shock, ShockLaw
-from eightpost.vehicle import IdentifiedVehicle, LinearStepper, Vehicle, friction
+from eightpost.vehicle import LinearStepper, StateSpace, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction
 
 # ---- The subject of an FMU's documents, and how much of it they disclose --------------------------------------------
@@ -156,10 +156,10 @@ def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | Non
     """
     model = vehicle.coupled()
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    port_friction = _friction(vehicle, stepper)
+    port_friction = _friction(model, stepper, interface)
     u = rounded(vehicle_inputs([channel.unit for channel in model.inputs]))
     try:
-        x = stepper.equilibrium(u[0])
+        x = friction.equilibrium(stepper, port_friction, u[0])
     except ValueError:
         return None
     rows = [friction.output(stepper, port_friction, x, u[0])]
@@ -170,14 +170,11 @@ def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | Non
     return Reference(model.input_names, u, model.output_names, y)
 
 
-def _friction(vehicle: Vehicle, stepper: LinearStepper) -> PortFriction:
-    """Return the friction at the ports of an identified vehicle; empty for any other vehicle."""
-    laws = vehicle.friction if isinstance(vehicle, IdentifiedVehicle) else {}
-    model, prefixes = vehicle.coupled(), {port: f"{port}." if port else "" for port in laws}
-    forces = [model.input_names.index(f"{prefix}force") for prefix in prefixes.values()]
-    velocities = [model.output_names.index(f"{prefix}velocity") for prefix in prefixes.values()]
-    sizes, widths = ([getattr(law, name) for law in laws.values()] for name in ("force", "velocity"))
-    return PortFriction(friction.ports_of(stepper, forces, velocities), np.array(sizes), np.array(widths))
+def _friction(model: StateSpace, stepper: LinearStepper, interface: Interface) -> PortFriction:
+    """Return the friction and springs at the ports with the start values of the interface."""
+    names = friction_ports(interface)
+    ports = friction.named_ports(stepper, (model.input_names, model.output_names), names, spring_ports(interface))
+    return PortFriction.of_values(ports, names, {v.name: float(v.start or 0.0) for v in interface.variables})
 
 
 def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:

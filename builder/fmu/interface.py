@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from operator import attrgetter
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from builder.fmu.port_springs import springs_of, with_springs
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.shock import Shock, ShockLaw, law_module
@@ -44,6 +45,15 @@ def shock_kinds() -> tuple[str, ...]:
 # ---- The interface of an FMU ----------------------------------------------------------------------------------------
 
 
+#: Parameters of friction and springs at a vehicle's ports.
+PORT_PARAMETERS = (
+    "friction_force", "friction_velocity", "bristle_force", "bristle_reach", "bristle_static_ratio",
+    "bristle_stribeck_velocity", "port_spring",
+)  # fmt: skip
+
+#: Name of a bristle's state, after the prefix of its port.
+BRISTLE = "bristle_deflection"
+
 #: Units of quantities that are zero in any steady state.
 RATES = ("m/s", "rad/s", "m/s2")
 
@@ -52,8 +62,9 @@ _KEYS = {
     "description", "offset", "with", "at_start", "derivative_of", "nominal",
 }  # fmt: skip
 
-#: Name of a vehicle's continuous states: `mode.real[1]`, `mode.imaginary[1]`, in an assembly `<vehicle>.mode.real[1]`.
-_MODE = re.compile(r"(?:\w+\.)?mode\.(?:real|imaginary)\[\d+\]")
+#: Name of a vehicle's continuous states: `mode.real[1]`, `mode.imaginary[1]`, `lf.bristle_deflection`, in an assembly
+#: with the vehicle's name before it.
+_VEHICLE_STATE = re.compile(r"(?:\w+\.)?mode\.(?:real|imaginary)\[\d+\]|(?:\w+\.){0,2}bristle_deflection")
 
 
 #: Parameters of a curve that have no effect if it has knots.
@@ -89,8 +100,8 @@ class Variable:
 
     @property
     def is_computed(self) -> bool:
-        """Whether it has no place in the C core's table of values: derivatives, and the modes of a vehicle."""
-        return self.derivative_of is not None or _MODE.fullmatch(self.name) is not None
+        """Whether it has no place in the C core's table of values: derivatives, and the states of a vehicle."""
+        return self.derivative_of is not None or _VEHICLE_STATE.fullmatch(self.name) is not None
 
     @property
     def initial(self) -> str | None:
@@ -202,24 +213,36 @@ def vehicle_interface(model: StateSpace) -> Interface:
     """
     table = read_table("vehicle_ss")
     channels = {c.name: ("input", c.unit) for c in model.inputs} | {c.name: ("output", c.unit) for c in model.outputs}
+    direct = model.direct_terms()
+    fed = {c.name for c, terms in zip(model.outputs, direct, strict=True) if terms.any()}
+    partners = {name for name in channels if name not in fed or name.rpartition(".")[2] != "displacement"}
     rows = [row for row in table["variable"] if "<mode>" not in row["name"]]  # builder/fmu/modes.py
-    variables = tuple(v for row in rows for v in _corner_variables(row) if _is_included(row, v, channels))
+    variables = tuple(v for row in rows for v in _corner_variables(row) if _is_included(row, v, channels, partners))
     _check_channels(model.name, channels, variables)
-    return Interface(
+    steady = steady_terms(model)
+    interface = Interface(
         kind=table["interface"],
         version=table["version"],
         description=table["description"],
         variables=variables,
-        direct=_dependencies(model, model.direct_terms(), {}),
-        initial=_dependencies(
-            model, model.direct_terms() | _steady_terms(model), {v.name: v.offset for v in variables}
-        ),
+        direct=_dependencies(model, direct, {}),
+        initial={},
     )
+    at_start = direct | with_springs(steady, steady, model, spring_ports(interface))
+    initial = _dependencies(model, at_start, {v.name: v.offset for v in variables})
+    springs = dict(zip(model.output_names, springs_of(steady, steady, model, spring_ports(interface)), strict=True))
+    return replace(interface, initial={name: (*known, *springs[name]) for name, known in initial.items()})
 
 
 def friction_ports(interface: Interface) -> tuple[str, ...]:
     """Return the prefixes of the ports that have suspension friction, in order: "lf.", ..., or "" for a quarter car."""
     last = "friction_force"
+    return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
+
+
+def spring_ports(interface: Interface) -> tuple[str, ...]:
+    """Return the prefixes of the ports that can have a progressive spring, in order."""
+    last = "port_spring"
     return tuple(v.name.removesuffix(last) for v in interface.variables if v.name.endswith(last))
 
 
@@ -285,14 +308,17 @@ def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
     ]
 
 
-def _is_included(row: Mapping[str, Any], variable: Variable, channels: Mapping[str, tuple[str, str]]) -> bool:
+def _is_included(
+    row: Mapping[str, Any], variable: Variable, channels: Mapping[str, tuple[str, str]], known: Set[str]
+) -> bool:
+    """Return whether a model with some channels has a variable; `known` are the channels that `with` may name."""
     if variable.causality != "parameter":
         return variable.name in channels
     if "with" not in row:
         return True
     corner, dot, _ = variable.name.rpartition(".")
     partners = [row["with"]] if isinstance(row["with"], str) else row["with"]
-    return all(partner.replace("<corner>.", corner + dot) in channels for partner in partners)
+    return all(partner.replace("<corner>.", corner + dot) in known for partner in partners)
 
 
 def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variables: Sequence[Variable]) -> None:
@@ -319,7 +345,7 @@ def _dependencies(
     return depends
 
 
-def _steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state."""
     try:
         gain = model.dc_gain()

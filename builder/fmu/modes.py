@@ -1,4 +1,4 @@
-"""The continuous states of a vehicle FMU: the modes of its model, their variables and their dependencies."""
+"""The continuous states of a vehicle FMU: modes of its model and bristles, their variables and their dependencies."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from builder.fmu.interface import Interface, Variable, friction_ports, read_table, variable_of
+from builder.fmu.interface import (
+    Interface,
+    Variable,
+    friction_ports,
+    read_table,
+    spring_ports,
+    steady_terms,
+    variable_of,
+)
+from builder.fmu.port_springs import springs_of, with_springs
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.vehicle import StateSpace
 from eightpost.vehicle.modal import ModalForm, modal_form
@@ -24,7 +34,7 @@ _KEY = "<mode>"
 
 
 def with_modes(interface: Interface, model: StateSpace) -> Interface:
-    """Return the interface of a vehicle with its modes as continuous states.
+    """Return the interface of a vehicle with its modes, and the bristles of its ports, as continuous states.
 
     A model without modal form, or with more modes than there are value references for, has none: its FMU offers
     co-simulation only.
@@ -33,15 +43,18 @@ def with_modes(interface: Interface, model: StateSpace) -> Interface:
         interface: Variables of the vehicle.
         model: Model of the vehicle, with the same inputs and outputs.
     """
-    rows = [row for row in read_table("vehicle_ss")["variable"] if _KEY in row["name"]]
+    table = read_table("vehicle_ss")["variable"]
+    rows = [row for row in table if _KEY in row["name"]]
     try:
         form = modal_form(model)
     except ParameterError:
         return interface
     if form.sigma.size > min(row["size"] for row in rows):
         return interface
-    variables = (*interface.variables, *_variables(rows, form, _nominals(form, model)))
-    named = replace(interface, variables=variables)
+    bristles = _bristles([row for row in table if "bristle_deflection" in row["name"]], friction_ports(interface))
+    named = replace(
+        interface, variables=(*interface.variables, *_variables(rows, form, _nominals(form, model)), *bristles)
+    )
     direct, initial = _Dependencies(named, model, form).sections()
     return replace(named, direct=direct, initial=initial)
 
@@ -56,6 +69,21 @@ def _variables(rows: Sequence[Mapping[str, Any]], form: ModalForm, nominals: Arr
                 yield replace(variable, derivative_of=_named(of, k))
             else:
                 yield replace(variable, nominal=float(nominals[offset + k]))
+
+
+def _bristles(rows: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> Iterator[Variable]:
+    """Yield the deflections of the bristles at the ports, and their derivatives."""
+    for row in rows:
+        for port in ports:
+            name, offset = row["name"].replace("<corner>.", port), _corner_place(port)
+            variable = variable_of(row, name, row["reference"] + offset, None)
+            if of := row.get("derivative_of"):
+                variable = replace(variable, derivative_of=of.replace("<corner>.", port))
+            yield variable
+
+
+def _corner_place(port: str) -> int:
+    return CORNERS.index(port.removesuffix(".")) if port else 0
 
 
 def _named(name: str, k: int) -> str:
@@ -77,24 +105,30 @@ def _nominals(form: ModalForm, model: StateSpace) -> Array:
 
 
 class _Dependencies:
-    """Which states and inputs the outputs and derivatives of a vehicle depend on."""
+    """Which states and inputs the outputs and derivatives of a vehicle depend on: n states of modes, P bristles."""
 
     def __init__(self, interface: Interface, model: StateSpace, form: ModalForm) -> None:
-        self.interface, self.model = interface, model
-        self.into = _terms(_states_of(form, form.B_re, form.B_im))  # (n, m)
-        self.out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T  # (p, n)
+        self.interface, self.model, self.ports = interface, model, friction_ports(interface)
+        self.into = self._with_rows(_terms(_states_of(form, form.B_re, form.B_im)))  # (n + P, m)
+        out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T
+        self.out = self._with_rows(out.T).T  # (p, n + P)
         at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
         rest = _states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag))
-        self.rest = _terms(rest)  # (n, m): the steady state of constant inputs
+        self.rest = self._with_rows(_terms(rest))  # (n + P, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
-        self.own = np.eye(len(self.into), dtype=bool)  # (n, n): a pair's parts depend on each other
+        self.own = np.eye(len(self.into), dtype=bool)  # (n + P, n + P): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
+        self.own[len(rest) :] |= self.out[self._outputs("velocity", self.ports)]
+
+    def _with_rows(self, terms: Any) -> Any:
+        """Return the terms (n, ...) with rows of the bristles (n + P, ...), which are false."""
+        return np.concatenate([terms, np.zeros((len(self.ports), terms.shape[1]), dtype=bool)])
 
     def sections(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
         """Return the fields `direct` and `initial` of the interface."""
         named, states = self.interface, self.interface.states
         inputs, outputs = self.model.input_names, self.model.output_names
-        rubbed = self._friction()
+        rubbed = self._port_forces()
         direct = dict(named.direct)
         for name, row in zip(outputs, self.out | (self._of_forces(self.model.D != 0.0) @ rubbed), strict=True):
             direct[name] = (*direct[name], *_chosen(states, row))
@@ -105,21 +139,33 @@ class _Dependencies:
 
     def _at_start(self) -> dict[str, tuple[str, ...]]:
         """Return what states depend on at a start in equilibrium, and their derivatives at a start from zero."""
-        named, found = self.interface, {}
-        for names, terms in ((named.states, self.rest), (named.derivatives, self.into)):
-            for name, row in zip(names, terms, strict=True):
+        named, found, springs = self.interface, {}, spring_ports(self.interface)
+        steady = steady_terms(self.model)
+        rest = with_springs(self.rest, steady, self.model, springs)
+        of_springs = springs_of(self.rest, steady, self.model, springs)
+        none = [()] * len(self.into)
+        for names, terms, parameters in ((named.states, rest, of_springs), (named.derivatives, self.into, none)):
+            for name, row, others in zip(names, terms, parameters, strict=True):
                 known = _chosen(self.model.input_names, row)
-                found[name] = (*known, *(("start_at_equilibrium",) if known else ()))
+                found[name] = (*known, *(("start_at_equilibrium",) if known else ()), *others)
         return found
 
-    def _friction(self) -> Any:
-        """Return the states (ports, n) that the friction at each port depends on."""
-        rows = [self.model.output_names.index(f"{port}velocity") for port in friction_ports(self.interface)]
-        return self.out[rows]
+    def _port_forces(self) -> Any:
+        """Return the states (P, n + P) that friction and spring of each port depend on."""
+        springs = spring_ports(self.interface)
+        found = self.out[self._outputs("velocity", self.ports)]
+        for port, row in zip(springs, self.out[self._outputs("displacement", springs)], strict=True):
+            found[self.ports.index(port)] |= row
+        count = len(self.ports)
+        found[:, found.shape[1] - count :] |= np.eye(count, dtype=bool)
+        return found
+
+    def _outputs(self, quantity: str, ports: Sequence[str]) -> list[int]:
+        return [self.model.output_names.index(f"{port}{quantity}") for port in ports]
 
     def _of_forces(self, terms: Any) -> Any:
-        """Return the columns (..., ports) of the forces at the ports with friction."""
-        return terms[:, [self.model.input_names.index(f"{port}force") for port in friction_ports(self.interface)]]
+        """Return the columns (..., P) of the forces at the ports with friction."""
+        return terms[:, [self.model.input_names.index(f"{port}force") for port in self.ports]]
 
 
 def _terms(gains: Array) -> Any:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
-from builder.fmu.interface import Interface, shock_interface, vehicle_interface
+from builder.fmu.interface import Interface, shock_interface, spring_ports, vehicle_interface
 from builder.fmu.modes import with_modes
 from builder.fmu.settings import with_settings
 from eightpost.errors import FmuError
@@ -61,7 +61,7 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     interface = with_modes(vehicle_interface(model), model)
     starts = {v.offset: vehicle.static.get(v.name, 0.0) for v in interface.variables if v.offset}
     if isinstance(vehicle, IdentifiedVehicle):
-        starts |= _friction_starts(vehicle.friction)
+        starts |= _friction_starts(vehicle.friction, interface)
     variables = tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in interface.variables)
     interface = replace(interface, variables=variables)
     return Product(identifier, f"{interface.description}: {vehicle.name}", interface, vehicle)
@@ -78,10 +78,22 @@ def _refuse_direct_velocity(model: StateSpace) -> None:
             )
 
 
-def _friction_starts(friction: Mapping[str, Friction]) -> dict[str, float]:
-    """Return the start values of the friction parameters; `friction` holds the friction by port."""
+def _friction_starts(friction: Mapping[str, Friction], interface: Interface) -> dict[str, float]:
+    """Return the start values of friction and springs at the ports; `friction` holds them by port.
+
+    Raises:
+        FmuError: A port has a spring, but its displacement has feedthrough.
+    """
     starts: dict[str, float] = {}
     for port, law in friction.items():
         prefix = f"{port}." if port else ""
-        starts |= {f"{prefix}friction_force": law.force, f"{prefix}friction_velocity": law.velocity}
+        if law.spring and prefix not in spring_ports(interface):
+            raise FmuError(
+                f"the port {port!r} has a spring, but {prefix}displacement has feedthrough, which makes an algebraic "
+                "loop with the spring; identify it without feedthrough, or remove the spring"
+            )
+        own = {f"bristle_{name}": value for name, value in asdict(law.bristle).items()}
+        own |= {"friction_force": law.force, "friction_velocity": law.velocity}
+        own |= {"port_spring": law.spring} if prefix in spring_ports(interface) else {}
+        starts |= {f"{prefix}{name}": value for name, value in own.items()}
     return starts

@@ -44,7 +44,7 @@ COMMON = (
 )
 SHOCK = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h")
 #: Files of fmus/vehicle_ss besides model.c.
-VEHICLE = ("modal.h", "phi.h", "rates.c")
+VEHICLE = ("modal.h", "phi.h", "port_forces.h", "rates.c", "steady_state.h")
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:

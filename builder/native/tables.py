@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from builder.fmu.interface import Interface, Variable
+from builder.fmu.interface import PORT_PARAMETERS, Interface, Variable
 from builder.fmu.settings import BEYOND_SETTINGS
 
 _SIGNALS = ("input", "output", "local")
@@ -25,7 +25,7 @@ _STATE_SETTABLE = "EVENT | CONTINUOUS"
 _COMPUTED_WHEN_ASKED = ("vehicle_ss", "assembly")
 
 #: Arrays that model.c refers to even if a model has none of them.
-_NEEDED = {"vehicle_ss": ("offset", "friction_force", "friction_velocity")}
+_NEEDED = {"vehicle_ss": ("offset", *PORT_PARAMETERS)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ def _shock_member(variable: Variable, _earlier: Sequence[_Member]) -> _Member:
 def _vehicle_member(variable: Variable, earlier: Sequence[_Member]) -> _Member:
     """Return the member for a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
     own = variable.name.rpartition(".")[2]
-    name = variable.causality if variable.causality != "parameter" else own if own.startswith("friction") else "offset"
+    name = variable.causality if variable.causality != "parameter" else own if own in PORT_PARAMETERS else "offset"
     return _Member(name, sum(member.name == name for member in earlier))
 
 

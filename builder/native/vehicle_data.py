@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from builder.fmu.interface import Interface, friction_ports
+from builder.fmu.interface import Interface, friction_ports, spring_ports
 from builder.native.tables import c_array, c_number
 from eightpost.array_types import Array
 from eightpost.vehicle import LinearStepper, StateSpace
@@ -44,9 +44,9 @@ def vehicle_data(model: StateSpace, form: ModalForm, interface: Interface) -> st
 
 
 def kept_numbers(form: ModalForm, interface: Interface) -> int:
-    """Return the number of values that model.c keeps from step to step: modes, and the corresponding inputs."""
+    """Return the number of values that model.c keeps from step to step: modes, the corresponding inputs, bristles."""
     room = _Room.of(form)
-    return room.modes + room.pairs + len(interface.names("input"))
+    return room.modes + room.pairs + len(interface.names("input")) + len(friction_ports(interface))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,17 +130,22 @@ def _offsets(interface: Interface) -> str:
 
 
 def _ports(model: StateSpace, interface: Interface) -> str:
-    """Return the ports with friction, in the order of the friction parameters."""
+    """Return the ports with friction, in the order of the friction parameters, and those of them with a spring."""
     names, inputs, outputs = friction_ports(interface), interface.names("input"), interface.names("output")
+    springs = spring_ports(interface)
     forces = [model.input_names.index(f"{name}force") for name in names]
     velocities = [model.output_names.index(f"{name}velocity") for name in names]
     mobility = ports_of(LinearStepper(model.A, model.B, model.C, model.D), forces, velocities).mobility
+    places = [outputs.index(f"{name}displacement") for name in springs]
     return "\n".join(
         (
             f"enum {{ PORT_COUNT = {len(names)}, PORTS = {max(1, len(names))} }};",
             f"static const int PORT_INPUT[PORTS] = {_integers([inputs.index(f'{name}force') for name in names])};",
             f"static const int PORT_OUTPUT[PORTS] = {_integers([outputs.index(f'{name}velocity') for name in names])};",
             f"static const double MOBILITY[PORTS] = {c_array(mobility)}; /* 1/kg */",
+            f"enum {{ SPRING_COUNT = {len(springs)}, SPRINGS = {max(1, len(springs))} }};",
+            f"static const int SPRING_PORT[SPRINGS] = {_integers([names.index(name) for name in springs])};",
+            f"static const int SPRING_OUTPUT[SPRINGS] = {_integers(places)};",
         )
     )
 

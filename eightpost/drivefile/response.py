@@ -113,7 +113,7 @@ def _about_the_track(vehicle: Vehicle, target: Target, shocks: Mapping[str, Shoc
             notes.append(f"{channel(port, 'displacement')} is not a target, so friction and shock of this corner are "
                          "not converted to damping.")  # fmt: skip
             continue
-        added[port] = _added_damping(vehicle, port, shocks.get(port), velocity, target.rate)
+        added[port] = _added_damping(vehicle, port, shocks.get(port), (velocity, target.rate))
     if unknown := [port for port in shocks if channel(port, "force") not in vehicle.state_space.input_names]:
         raise ParameterError(f"the car {vehicle.name!r} has no corner {unknown[0]!r}; correct --shock")
     return add_port_damping(vehicle.state_space, added), notes
@@ -127,8 +127,12 @@ def _velocity(target: Target, port: str) -> Array | None:
     return velocity_from_displacement(target.series[name], target.rate, min(_CUTOFF, 0.4 * target.rate))
 
 
-def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, velocity: Array, rate: float) -> float:
-    """Return the damping [N.s/m] of friction and shock at the track's velocities, minus the baseline damping."""
+def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, on_track: tuple[Array, float]) -> float:
+    """Return the damping [N.s/m] of friction and shock at the track's velocities, minus the baseline damping.
+
+    `on_track` has the velocities of the port [m/s] and their sample rate [Hz].
+    """
+    velocity, rate = on_track
     friction = vehicle.friction.get(port, Friction())
     force = friction.force * np.tanh(velocity / friction.velocity) + bristle_force(velocity, rate, friction.bristle)
     if law is not None:

@@ -82,6 +82,11 @@ class Friction(NamedTuple):
         """Whether any element has a force."""
         return self.force > 0.0 or self.bristle.force > 0.0 or self.spring != 0.0
 
+    @property
+    def sliding_force(self) -> float:
+        """Friction force of a port that slides [N]."""
+        return self.force + self.bristle.force
+
     def fault(self) -> str | None:
         """Return what is wrong with the values, None if they are valid."""
         own = self.bristle

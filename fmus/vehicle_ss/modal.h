@@ -1,11 +1,10 @@
-/* The vehicle's modes as model.c and rates.c use them: b u, rows of C z, friction at the ports. */
+/* The vehicle's modes as model.c and rates.c use them: b u, rows of C z. */
 #ifndef EIGHTPOST_MODAL_H
 #define EIGHTPOST_MODAL_H
 
 #include <string.h>
 
 #include "component.h"
-#include "elementary.h"
 #include "fresh.h"
 #include "vehicle_data.h"
 
@@ -15,8 +14,12 @@ typedef struct {
     double at[STATE_BLOCKS * BLOCK];
 } Modal;
 
-/* Memory.state: z, and the corresponding inputs including friction. Outputs are computed when they are read. */
-enum { REACHED = STATE_COUNT };
+/* Memory.state: z, the corresponding inputs including the forces of the ports, and the deflections of the bristles. Outputs are
+ * computed when they are read. */
+enum { REACHED = STATE_COUNT, BENT = STATE_COUNT + INPUTS };
+
+/* Upper limit of any state and input, in any unit: far below an overflow of an output, a derivative or the next step. */
+static const double LARGEST = 1e150;
 
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */
@@ -46,25 +49,6 @@ static inline double row_times(const double *row, const double *z)
         }
     }
     return (sum[0] + sum[2]) + (sum[1] + sum[3]);
-}
-
-static inline int has_friction(const Parameters *p)
-{
-    for (int i = 0; i < PORT_COUNT; i++) {
-        if (p->friction_force[i] > 0.0) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/* The inputs' increase by friction in state z. */
-static inline void add_friction(const Parameters *p, const double *z, double *u)
-{
-    for (int i = 0; i < PORT_COUNT; i++) {
-        const double v = row_times(C[PORT_OUTPUT[i]], z);
-        u[PORT_INPUT[i]] += p->friction_force[i] * hyperbolic_tangent(v / p->friction_velocity[i]);
-    }
 }
 
 #endif

@@ -4,8 +4,8 @@
  * For inputs that change linearly from u0 to u1 over a step h the solution is exact at any h:
  *     z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1
  *     phi1(x) = (e^x - 1) / x,   phi2(x) = (phi1(x) - 1) / x
- * Suspension friction at a port, F_c tanh(v / v_f), is added to the shock force. It is interpolated linearly over each sub-step, from
- * its value at the start to its value at the predicted end (second order; eightpost/vehicle/friction.py). */
+ * The forces of friction and springs at the ports (port_forces.h) are added to the shock forces. They are interpolated linearly over
+ * each sub-step, from their values at the start to their values at the predicted end (second order; eightpost/vehicle/friction.py). */
 #include <string.h>
 
 #include "component.h"
@@ -13,6 +13,8 @@
 #include "fresh.h"
 #include "modal.h"
 #include "phi.h"
+#include "port_forces.h"
+#include "steady_state.h"
 #include "vehicle_data.h"
 
 enum { KEPT = 4 };
@@ -20,12 +22,10 @@ enum { KEPT = 4 };
 /* Number of doublings for a mode's exponent lambda h; beyond 32, exp, sin and cos are used. */
 enum { MOST_DOUBLINGS = 6 };
 
-/* A sub-step is at most this share of the friction's fastest time constant. */
-static const double SUB_STEP_SHARE = 0.0625;
+/* A sub-step is at most this share of the fastest time constant of the friction that creeps, and of a radian of the fastest swinging
+ * on bristles and springs, with the stiffness of the springs at a displacement of SPRING_TRAVEL [m]. */
+static const double SUB_STEP_SHARE = 0.0625, SUB_STEP_ANGLE = 0.125, SPRING_TRAVEL = 0.05;
 static const double MOST_SUB_STEPS = 100000.0;
-
-/* Upper limit of any state, in any unit. */
-static const double LARGEST = 1e150;
 
 /* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
 typedef struct {
@@ -149,7 +149,7 @@ static void advance(const Factors *restrict f, const double *restrict z, const M
     }
 }
 
-/* ---- Friction at the ports ------------------------------------------------------------------------------------------ */
+/* ---- Friction and springs at the ports ------------------------------------------------------------------------------ */
 
 /* 1/s: the sum over the ports of the friction's slope at zero velocity times the port's mobility. */
 static double friction_rate(const Parameters *p)
@@ -161,10 +161,41 @@ static double friction_rate(const Parameters *p)
     return rate;
 }
 
+/* rad2/s2: the sum over the ports of the stiffness of bristle and spring times the port's mobility. */
+static double squared_frequency(const Parameters *p)
+{
+    double stiffness[PORTS], sum = 0.0;
+    for (int i = 0; i < PORT_COUNT; i++) {
+        stiffness[i] = p->bristle_force[i] / p->bristle_reach[i];
+    }
+    for (int s = 0; s < SPRING_COUNT; s++) {
+        stiffness[SPRING_PORT[s]] += 2.0 * SPRING_TRAVEL * magnitude(p->port_spring[s]);
+    }
+    for (int i = 0; i < PORT_COUNT; i++) {
+        sum += stiffness[i] * MOBILITY[i];
+    }
+    return sum;
+}
+
 static int whole_number_above(double count)
 {
     const int whole = (int)count;
     return whole < 1 ? 1 : whole + ((double)whole < count);
+}
+
+/* The number of sub-steps of a step; 0 if there are too many. */
+static int sub_steps(const Parameters *p, double h)
+{
+    const double creeping = h * friction_rate(p) / SUB_STEP_SHARE, angle = h / SUB_STEP_ANGLE;
+    const double square = angle * angle * squared_frequency(p);
+    if (!(creeping >= 0.0 && creeping <= MOST_SUB_STEPS && square <= MOST_SUB_STEPS * MOST_SUB_STEPS)) {
+        return 0;
+    }
+    int count = whole_number_above(creeping);
+    while ((double)count * (double)count < square) { /* takes less time than the sub-steps */
+        count++;
+    }
+    return count;
 }
 
 static void interpolate(const double *from, const double *to, double share, double *u)
@@ -174,35 +205,53 @@ static void interpolate(const double *from, const double *to, double share, doub
     }
 }
 
+/* A state of the vehicle and of its bristles. */
+typedef struct {
+    Modal z;
+    double bend[PORTS];
+} Whole;
+
 /* One sub-step with friction; u0 and u1 are the inputs at its ends. */
-static void rub(const Parameters *p, const Factors *f, const double *u0, const double *u1, Modal *z)
+static void rub(const Parameters *p, const Factors *f, const double *u0, const double *u1, Whole *now)
 {
-    double start[INPUTS], end[INPUTS];
+    double start[INPUTS], end[INPUTS], force[PORTS], v0[PORTS], v1[PORTS], bent[PORTS] = {0.0};
+    const int sticks = has_bristles(p);
     Modal w0, w1, predicted, corrected;
     memcpy(start, u0, sizeof start);
     memcpy(end, u1, sizeof end);
-    add_friction(p, z->at, start);
-    add_friction(p, z->at, end);
+    port_velocities(now->z.at, v0);
+    port_forces(p, now->z.at, v0, now->bend, force);
+    add_to_inputs(force, start);
+    add_to_inputs(force, end);
     load(start, &w0);
     load(end, &w1);
-    advance(f, z->at, &w0, &w1, &predicted);
+    advance(f, now->z.at, &w0, &w1, &predicted);
+    port_velocities(predicted.at, v1);
+    if (sticks) {
+        bend_bristles(p, now->bend, v0, v1, f->h, bent);
+    }
     memcpy(end, u1, sizeof end);
-    add_friction(p, predicted.at, end);
+    port_forces(p, predicted.at, v1, bent, force);
+    add_to_inputs(force, end);
     load(end, &w1);
-    advance(f, z->at, &w0, &w1, &corrected);
-    *z = corrected;
+    advance(f, now->z.at, &w0, &w1, &corrected);
+    if (sticks) {
+        port_velocities(corrected.at, v1);
+        bend_bristles(p, now->bend, v0, v1, f->h, bent);
+        memcpy(now->bend, bent, sizeof bent);
+    }
+    now->z = corrected;
 }
 
 static void step_with_friction(const Parameters *p, Work *work, const double *from, const double *to, double h, int count,
-                               const double *z, Modal *end)
+                               Whole *now)
 {
     const Factors *f = factors(work, h / (double)count);
     double u0[INPUTS], u1[INPUTS];
     memcpy(u0, from, sizeof u0);
-    memcpy(end->at, z, STATE_COUNT * sizeof *z);
     for (int k = 1; k <= count; k++) {
         interpolate(from, to, k == count ? 1.0 : (double)k / (double)count, u1);
-        rub(p, f, u0, u1, end);
+        rub(p, f, u0, u1, now);
         memcpy(u0, u1, sizeof u0);
     }
 }
@@ -239,15 +288,19 @@ static int is_sound(const Modal *z)
     return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
 }
 
-/* Saves state z, and the inputs there. */
-static void reach(Memory *memory, const Modal *z, int rubs)
+/* Saves state z, and the inputs there without forces of the ports. */
+static void reach(Memory *memory, const Modal *z)
 {
-    double *u = memory->state + REACHED;
     memcpy(memory->state, z->at, STATE_COUNT * sizeof *z->at);
-    copy_fresh(u, memory->values.named.signals.input, INPUTS);
-    if (rubs) {
-        add_friction(&memory->values.named.parameters, z->at, u);
-    }
+    copy_fresh(memory->state + REACHED, memory->values.named.signals.input, INPUTS);
+}
+
+/* The same with the forces of the ports, and the deflections. */
+static void reach_with_friction(Memory *memory, const Whole *now)
+{
+    reach(memory, &now->z);
+    memcpy(memory->state + BENT, now->bend, PORT_COUNT * sizeof *now->bend);
+    add_port_forces(&memory->values.named.parameters, now->z.at, now->bend, memory->state + REACHED);
 }
 
 /* ---- Functions declared in component.h ------------------------------------------------------------------------------ */
@@ -271,58 +324,65 @@ int model_warns(const Values *v, Message *why)
     return 0;
 }
 
-/* The steady state z = -b u / lambda; the ports do not move then, so friction has no effect. */
-static void settle(const double *u, Modal *z)
-{
-    Modal w;
-    load(u, &w);
-    for (int k = 0; k < PAIR_COUNT; k++) {
-        const double square = SIGMA[k] * SIGMA[k] + OMEGA[k] * OMEGA[k], re = w.at[k], im = w.at[MODES + k];
-        z->at[k] = -(re * SIGMA[k] + im * OMEGA[k]) / square;
-        z->at[MODES + k] = -(im * SIGMA[k] - re * OMEGA[k]) / square;
-    }
-    for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
-        z->at[k] = -w.at[k] / SIGMA[k];
-    }
-}
-
 int model_start(Memory *memory, void *work, Message *why)
 {
-    Modal z;
+    Whole now;
+    const Parameters *p = &memory->values.named.parameters;
     (void)work;
-    memset(&z, 0, sizeof z);
+    memset(&now, 0, sizeof now);
     if (memory->flag[start_at_equilibrium] && !HAS_EQUILIBRIUM) {
         say(why, "this vehicle has no unique steady state (a part of it is free to drift): set start_at_equilibrium to "
                  "false");
         return 0;
     }
-    if (memory->flag[start_at_equilibrium]) {
-        settle(memory->values.named.signals.input, &z);
+    if (memory->flag[start_at_equilibrium] && !rest(p, memory->values.named.signals.input, &now.z, why)) {
+        return 0;
     }
-    reach(memory, &z, has_friction(&memory->values.named.parameters));
+    memcpy(memory->state + BENT, now.bend, PORT_COUNT * sizeof *now.bend);
+    if (has_port_forces(p)) {
+        reach_with_friction(memory, &now);
+    } else {
+        reach(memory, &now.z);
+    }
+    return 1;
+}
+
+static int too_stiff(Message *why)
+{
+    say(why, "the friction is too stiff for a step of this length: use a smaller step, less friction_force, bristle_force or "
+             "port_spring, or a larger friction_velocity or bristle_reach");
+    return 0;
+}
+
+/* A step with forces of the ports. */
+static int step_rubbing(Memory *memory, const double *from, double h, void *work, Message *why)
+{
+    Whole now;
+    const Parameters *p = &memory->values.named.parameters;
+    const int count = sub_steps(p, h);
+    if (count == 0) {
+        return too_stiff(why);
+    }
+    memcpy(now.z.at, memory->state, STATE_COUNT * sizeof *now.z.at);
+    memcpy(now.bend, memory->state + BENT, PORT_COUNT * sizeof *now.bend);
+    step_with_friction(p, (Work *)work, from, memory->values.named.signals.input, h, count, &now);
+    if (!is_sound(&now.z)) {
+        return 0;
+    }
+    reach_with_friction(memory, &now);
     return 1;
 }
 
 int model_step(Memory *memory, const double *from, double h, void *work, Message *why)
 {
     Modal end;
-    const double *to = memory->values.named.signals.input;
-    const Parameters *p = &memory->values.named.parameters;
-    const int rubs = has_friction(p);
-    const double count = rubs ? h * friction_rate(p) / SUB_STEP_SHARE : 0.0;
-    if (!(count >= 0.0 && count <= MOST_SUB_STEPS)) {
-        say(why, "the friction is too stiff for a step of this length: use a smaller step, less friction_force or a larger "
-                 "friction_velocity");
-        return 0;
+    if (has_port_forces(&memory->values.named.parameters)) {
+        return step_rubbing(memory, from, h, work, why);
     }
-    if (rubs) {
-        step_with_friction(p, (Work *)work, from, to, h, whole_number_above(count), memory->state, &end);
-    } else {
-        step_without_friction((Work *)work, from, to, h, memory->state, &end);
-    }
+    step_without_friction((Work *)work, from, memory->values.named.signals.input, h, memory->state, &end);
     if (!is_sound(&end)) {
         return 0;
     }
-    reach(memory, &end, rubs);
+    reach(memory, &end);
     return 1;
 }

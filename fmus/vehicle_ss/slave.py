@@ -1,4 +1,4 @@
-"""vehicle_ss for PythonFMU: a linear vehicle x' = A x + B u, y = C x + D u, with suspension friction at its ports.
+"""vehicle_ss for PythonFMU: a linear vehicle x' = A x + B u, y = C x + D u, with friction and springs at its ports.
 
 The linear part is stepped exactly with its inputs held. The builder copies this file to <model>_<digest>.py next to the
 package <model>_<digest>_law, which contains the same stepping kernel and friction that the library uses. The host's
@@ -24,21 +24,18 @@ class VehicleSs(TableSlave):
         self.inputs, self.outputs, self.offsets = model["inputs"], model["outputs"], model["offsets"]
         # A port's name ends with a dot; the port of a quarter car is "".
         self.port_names = model["ports"]
-        self.ports = friction.ports_of(
-            self.stepper,
-            [self.inputs.index(f"{port}force") for port in self.port_names],
-            [self.outputs.index(f"{port}velocity") for port in self.port_names],
-        )
+        self.ports = friction.named_ports(self.stepper, (self.inputs, self.outputs), self.port_names, model["springs"])
 
     def refresh(self):
         self.offset = [self.values[name] if name else 0.0 for name in self.offsets]
-        self.friction = friction.PortFriction(
-            self.ports, self._at_ports("friction_force"), self._at_ports("friction_velocity")
-        )
+        self.friction = friction.PortFriction.of_values(self.ports, self.port_names, self.values)
 
     def initialise(self):
         u = self._input()
-        x = self.stepper.equilibrium(u) if self.values["start_at_equilibrium"] else np.zeros(self.stepper.A.shape[0])
+        if self.values["start_at_equilibrium"]:
+            x = friction.equilibrium(self.stepper, self.friction, u)
+        else:
+            x = np.zeros(self.stepper.A.shape[0] + self.friction.states)
         self._respond(x, u)
 
     def advance(self, step):
@@ -47,9 +44,6 @@ class VehicleSs(TableSlave):
 
     def _input(self):
         return np.array([self.values[name] for name in self.inputs])
-
-    def _at_ports(self, name):
-        return np.array([self.values[f"{port}{name}"] for port in self.port_names])
 
     def _respond(self, x, u):
         self.state = x.tolist()

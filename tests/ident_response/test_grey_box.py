@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.signal import resample
 
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.output_error import Record, simulate
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, declared
+from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, bristle_of, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
 from eightpost.ident.vehicle.recipes.grey_box import GreyBox
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import SevenDof, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import LinearStepper, SevenDof, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle.friction import PortFriction, advance, named_ports, output
 
 RATE = 125.0
 QUANTITIES = ("velocity", "displacement", "tire_force", "hub_acceleration")
@@ -88,6 +90,36 @@ def test_the_linear_model_has_the_outputs_of_the_steps_without_friction(experime
             assert found == pytest.approx(expected, rel=0.05, abs=0.01 * np.abs(expected).max())
 
 
+def test_a_free_run_of_the_car_is_that_of_its_file_with_the_same_bristle(experiment):
+    """Both have the law of one file; they differ by the errors of two methods at 1250 Hz and at sub-steps."""
+    car, table = _car(experiment, friction_reach=1.5e-4, **{f"{c}.friction": 90.0 for c in CORNERS})
+    values = {p.name: p.start for p in table}
+    inputs = _drive(8, 12.0)
+    found = simulate(car, values, table, Record(inputs, np.zeros((len(inputs), len(OUTPUTS))), RATE))
+    model = linear_model(values, experiment)
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    prefixes = tuple(f"{c}." for c in CORNERS)
+    ports = named_ports(stepper, (model.input_names, model.output_names), prefixes, prefixes)
+    law = {f"{c}.bristle_{name}": value for c in CORNERS for name, value in asdict(bristle_of(values, c)).items()} | {
+        f"{c}.friction_velocity": 1.0 for c in CORNERS
+    }
+    friction = PortFriction.of_values(ports, prefixes, law)
+    assert friction.sticks
+    every = 8
+    fine = resample(inputs, len(inputs) * every)
+    fine[-every:] = inputs[-1]
+    x, rows = np.zeros(len(model.A) + friction.states), []
+    for k in range(len(inputs) * every - 1):
+        if k % every == 0:
+            rows.append(output(stepper, friction, x, fine[k]))
+        x = advance(stepper, friction, x, fine[k], fine[k + 1], 1.0 / (RATE * every))
+    late = slice(round(2.0 * RATE), len(found) - round(RATE))
+    expected = np.array(rows)
+    for k, name in enumerate(OUTPUTS):
+        error = np.std(found[late, k] - expected[late, k]) / np.std(expected[late, k])
+        assert error < (0.02 if name.endswith("acceleration") else 0.005), (name, error)
+
+
 def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(experiment):
     vehicle = read_vehicle(shipped("seven_dof"))
     p = vehicle.parameters
@@ -148,7 +180,9 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
     again = read_fit(tmp_path / "car.json")
     assert again.parameters == fit.parameters
     assert {p.name for p in again.parameters} >= {"lf.spring_rate", "friction_reach"}
-    assert again.vehicle.friction["lf"].force == pytest.approx(60.0, rel=0.2)
+    bristle = again.vehicle.friction["lf"].bristle
+    assert bristle.force == pytest.approx(60.0, rel=0.2)
+    assert bristle.reach == pytest.approx(1e-4, rel=0.3)
 
 
 @pytest.mark.slow

@@ -89,9 +89,11 @@ def test_a_cars_states_are_the_modes_of_its_model(exchange, name):
     inputs, states = moved(fmu, 2)
     u = np.array([inputs[name] for name in model.input_names])
     z = states[: form.sigma.size] + 0j
-    z[: form.pairs] += 1j * states[form.sigma.size :]
+    modal = form.sigma.size + form.pairs
+    z[: form.pairs] += 1j * states[form.sigma.size : modal]
     rates = form.eigenvalues * z + form.B_re @ u + 1j * (form.B_im @ u)
-    expected = np.concatenate([rates.real, rates.imag[: form.pairs]])
+    rest = np.zeros(states.size - modal)  # bristles without force do not move
+    expected = np.concatenate([rates.real, rates.imag[: form.pairs], rest])
     np.testing.assert_allclose(fmu.derivatives(), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
     y = form.C_re @ z.real + form.C_im @ z.imag + form.D @ u
     np.testing.assert_allclose(fmu.get(*model.output_names), y, rtol=1e-12, atol=1e-12 * np.abs(y).max())
@@ -343,5 +345,8 @@ def test_the_derivative_attribute_connects_every_state_with_its_derivative(host,
     fmu = host(name)
     for state, rate in zip(fmu.state_names, fmu.derivative_names, strict=True):
         assert rate == f"der({state})"
-        assert re.fullmatch(r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\])", state)
+        assert re.fullmatch(
+            r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\]|(\w+\.)?bristle_deflection)",
+            state,
+        )
     assert len(set(fmu.state_names)) == len(fmu.state_names)

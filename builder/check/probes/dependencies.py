@@ -61,6 +61,10 @@ class Pairs:
         if change > _CERTAIN * size:
             self._certain.add((unknown.name, known.name))
 
+    def declares(self, unknown: Variable, known: Variable) -> bool:
+        """Return whether a dependency is declared."""
+        return known.name in self._declared.get(unknown.name, {known.name})
+
     def _unseen(self) -> list[tuple[str, str]]:
         return [
             (unknown, known)
@@ -322,6 +326,8 @@ def _perturb(bench: Bench, there: Place, pairs: Pairs) -> None:
                 direct = _direct(long, short)
                 if direct and long == short and not _stays(there, moved, k, short):
                     continue  # the change is due to an internal step of the FMU that is longer than both steps
+                if direct and not pairs.declares(unknown, known) and not _is_confirmed(there, moved, k, short):
+                    continue  # the change begins with powers of the step size that two steps cannot separate
                 if direct:
                     pairs.record(unknown, known, (plain[_SHORT][k], plain[_SHORT][k] + direct))
 
@@ -337,6 +343,15 @@ def _direct(long: float, short: float) -> float:
     """Return the change extrapolated linearly to step size zero; 0 if the change comes through the states."""
     direct = (_LONG * short - _SHORT * long) / (_LONG - _SHORT)
     return direct if _SHARE * abs(short) < abs(direct) < 2.0 * abs(short) else 0.0
+
+
+def _is_confirmed(there: Place, moved: Values, output: int, short: float) -> bool:
+    """Return whether a change remains at step size zero by a third step too, ten times shorter."""
+    try:
+        shorter = there.after(moved, _SHORT / 10.0)[output] - there.after(there.inputs, _SHORT / 10.0)[output]
+    except CallError:  # such a step is refused
+        return True
+    return _direct(short, shorter) != 0.0
 
 
 def _stays(there: Place, moved: Values, output: int, change: float) -> bool:

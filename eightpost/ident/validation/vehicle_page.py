@@ -72,7 +72,7 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     yield from _kinds(study)
     friction = tables.friction_table(study)
     if friction.rows:
-        forces = ", ".join(f"{port} {law.force:.1f} N".strip() for port, law in fit.vehicle.friction.items())
+        forces = ", ".join(f"{port} {law.sliding_force:.1f} N".strip() for port, law in fit.vehicle.friction.items())
         text = f"The identification found friction at the ports: {forces}. Errors of the model with and without it:"
         yield Section("friction", "Friction", [text, friction, tables.port_table(fit)])
     if static := study.of_kind("static"):

@@ -31,12 +31,17 @@ def certainty_table(fit: VehicleFit) -> ResultTable:
 def port_table(fit: VehicleFit) -> ResultTable:
     """Return the friction and the spring nonlinearity that were estimated at the ports."""
     columns = ("port", "friction, estimate [N]", "one sigma [N] .2", "friction, in the model [N]",
-               "transition velocity [m/s] .2", "spring, square of travel [N] .2", "one sigma [N] .2")  # fmt: skip
+               "transition velocity [m/s] .2", "bristle, reach [m] .2",
+               "spring, square of travel [N] .2", "one sigma [N] .2")  # fmt: skip
     rows = []
     friction, springs = ({}, {}) if fit.trust is None else (fit.trust.friction, fit.trust.springs)
     for port, force in friction.items():
         law, spring = fit.vehicle.friction.get(port), springs.get(port)
-        taken = ("none", None) if law is None else (law.force, law.velocity)
+        creeps, sticks = law is not None and law.force > 0.0, law is not None and law.bristle.force > 0.0
+        velocity, reach = (
+            (law.velocity if creeps else None, law.bristle.reach if sticks else None) if law else (None, None)
+        )
+        taken = ("none" if law is None else law.sliding_force, velocity, reach)
         bent = (None, None) if spring is None else (spring.value, spring.deviation)
         rows.append((port or "port", force.value, force.deviation, *taken, *bent))
     return ResultTable.of("Estimates at the ports", columns, rows)

@@ -222,7 +222,7 @@ class _Judge:
     def _without_friction(
         self, record: RigRecord, laws: Mapping[str, ShockLaw] | None, measured: TimeSeries
     ) -> tuple[Comparison, ...] | None:
-        if not any(law.force for law in self.fit.vehicle.friction.values()):
+        if not any(law.acts for law in self.fit.vehicle.friction.values()):
             return None
         smooth = replace(self.fit.vehicle, friction={})
         return compare(measured, self._inside(_predict(smooth, record.series, laws)))

@@ -37,11 +37,6 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
-def _port_numbers(law: Friction) -> tuple[float, ...]:
-    """Return F_f, v_f, then F_s, z_s, rho, v_s of the bristle, and the coefficient k2 of the spring, SI."""
-    return law.force, law.velocity, *astuple(law.bristle), law.spring
-
-
 @_compiled
 def _add_outputs(C: Any, rows: Any, x: Any, y: Any) -> None:
     """Add `Re C_i x` to y_i for the given rows i."""
@@ -63,13 +58,13 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
     """Find the force differences at the end of a step by iteration; return whether they converged.
 
     `ports` has the velocities without the forces of the step, the displacements, the force differences (on entry: the
-    initial guess), and the states of the shocks, the velocities and the deflections of the bristles before the step (on
+    initial guess), and the states of the shocks, the deflections of the bristles and the velocities before the step (on
     return: after it). The first sample has a step of 0.
     """
     gain, damping = model
-    free, place, change, states, before, bristles = ports
+    free, place, change, states, bend, before = ports
     count = free.size
-    v, force, after, bent = np.empty(count), np.empty(count), np.empty((count, 2)), np.zeros(count)
+    v, force, after, bent = np.empty(count), np.empty(count), np.empty((count, 2)), np.empty(count)
     for iteration in range(_MAX_ITERATIONS):
         error = 0.0
         for i in range(count):
@@ -80,16 +75,18 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
             moved, force[i] = law_step(laws[i], (states[i, 0], states[i, 1]), before[i], v[i], place[i], step)
             after[i, 0], after[i, 1] = moved
             rub = friction[i, 0] * math.tanh(v[i] / friction[i, 1]) if friction[i, 0] else 0.0
+            bent[i] = bend[i]
             if friction[i, 2]:
-                middle, reach = 0.5 * (before[i] + v[i]), friction[i, 3]
-                bent[i] = deflection_after(bristles[i], middle, step, reach, friction[i, 4], friction[i, 5])
-                rub += friction[i, 2] * bent[i] / reach
-            force[i] += rub + friction[i, 6] * place[i] ** 2 - damping[i] * v[i]
+                mean, law = 0.5 * (before[i] + v[i]), friction[i, 3:6]
+                bent[i] = deflection_after(bend[i], mean, step, law[0], law[1], law[2])
+                rub += friction[i, 2] / law[0] * bent[i]
+            rub += friction[i, 6] * place[i] * place[i]
+            force[i] += rub - damping[i] * v[i]
         for i in range(count):
             error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if error <= _CLOSE:
-            states[:], before[:], bristles[:] = after, v, bent
+            states[:], bend[:], before[:] = after, bent, v
             return True
     return False
 
@@ -103,8 +100,8 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
             damping (P,).
         rows: Indices of the velocities (P,) and displacements (P or 0,) among the outputs.
         driven: Outputs due to the drive alone (p, N).
-        shocks: Laws of the ports as records (P,) of `LAW_NUMBERS`, and friction and spring of each port (P, 7), see
-            `_port_numbers`.
+        shocks: Laws of the ports as records (P,) of `LAW_NUMBERS`, and friction of each port (P, 7), see
+            `friction_rows`.
         step: Step of the drive [s].
         every: Interval of the output samples, in samples of the drive.
         out: Array for the outputs (p, kept).
@@ -118,7 +115,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
     x, gain = np.zeros(decay.size, dtype=np.complex128), np.zeros((count, count))
     free, place = np.zeros(count), np.zeros(count)
     change, last, states, before = np.zeros(count), np.zeros(count), np.zeros((count, 2)), np.zeros(count)
-    bristles = np.zeros(count)
+    bend = np.zeros(count)
     for j in range(count):
         _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
     for k in range(driven.shape[1]):
@@ -131,7 +128,7 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
             last[i], change[i] = change[i], 2.0 * change[i] - last[i]
         _add_outputs(C, velocities, x, free)
         _add_outputs(C, displacements, x, place)
-        ports = (free, place, change, states, before, bristles)
+        ports = (free, place, change, states, bend, before)
         if not _solve_forces((gain, damping), laws, friction, ports, step if k else 0.0):
             return k
         if k:
@@ -144,6 +141,12 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
 
 
 # ---- Simulation of many setups of an identified vehicle on one drive ------------------------------------------------
+
+
+def friction_rows(vehicle: IdentifiedVehicle, ports: Sequence[str]) -> Array:
+    """Return F_f, v_f, F_s, z_s, rho, v_s and k2 of the ports (P, 7); see `eightpost.vehicle.Friction`."""
+    laws = [vehicle.friction.get(port, Friction()) for port in ports]
+    return np.array([[law.force, law.velocity, *astuple(law.bristle), law.spring] for law in laws]).reshape(-1, 7)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,10 +183,9 @@ class ManySetups:
         chosen = np.asarray(setups, dtype=np.intp)
         if chosen.ndim != 2 or chosen.shape[1] != len(plant.ports):
             raise InputError(f"each setup needs one shock for each of {', '.join(plant.ports) or 'one port'}")
-        rub = np.array([_port_numbers(self.vehicle.friction.get(port, Friction())) for port in plant.ports])
         laws = law_numbers(self.bank)
         laws["port"]["gas_preload"] = 0.0
-        return plant.march(laws, rub, chosen, self.every)
+        return plant.march(laws, friction_rows(self.vehicle, plant.ports), chosen, self.every)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,13 +11,14 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
-from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.many_setups import ManySetups, friction_rows
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
+from eightpost.vehicle import IdentifiedVehicle, StateSpace
+from eightpost.vehicle.bristle import deflection_after
 
 
 def ports_of(model: StateSpace) -> tuple[str, ...]:
@@ -35,9 +36,9 @@ _FINER = (1, 2, 4, 8)
 def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
     """Return the vehicle's outputs under a record's roads, loads and shock forces, from rest.
 
-        dF = F + F_port(v, d) - c v
+        dF = F + F_f tanh(v / v_f) + F_s z / z_s + k2 d^2 - c v
 
-    with the measured force F, velocity v and displacement d, and the force F_port of friction and spring at the port.
+    with the measured force F, the measured velocity v and displacement d, and the bristle's deflection z under v.
 
     Args:
         vehicle: Identified vehicle.
@@ -165,7 +166,7 @@ class _Loop:
     forces: list[int]
     velocities: list[int]
     displacements: list[int | None]
-    friction: tuple[Friction, ...]
+    friction: Array
 
     @classmethod
     def of(cls, vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockLaw], drive: TimeSeries) -> _Loop:
@@ -187,28 +188,20 @@ class _Loop:
         rows = {name: row for row, name in enumerate(model.output_names)}
         at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        friction = tuple(vehicle.friction.get(port, Friction()) for port in ports)
+        friction = friction_rows(vehicle, ports).T
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
-    def _change(self, force: Array, v: Array, places: Sequence[float], bristles: Array) -> Array:
-        """Return the force of shocks, friction and springs minus that of the baseline dampers [N] (ports,).
-
-        Args:
-            force: Shock forces [N] (ports,).
-            v: Velocities of the ports [m/s] (ports,).
-            places: Displacements of the ports [m] (ports,).
-            bristles: Deflections of the bristles [m] (ports,).
-        """
-        own = np.zeros(len(self.ports))
-        for i, law in enumerate(self.friction):
-            own[i] = law.force * np.tanh(v[i] / law.velocity) + law.bristle.force_at(bristles[i])
-            own[i] += law.spring * places[i] ** 2
+    def _change(self, force: Array, v: Array, bend: Array, d: Sequence[float]) -> Array:
+        """Return the force of shocks, friction and port springs minus that of the baseline dampers [N] (ports,)."""
+        creeping, width, sliding, reach, _, _, spring = self.friction
+        own = creeping * np.tanh(v / width) + sliding / reach * bend + spring * np.square(d)
         return np.asarray(force + own - self.damping * v)
 
-    def _bristles(self, z: Array, before: Array, now: Array, step: float) -> Array:
-        """Return the deflections of the bristles after a step with linear velocities [m] (ports,)."""
-        middle = 0.5 * (before + now)
-        return np.array([law.bristle.deflection_after(z[i], middle[i], step) for i, law in enumerate(self.friction)])
+    def _bent(self, bend: Array, before: Array, now: Array, step: float) -> Array:
+        """Return the deflections of the bristles after a step with linear velocities (ports,) [m]."""
+        _, _, sliding, *law, _ = self.friction
+        moved = deflection_after(bend, 0.5 * (before + now), step, *law)
+        return np.where(sliding > 0.0, moved, bend)
 
     def run(self, drive: TimeSeries) -> tuple[Array, Array]:
         """Return the outputs (p, N) and the shock forces (ports, N)."""
@@ -227,14 +220,13 @@ class _Loop:
         A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v, z = np.zeros(len(self.ports)), np.zeros(len(self.ports))
+        v, bend = np.zeros(len(self.ports)), np.zeros(len(self.ports))
         for k in range(len(u)):
             y = C @ x + model.D @ u[k]
-            places = self._displacement(y)
-            state, forces[k] = state.after(v, y[self.velocities], places, step if k else 0.0)
-            z = self._bristles(z, v, y[self.velocities], step if k else 0.0)
+            state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
+            bend = self._bent(bend, v, y[self.velocities], step if k else 0.0)
             v = y[self.velocities]
-            u[k, self.forces] = self._change(forces[k], v, places, z)
+            u[k, self.forces] = self._change(forces[k], v, bend, self._displacement(y))
             outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
             x = A @ x + B @ u[k]
         return outputs.T, forces.T
@@ -247,17 +239,16 @@ class _Loop:
         driven = found.B1[:, self.forces]
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v, z, change = (np.zeros(len(self.ports)) for _ in range(3))
+        v, change, bend = np.zeros((3, len(self.ports)))
         for k in range(len(u)):
             free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
             y_free = C @ free + model.D @ u[k]
             sensitivity = model.D[:, self.forces] if k == 0 else by_force
             for _ in range(_MAX_ITERATIONS):
                 y = y_free + sensitivity @ change
-                now, places = y[self.velocities], self._displacement(y)
-                following, force = state.after(v, now, places, step if k else 0.0)
-                bent = self._bristles(z, v, now, step if k else 0.0)
-                previous, change = change, self._change(force, now, places, bent)
+                following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
+                bent = self._bent(bend, v, y[self.velocities], step if k else 0.0)
+                previous, change = change, self._change(force, y[self.velocities], bent, self._displacement(y))
                 if np.abs(change - previous).max(initial=0.0) <= _CLOSE:
                     break
             else:
@@ -265,7 +256,7 @@ class _Loop:
                     f"the shock forces at sample {k} do not converge with steps of {step:g} s; resample the drive at a "
                     "higher rate"
                 )
-            state, forces[k], outputs[k], v, z = following, force, y, y[self.velocities], bent
+            state, forces[k], outputs[k], v, bend = following, force, y, y[self.velocities], bent
             x = free if k == 0 else free + driven @ change
             u[k, self.forces] = change
         return outputs.T, forces.T

@@ -10,6 +10,7 @@ from eightpost.ident.vehicle.trust import OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
+from eightpost.vehicle import Friction
 from eightpost.vehicle.statespace import StateSpace
 from eightpost.verdict import Grade, Reason, Rule, Verdict
 
@@ -55,10 +56,16 @@ def friction_table(fit: VehicleFit, trust: Trust) -> Table:
     rows = []
     for port, force in trust.friction.items():
         law = fit.vehicle.friction.get(port)
-        used = ("none", "") if law is None else (f"{law.force:.1f}", f"{1e3 * law.velocity:.2g}")
+        used = ("none", "", "") if law is None else (f"{law.sliding_force:.1f}", *_widths(law))
         rows.append((port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used))
-    columns = right("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s")
+    columns = right("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s", "reach, mm")
     return console_table(["port", *columns], rows, title="friction at the ports")
+
+
+def _widths(law: Friction) -> tuple[str, str]:
+    """Return the velocity of the friction that creeps and the reach of the friction that sticks, in mm."""
+    velocity = f"{1e3 * law.velocity:.2g}" if law.force or not law.bristle.force else ""
+    return velocity, f"{1e3 * law.bristle.reach:.2g}" if law.bristle.force else ""
 
 
 def damping_sentence(fit: VehicleFit) -> str:

@@ -20,6 +20,7 @@ from numba import njit
 from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.shock.compiled import LAW_FILES, law_step
+from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,11 +38,8 @@ NUMBERS, STATES = 36, 5
 #: The L-stable second-order method ROS2.
 _GAMMA = 1.0 + math.sqrt(0.5)
 
-#: Minimum sliding velocity [m/s].
-_STILL = 1e-12
-
 #: Number that changes with the files of the laws and with this file, whose functions other cars compile too.
-_FILES = LAW_FILES + zlib.crc32(Path(__file__).read_bytes())
+_FILES = LAW_FILES + BRISTLE_FILE + zlib.crc32(Path(__file__).read_bytes())
 
 #: Number of samples between checks that the motion is finite.
 _CHECK_INTERVAL = 500
@@ -234,13 +232,10 @@ def _spring(spring: Array, s: float) -> float:
 @compiled
 def _bend(friction: Array, before: float, velocity: float, h: float) -> float:
     """Return the bristle deflection of `Friction` [m] after a step at a constant velocity, exactly."""
-    speed, ratio = abs(velocity), velocity / friction[3]
-    if speed <= _STILL:
+    if friction[0] <= 0.0:
         return before
-    level = friction[0] + (friction[1] - friction[0]) * math.exp(-ratio * ratio)
-    reach = max(level, 1e-9) / friction[2]
-    steady = math.copysign(reach, velocity)
-    return steady + (before - steady) * math.exp(-speed * h / reach)
+    reach, ratio = friction[0] / friction[2], friction[1] / friction[0]
+    return float(deflection_after(before, velocity, h, reach, ratio, friction[3]))
 
 
 @compiled

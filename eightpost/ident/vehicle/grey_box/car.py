@@ -9,7 +9,7 @@ both hubs of its axle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from scipy.signal import resample
@@ -20,6 +20,7 @@ from eightpost.errors import InputError
 from eightpost.ident.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.ident.vehicle.grey_box.kernel import Numbers, march
+from eightpost.vehicle import Bristle
 
 #: Integration steps per second, at least [Hz].
 STEP_RATE = 1250.0
@@ -27,8 +28,8 @@ STEP_RATE = 1250.0
 #: Number of states: coordinates, velocities, accelerations, bristles, accelerations one step before.
 _STATES = 36
 
-#: Stribeck velocity of the friction [m/s], and breakaway over sliding force.
-STRIBECK, BREAKAWAY = 0.01, 1.15
+#: Friction of the family, of which force and reach are fitted: Stribeck velocity [m/s], static over sliding force.
+BRISTLE = Bristle(static_ratio=1.15, stribeck_velocity=0.01)
 
 #: Parameters that the base fit leaves at their start values.
 OPTIONAL = (
@@ -58,7 +59,7 @@ def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
         *(Parameter(f"{axle}.mass coupling", "kg", 0.0, -200.0, 200.0, size=10.0) for axle in ("front", "rear")),
         *(Parameter(f"{axle}.shock_share", "1", 0.0, -0.6, 0.6, size=0.1) for axle in ("front", "rear")),
         Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, size=0.1),
-        _positive("friction_reach", "m", 1e-4, 1e-6, 3e-3),
+        _positive("friction_reach", "m", BRISTLE.reach, 1e-6, 3e-3),
     ]
     for c in CORNERS:
         rows += [
@@ -183,7 +184,9 @@ class GreyBoxCar:
         InputError: The experiment is not that of a car with four corners.
     """
 
-    state_sizes = np.concatenate([np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.ones(4), np.full(8, 10.0)])
+    state_sizes = np.concatenate(
+        [np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.full(4, 1e-4), np.full(8, 10.0)]
+    )
 
     def __init__(self, experiment: Experiment, names: Sequence[str], static: Array) -> None:
         if experiment.ports != CORNERS:
@@ -221,10 +224,15 @@ class GreyBoxCar:
         springs = np.array([[p[f"{c}.spring_rate"], p[f"{c}.spring_progression"]] for c in CORNERS])
         tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
                           for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
-        friction = np.array([[p[f"{c}.friction"], BREAKAWAY, p["friction_reach"], STRIBECK] for c in CORNERS])
+        friction = np.array([astuple(bristle_of(p, c)) for c in CORNERS])
         other = -inverse @ m.stiffness, -inverse @ m.damping
         rows = m.shock, m.spring, push, *other, springs, tires, friction, *output_rows(p, m, self._experiment.outputs)
         return tuple(np.asarray(row, dtype=np.float64) for row in rows)
+
+
+def bristle_of(p: Mapping[str, float], corner: str) -> Bristle:
+    """Return the friction of a corner for parameters by name."""
+    return replace(BRISTLE, force=p[f"{corner}.friction"], reach=p["friction_reach"])
 
 
 def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> tuple[Array, Array, Array, Array]:

@@ -9,7 +9,6 @@ friction is exact for the mean velocity of a step.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
@@ -18,6 +17,7 @@ from numba import njit
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
+from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 
 class Numbers(NamedTuple):
@@ -31,8 +31,7 @@ class Numbers(NamedTuple):
         damping: Accelerations per q' of the other elements (K, 8, 8).
         springs: Rate, progression of the springs (K, 4, 2).
         tires: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
-        friction: Sliding force, breakaway force over it, reach, Stribeck velocity (K, 4, 4), as in
-            `eightpost.vehicle.bristle`.
+        friction: Sliding force, reach, static ratio and Stribeck velocity of the bristles (K, 4, 4).
         baseline: Damping about which the ports are driven (4,).
         position: Outputs per q (K, Y, 8).
         velocity: Outputs per q' (K, Y, 8).
@@ -59,19 +58,7 @@ class Numbers(NamedTuple):
 
 def _compile(function: Callable[..., Any]) -> Any:
     options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
-    return kept(cast("Any", njit(**options)(function)))
-
-
-@_compile
-def friction_after(before: float, velocity: float, numbers: Array, h: float) -> float:
-    """Return the friction over the sliding force after a step h at a constant velocity."""
-    speed = abs(velocity)
-    if speed < 1e-12:
-        return before
-    ratio = velocity / numbers[3]
-    level = 1.0 + (numbers[1] - 1.0) * math.exp(-ratio * ratio)
-    steady = math.copysign(level, velocity)
-    return steady + (before - steady) * math.exp(-speed * h / (numbers[2] * level))
+    return kept(cast("Any", njit(**options)(function)), BRISTLE_FILE)
 
 
 @_compile
@@ -107,9 +94,9 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             for c in range(4):
                 speed, way = _dot(shock[c], guess), _dot(spring[c], q)
                 law = numbers.friction[run, c]
-                z[c] = friction_after(z[c], 0.5 * (ports[c] + speed), law, step)
+                z[c] = deflection_after(z[c], 0.5 * (ports[c] + speed), step, law[1], law[2], law[3])
                 rate = numbers.springs[run, c]
-                forces[c] = drive[8 + loads + c] + numbers.baseline[c] * speed + law[0] * z[c]
+                forces[c] = drive[8 + loads + c] + numbers.baseline[c] * speed + law[0] / law[1] * z[c]
                 forces[4 + c] = rate[0] * way * (1.0 + rate[1] * way)
                 forces[8 + c] = _tire(numbers.tires[run, c], drive[c] - q[4 + c], drive[4 + c] - guess[4 + c])
             for j in range(loads):

@@ -8,8 +8,8 @@ import numpy as np
 
 from eightpost.corners import CORNERS, channel
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.grey_box.car import BREAKAWAY, STRIBECK, WHEEL, matrices, output_rows
-from eightpost.vehicle import Bristle, Friction, StateSpace
+from eightpost.ident.vehicle.grey_box.car import WHEEL, bristle_of, matrices, output_rows
+from eightpost.vehicle import Friction, StateSpace
 from eightpost.vehicle.statespace import Channel
 
 #: Rates L_1, L_2 [rad/s] of the filter that makes the velocity of the road, which tire dampers need, a proper input:
@@ -83,10 +83,9 @@ def port_laws(p: Mapping[str, float], experiment: Experiment) -> dict[str, Frict
     """
     laws = {}
     for c in CORNERS:
-        bristle = Bristle(p[f"{c}.friction"], p["friction_reach"], BREAKAWAY, STRIBECK)
         seen = channel(c, "displacement") in experiment.outputs
         spring = p[f"{c}.spring_rate"] * p[f"{c}.spring_progression"] / p[f"{c}.motion_ratio"] ** 3 if seen else 0.0
-        laws[c] = Friction(bristle=bristle, spring=spring)
+        laws[c] = Friction(bristle=bristle_of(p, c), spring=spring)
     return laws
 
 
