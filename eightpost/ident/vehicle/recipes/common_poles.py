@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from time import process_time
 from typing import NamedTuple
 
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response, gather
+from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.records import Records
 from eightpost.ident.vehicle.band import CoherentBand, SupportedBand
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
@@ -26,6 +29,9 @@ from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
+
+#: Shares of the band that are tried one after the other, if a model cannot be used [1].
+_SHARES = (1.0, 0.65)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +83,18 @@ class CommonPoles:
         return self._usable_car(tests, experiment)[0].vehicle
 
     def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...]]:
-        """Return the first car that can be simulated, or else the last, and notes on those that were rejected."""
+        """Return the first car that can be simulated, or else the first one, and notes on those that were rejected."""
         failed: list[str] = []
-        for laws in self._port_laws(tests, experiment):
-            car = self._car(tests, experiment, laws)
+        first: _Car | None = None
+        for laws, share in product(self._port_laws(tests, experiment), _SHARES):
+            car = self._car(tests, experiment, laws, share)
             fault = fault_in_simulation(car.vehicle, tests)
             if fault is None:
-                break
-            failed.append(f"A model with {laws.text} was rejected: {fault}.")
-        return car, tuple(failed)
+                return car, tuple(failed)
+            failed.append(f"A model with {laws.text} up to {car.found.band[1]:.3g} Hz was rejected: {fault}.")
+            first = first or car
+        assert first is not None
+        return first, (*failed, "No model could be used; the first one was kept.")
 
     def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
         """Yield the laws of the ports, the best first, then simpler ones."""
@@ -104,7 +113,8 @@ class CommonPoles:
         springs = {} if self.springs is None or self.friction is not None else self.springs.find(tests, experiment)
         yield replace(plain, springs=springs)
 
-    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws) -> _Car:
+    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float = 1.0) -> _Car:
+        """Return the car for the laws of the ports, fitted in the lower `share` of the band."""
         response = estimate_response(
             laws.added_to(tests),
             inputs=experiment.inputs,
@@ -113,7 +123,7 @@ class CommonPoles:
             baseline_damping=experiment.baseline_damping,
         )
         supported = None if self.band is None else self.band.of(response)
-        fit = self.fit if supported is None else replace(self.fit, high=supported.high)
+        fit = replace(self.fit, high=share * (self.fit.high if supported is None else supported.high))
         found = fit.fit(response)
         vehicle = IdentifiedVehicle(
             experiment.name,
@@ -139,6 +149,7 @@ class CommonPoles:
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
             *(() if car.supported is None else (car.supported.summary(),)),
             *failed,
+            input_noise(_gathered(laws.added_to(tests), experiment), found.band).summary(self.estimate),
             *found.notes,
             *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
@@ -170,6 +181,10 @@ class CommonPoles:
             return {}
         left = {} if friction is None else friction.residual
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
+
+
+def _gathered(tests: Sequence[TimeSeries], experiment: Experiment) -> Records:
+    return gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
