@@ -90,7 +90,8 @@ class SupportedBand:
         supported: Frequency up to which the tests support a model [Hz].
         outputs: Frequency [Hz] up to which the coherence of each output is sufficient.
         coherence: Lowest multiple coherence that counts as sufficient [1].
-        powered: Highest frequency at which all roads and shock forces have power [Hz].
+        powered: Highest frequency at which all roads and shock forces have power [Hz]; infinite if they have it
+            wherever it was examined.
     """
 
     high: float
@@ -128,9 +129,11 @@ def _stays(low: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
 
 
 def _powered(response: FrequencyResponse, top: float) -> float:
-    """Return the highest frequency [Hz], at most `top`, at which all roads and shock forces have power."""
+    """Return the highest frequency [Hz] at which all roads and shock forces have power; infinite if not below `top`."""
     if response.variance is None:
-        return top
+        return np.inf
     needed = [quantity(name) in ("road", "force") for name in response.input_names]
     known = np.asarray(np.isfinite(response.variance[:, needed]).any(axis=0), dtype=np.bool_)
-    return min([top, *(float(response.frequency[np.flatnonzero(row)[-1]]) for row in known if row.any())])
+    below = response.frequency <= top
+    last = min((float(response.frequency[np.flatnonzero(row)[-1]]) for row in known if row.any()), default=np.inf)
+    return last if last < response.frequency[below][-1] else np.inf

@@ -137,6 +137,11 @@ class Blocks:
         response = np.einsum("nabk,nbj->najk", self.resolvent(s), self.B)
         return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
 
+    def slower_than(self, rate: float) -> Blocks:
+        """Return the blocks with a natural frequency below `rate` [1/s]; all of them if there is none."""
+        slow = self.w < rate
+        return Blocks(self.w[slow], self.zeta[slow], self.B[slow]) if slow.any() else self
+
     def normalised(self) -> Blocks:
         """Return the same poles with the input matrix of every block scaled to norm 1."""
         size = np.linalg.norm(self.B, axis=(1, 2), keepdims=True)
