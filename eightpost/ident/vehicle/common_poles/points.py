@@ -138,7 +138,7 @@ class Blocks:
         return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
 
     def slower_than(self, rate: float) -> Blocks:
-        """Return the blocks with a natural frequency below `rate` [1/s]; all of them if there is none."""
+        """Return the blocks with a natural frequency below `rate` [1/s], or all of them if no block is that slow."""
         slow = self.w < rate
         return Blocks(self.w[slow], self.zeta[slow], self.B[slow]) if slow.any() else self
 
