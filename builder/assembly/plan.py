@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part, read_parts
-from builder.fmu.interface import RATES, Interface, Variable, read_table, variable_of
+from builder.fmu.interface import RATES, Interface, Variable, read_table, spring_ports, variable_of
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire, Wiring
 
@@ -241,17 +241,20 @@ def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
 
 
 def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
-    """Return the inputs that each vehicle output, state and derivative depends on in steady state.
+    """Return the inputs and port springs that each vehicle output, state and derivative depends on in steady state.
 
     Without a steady state these are the inputs that matter in a start from zero.
     """
     interface = assembly.vehicle.interface
     units = {v.name: v.unit for v in interface.variables}
-    inputs, at_rest = set(interface.names("input")), {*interface.derivatives}
+    known_at_rest = {*interface.names("input"), *(f"{port}port_spring" for port in spring_ports(interface))}
+    at_rest = {*interface.derivatives}
     if "HAS_EQUILIBRIUM = 0" in assembly.vehicle.data:
         return _from_zero(interface)
     return {
-        name: () if units[name] in RATES or name in at_rest else tuple(known for known in names if known in inputs)
+        name: ()
+        if units[name] in RATES or name in at_rest
+        else tuple(known for known in names if known in known_at_rest)
         for name, names in interface.initial.items()
     }
 
@@ -265,13 +268,14 @@ def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
     """Return the parameters that the vehicle adds to an output."""
     interface = assembly.vehicle.interface
     added = {v.name for v in interface.variables if v.causality == "parameter" and v.type == "Real"}
-    return tuple(name for name in interface.initial[output] if name in added)
+    springs = {f"{port}port_spring" for port in spring_ports(interface)}
+    return tuple(name for name in interface.initial[output] if name in added - springs)
 
 
 def _closed(assembly: Assembly, vehicle: Mapping[str, tuple[str, ...]]) -> dict[str, set[str]]:
     """Return the dependencies of each unknown at a start, followed through the loop of vehicle and shocks.
 
-    `vehicle` contains the inputs of the vehicle that each of its unknowns depends on.
+    `vehicle` contains the inputs and springs of the vehicle that each of its unknowns depends on.
     """
     found: dict[str, set[str]] = {
         _name_in(part, unknown): set() for part in assembly.parts for unknown in part.interface.initial

@@ -130,8 +130,8 @@ class Bristles(NamedTuple):
 class PortFriction:
     """Friction and springs at the ports of a vehicle.
 
-    The state of a vehicle with them is that of its linear model, followed by the deflections of its bristles (P,) [m];
-    without the argument `bristles` there are none.
+    The state of a vehicle with them is that of its linear model, followed by the deflections of its bristles (P,) [m]
+    if the argument `bristles` is given.
 
     Attributes:
         ports: Ports at which they act (P).

@@ -1,10 +1,16 @@
 /* Directional derivatives of outputs, derivatives of inputs. */
+#include <string.h>
+
 #include "instance.h"
 #include "elementary.h"
 
-/* Smallest size of a variable for finite differences above rounding; forces and stiffnesses are much larger numbers than metres. */
+/* Smallest size of a variable for finite differences above rounding; forces and stiffnesses are much larger numbers than metres, and
+ * so are coefficients of squares of metres. */
 static double least_size(const Variable *variable)
 {
+    if (strcmp(variable->unit, "N/m2") == 0) {
+        return 1e6;
+    }
     return variable->unit[0] == 'N' ? 1e3 : 1e-3;
 }
 

@@ -88,6 +88,8 @@ def test_the_declared_dependencies_are_correct(fmus, component, name):
     """Check that after a step of 1e-12 s an output depends on an input exactly if feedthrough is declared."""
     description = read_model_description(str(fmus[name]))
     extra = {"seal_friction": 20.0, "gas_stiffness": 500.0} if name in LAWS else {}
+    springs = [v.name for v in description.modelVariables if v.name.endswith("port_spring")]
+    extra |= {spring: 1e5 * (k + 1) for k, spring in enumerate(springs)}  # they couple loads in the steady state
     inputs = [v for v in description.modelVariables if v.causality == "input"]
     outputs = tuple(v.name for v in description.modelVariables if v.causality == "output")
     for unknowns, time in ((description.initialUnknowns, None), (description.outputs, 1e-3)):

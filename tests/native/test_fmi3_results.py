@@ -56,6 +56,7 @@ def set_random_parameter(old, new, rng):
     variable = tunables(old)[rng.integers(len(tunables(old)))]
     start = float(variable.start)
     value = start * rng.uniform(0.8, 1.2) if start else rng.uniform(0.0, 90.0)
+    value = value if variable.min is None else max(value, float(variable.min))
     status = old.set_named({variable.name: value})
     assert new.set_named({variable.name: value}) == status
     return status

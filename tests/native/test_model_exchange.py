@@ -167,7 +167,7 @@ def test_every_function_is_refused_in_the_wrong_mode_and_leaves_the_instance_usa
     """The table of calls in FMI 2.0.4, 3.2.3."""
     info, flags = c_level.fmi2.fmi2EventInfo(), (ctypes.c_int * 2)()
     count = ctypes.c_size_t(len(host(name).state_names))
-    states = (ctypes.c_double * 20)()
+    states = (ctypes.c_double * 40)()
     calls = {
         "SetTime": (ctypes.c_double(0.0),), "SetContinuousStates": (states, count), "NewDiscreteStates": (info,),
         "GetContinuousStates": (states, count), "GetDerivatives": (states, count), "EnterEventMode": (),
@@ -202,7 +202,7 @@ def test_every_function_is_refused_in_the_wrong_mode_and_leaves_the_instance_usa
 @pytest.mark.parametrize("name", ALL)
 def test_an_instance_for_co_simulation_refuses_model_exchange_and_its_states_cannot_be_set(host, name):
     fmu = host(name).start()
-    count, numbers = ctypes.c_size_t(len(fmu.state_names)), (ctypes.c_double * 20)()
+    count, numbers = ctypes.c_size_t(len(fmu.state_names)), (ctypes.c_double * 40)()
     for function, arguments in {
         "SetTime": (ctypes.c_double(0.0),), "EnterEventMode": (), "EnterContinuousTimeMode": (),
         "GetDerivatives": (numbers, count), "GetContinuousStates": (numbers, count),
@@ -236,7 +236,7 @@ def test_wrong_numbers_of_states_and_values_that_are_not_finite_are_refused(exch
     fmu = exchange(name)
     _, states = moved(fmu, 4)
     before, count = fmu.all(), len(states)
-    numbers = (ctypes.c_double * 20)()
+    numbers = (ctypes.c_double * 40)()
     for function in ("SetContinuousStates", "GetContinuousStates", "GetDerivatives", "GetNominalsOfContinuousStates"):
         assert fmu.call(function, numbers, ctypes.c_size_t(count + 1)) == ERROR
         if count:

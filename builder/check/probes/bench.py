@@ -188,6 +188,10 @@ def step(instance: Instance, time: float, h: float) -> None:
         raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.last_message()}")
 
 
+#: Sizes of parameters with the start value zero by unit, where 0.1 in SI units has no visible effect.
+_FROM_ZERO = {"N/m2": 1e5}
+
+
 def amplitude(variable: Variable) -> float:
     """Return the amplitude of an input around its start value, limited by its range."""
     start = variable.number("start") or 0.0
@@ -207,7 +211,7 @@ def inside(variable: Variable, value: float) -> float:
 def other_value(variable: Variable, draw: random.Random) -> float:
     """Return a random value in the range, within one amplitude (inputs) or 10 % (parameters) of the start value."""
     start = variable.number("start") or 0.0
-    size = amplitude(variable) if variable.causality == "input" else (0.1 * abs(start) or 0.1)
+    size = amplitude(variable) if variable.causality == "input" else (0.1 * abs(start) or _from_zero(variable))
     change = size * draw.uniform(-1.0, 1.0)
     if inside(variable, start + change) != start + change:
         change = -change  # at the end of the range, change in the other direction
@@ -228,7 +232,12 @@ def set_other_parameters(bench: Bench, instance: Instance, draw: random.Random) 
 def change_of(variable: Variable) -> float:
     """Return a change that is small compared with the variable and large compared with rounding errors."""
     start = abs(variable.number("start") or 0.0)
-    return 1e-3 * (amplitude(variable) if variable.causality == "input" else start or 0.1)
+    return 1e-3 * (amplitude(variable) if variable.causality == "input" else start or _from_zero(variable))
+
+
+def _from_zero(variable: Variable) -> float:
+    """Return a size of a parameter whose start value is zero."""
+    return _FROM_ZERO.get(variable.unit or "", 0.1)
 
 
 @dataclass(frozen=True)
