@@ -25,23 +25,16 @@ import numpy as np
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import CASES, Case, records_of
 from benchmarks.identification_measures import QUANTITIES
-from eightpost.corners import channel
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionSearch, direction
-from eightpost.ident.vehicle.port_laws import bristle_force
+from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig.post import Car
-from eightpost.vehicle import Bristle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from eightpost.ident.vehicle.friction import Signal
     from eightpost.signals import TimeSeries
-
-    Array = NDArray[np.float64]
 
 Row = dict[str, Any]
 
@@ -49,15 +42,12 @@ Row = dict[str, Any]
 _NOISE = 5000
 
 
-def bristle(velocity: Array, rate: float, reach: float) -> Array:
-    """Return the force (N,) of a bristle of 1 N that slides at the reach z_s [m]."""
-    return bristle_force(velocity, rate, Bristle(1.0, reach))
-
-
-#: Laws by name, with the widths to try.
-LAWS: dict[str, tuple[Signal, tuple[float, ...]]] = {
-    "tanh(v / v_f)": (direction, (0.003, 0.006, 0.012, 0.024)),
-    "bristle": (bristle, (5e-5, 1e-4, 2e-4, 4e-4)),
+#: Searches by name of the law, each for one of the widths to try.
+LAWS: dict[str, tuple[FrictionSearch, ...]] = {
+    "tanh(v / v_f)": tuple(FrictionSearch(velocities=(w,), reaches=()) for w in (0.003, 0.006, 0.012, 0.024)),
+    "bristle": tuple(
+        FrictionSearch(velocities=(), reaches=(w,), static_ratios=(1.0,)) for w in (5e-5, 1e-4, 2e-4, 4e-4)
+    ),
 }
 
 
@@ -67,14 +57,17 @@ def main() -> None:
     case = replace(CASES["eight_post_known"], duration=options.duration, noise=options.noise)
     tests, experiment = records_of(case, _NOISE)
     sizes, misfits = [], []
-    for name, (signal, widths) in LAWS.items():
-        rows = [_found(case, name, tests, experiment, FrictionSearch(velocities=(w,), signal=signal)) for w in widths]
+    for name, searches in LAWS.items():
+        rows = [_found(case, name, tests, experiment, search) for search in searches]
         best = min(rows, key=lambda row: row["unexplained, %"])
         sizes += rows
-        misfits.append(_misfit(name, [_rubbed(test, experiment, signal, best) for test in tests], experiment))
-    print(markdown([{k: v for k, v in row.items() if k != "forces"} for row in sizes]), "", markdown(misfits), sep="\n")
+        misfits.append(_misfit(name, [with_port_laws(test, best["friction"]) for test in tests], experiment))
+    print(
+        markdown([{k: v for k, v in row.items() if k != "friction"} for row in sizes]), "", markdown(misfits), sep="\n"
+    )
     if options.json:
-        options.json.write_text(json.dumps([*sizes, *misfits], indent=1) + "\n", encoding="utf-8")
+        kept = [{k: v for k, v in row.items() if k != "friction"} for row in sizes]
+        options.json.write_text(json.dumps([*kept, *misfits], indent=1) + "\n", encoding="utf-8")
 
 
 def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Experiment, search: FrictionSearch) -> Row:
@@ -84,21 +77,12 @@ def _found(case: Case, name: str, tests: Sequence[TimeSeries], experiment: Exper
     true = dict(zip(car.corners, car.friction.coulomb[:, 0], strict=True))
     return {
         "law": name,
-        "width": search.velocities[0],
+        "width": found.profile[0].width,
         "force, % of true": ", ".join(f"{100.0 * one.value / true[port]:.1f}" for port, one in found.forces.items()),
         "one sigma, %": max(100.0 * one.deviation / true[port] for port, one in found.forces.items()),
         "unexplained, %": 100.0 * float(np.mean(list(found.residual.values()))),
-        "forces": {port: one.value for port, one in found.forces.items()},
+        "friction": found.friction,
     }
-
-
-def _rubbed(test: TimeSeries, experiment: Experiment, signal: Signal, row: Row) -> TimeSeries:
-    """Return a test whose shock forces include the estimated friction."""
-    for port in experiment.ports:
-        name, velocity = channel(port, "force"), test[channel(port, "velocity")]
-        rubbed = row["forces"][port] * signal(velocity, test.sample_rate, row["width"])
-        test = test.with_channel(name, "N", test[name] + rubbed)
-    return test
 
 
 def _misfit(name: str, tests: Sequence[TimeSeries], experiment: Experiment) -> Row:

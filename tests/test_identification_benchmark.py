@@ -13,7 +13,8 @@ from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, noise_seed
 from benchmarks.identification_measures import TOTAL, agreement, measures_of
 from benchmarks.identification_methods import methods
 from benchmarks.identification_seeds import over_seeds
-from benchmarks.identification_sticking import bristle
+from eightpost.ident.vehicle.port_laws import bristle_force
+from eightpost.vehicle import Bristle
 
 RATE = 250.0
 
@@ -102,7 +103,7 @@ def test_the_stand_in_without_all_that_is_ablated_is_linear() -> None:
 def test_a_bristle_bends_over_its_reach_and_slides_from_there() -> None:
     time = np.arange(2500) / 125.0
     velocity = 0.01 * np.sin(2.0 * np.pi * 0.5 * time)
-    bend = bristle(velocity, 125.0, 1e-4)
+    bend = bristle_force(velocity, 125.0, Bristle(1.0, 1e-4))
     since = (time >= 10.0) & (time < 10.5)  # it turns back at 10 s, bent the other way
     travelled = 0.01 / np.pi * (1.0 - np.cos(np.pi * time[since]))
     np.testing.assert_allclose(bend[since], 1.0 - 2.0 * np.exp(-travelled / 1e-4), atol=0.05)

@@ -50,7 +50,7 @@ BEYOND = Rule(
 )  # fmt: skip
 BEYOND_FREQUENCY = Rule(
     "beyond the fitted frequencies", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * NOTABLE_POWER:g} % of a velocity's power is outside the frequencies of its model's "
+    condition=f"more than {100 * NOTABLE_POWER:g} % of a variable's power is outside the frequencies of its model's "
     "records",
     why="phase and gain there depend only on the form of the model; the rest of the power is covered",
     remedy="judge setups by measures within the covered band; test at the frequencies of this drive for more",

@@ -54,6 +54,9 @@ def own_function(entry: str) -> OwnFunction:
 
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
+#: Statistics that do not sum their channels.
+_APART = ("joint_rms", "work")
+
 
 @dataclass(frozen=True, slots=True)
 class Measure:
@@ -144,6 +147,16 @@ class Measure:
         """Return the SI unit of the measure if its channels have the SI unit `channel`."""
         own = self.function_unit if self.function else statistic(self.statistic).unit
         return own or channel
+
+    def signals(self, run: Filtered, *, start: float = -np.inf) -> Array:
+        """Return the signals (C, N) of which the measure is computed: the sum of its channels, or each of them.
+
+        Args:
+            run: The run, with cached filtered channels.
+            start: End of the settling time [s].
+        """
+        rows = self._rows(run, start)
+        return rows if self.statistic in _APART else rows.sum(axis=0, keepdims=True)
 
     def _rows(self, run: Filtered, start: float) -> Array:
         """Return the channels (C, N): filtered, restricted to the window, weighted."""

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
+from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
 from cosim.study.study import Study, Term
@@ -51,6 +52,8 @@ class Provenance:
         tool_version: Version of eightpost.
         measure_units: SI unit of every measure.
         models: Range of validity that each FMU states (Validity), by file; None if it states none.
+        above_band: Power of each measure above the band in which the vehicle was identified, in the run of the
+            baseline or else of the first setup, by measure; empty if the vehicle states no band.
     """
 
     digest: str
@@ -60,6 +63,7 @@ class Provenance:
     measure_units: Mapping[str, str]
     tool_version: str = __version__
     models: Mapping[str, Any] = field(default_factory=dict)
+    above_band: Mapping[str, AboveBand] = field(default_factory=dict)
 
 
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)

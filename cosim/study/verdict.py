@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from cosim.results.rules import LARGEST_ERROR
-from cosim.results.validity import MODEL_UNKNOWN
+from cosim.results.validity import MODEL_UNKNOWN, NOTABLE_POWER
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 from eightpost.validity import Validity
@@ -82,6 +82,19 @@ NO_MEANS = Rule(
     why="measures that depend on a mean are omitted",
     remedy="compare setups by the other measures",
 )  # fmt: skip
+ABOVE_BAND = Rule(
+    "measures above the identified band", "band of the vehicle", Grade.LIMITED,
+    condition=f"more than {100 * NOTABLE_POWER:g} % of a measure's power is above the frequencies for which the "
+    "vehicle was identified, in the run of the baseline or else of the first setup",
+    why="there, the vehicle is an extrapolation, and the study ranks setups by it",
+    remedy="end the measure's band there (band in the study file), or identify from tests with more power above",
+)  # fmt: skip
+WITHIN_BAND = Rule(
+    "measures within the identified band", "band of the vehicle", Grade.USABLE,
+    condition="the power of every measure above these frequencies is within that limit",
+    why="the ranking depends on the identified band",
+    remedy="nothing",
+)  # fmt: skip
 
 RULES: tuple[Rule, ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Rule) and value is not MODEL_UNKNOWN
@@ -90,7 +103,7 @@ RULES: tuple[Rule, ...] = tuple(
 
 def study_verdict(result: StudyResult) -> Verdict:
     """Return the verdict on a study."""
-    return Verdict((*_setups(result), *_marks(result), *_coupling(result), *_models(result)))
+    return Verdict((*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result)))
 
 
 def _setups(result: StudyResult) -> Iterator[Reason]:
@@ -138,6 +151,20 @@ def _coupling(result: StudyResult) -> Iterator[Reason]:
     rule = SMALL_ERROR if not above else LARGE_ERROR if at_best.max(initial=0.0) > LARGEST_ERROR else NOTABLE_ERROR
     statement = "coupling errors are small" if rule is SMALL_ERROR else "a coupling error is above the target"
     yield rule.reason(statement, figure=figure, origin=f"setup {numbers[worst]}")
+
+
+def _band(result: StudyResult) -> Iterator[Reason]:
+    """Yield which measures depend on frequencies above the band in which the vehicle was identified."""
+    shares = result.provenance.above_band
+    if not shares:
+        return
+    above = {name: one for name, one in shares.items() if one.share > NOTABLE_POWER}
+    listed_ones = above or dict([max(shares.items(), key=lambda pair: pair[1].share)])
+    figure = ", ".join(f"{name} {one.share:.0%} above {one.high:.3g} Hz" for name, one in listed_ones.items())
+    rule = ABOVE_BAND if above else WITHIN_BAND
+    statement = "the study ranks what lies above the identified band" if above else "measures lie within the band"
+    origin = f"{len(above)} of {len(shares)} measures of {result.study.vehicle.name}"
+    yield rule.reason(statement, figure=f"{figure}; limit {NOTABLE_POWER:.0%} of the power", origin=origin)
 
 
 def _models(result: StudyResult) -> Iterator[Reason]:

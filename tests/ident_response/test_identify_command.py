@@ -62,7 +62,9 @@ def test_decisions_are_printed(done: tuple[Result, Path]) -> None:
         "the loop is stable",
         "states from",
         "uncertainty of the worst output",
-        "standard deviation, N",
+        "friction at the ports",
+        "Estimator: local polynomials",
+        "The model was fitted up to",
     ):
         assert said in " ".join(done[0].output.split()), said
 

@@ -184,6 +184,8 @@ def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
     yield "Target coupling error", f"{study.accuracy:g} % of each signal's standard deviation"
     yield "Record step of the measured signals", f"{1e3 * study.record_step:g} ms"
     yield from _settings(result.provenance.settings)
+    for name, one in result.provenance.above_band.items():
+        yield f"Power of {name} above {one.high:.3g} Hz, where the vehicle was not identified", f"{one.share:.1%}"
     yield "Total wall time of all runs", f"{np.nansum(seconds):.4g} s"
     yield "Digest of the study", result.provenance.digest
     yield "Computed by", f"eightpost {result.provenance.tool_version}"

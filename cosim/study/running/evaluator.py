@@ -19,6 +19,7 @@ from cosim.results.result import Result
 from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
+from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
@@ -226,6 +227,25 @@ class Evaluator:
             "coupling_error_percent": None if coupling.errors is None else worst,
             "marks": "; ".join(marks),
         }
+
+    def above_band(self, coupling: Coupling) -> dict[str, AboveBand]:
+        """Return the power of each measure above the band in which the vehicle was identified, by measure.
+
+        It is that of the baseline, or else of the first setup; empty if the vehicle states no band, or the run fails.
+        """
+        study, validity = self.study, self._vehicle.validity
+        ends = band_ends(validity and validity.to_json(), study.vehicle.name)
+        if not ends:
+            return {}
+        setup = study.baseline_setup or study.space.setup(int(study.space.indices[0]))
+        found: dict[str, AboveBand] = {}
+        for drive in study.drives:
+            try:
+                run = Filtered(self.run(setup, drive, coupling).series)
+            except EightpostError:
+                continue  # the setup's row states the reason
+            found |= above_band(run, study.measures_of(drive), ends, study.settling)
+        return found
 
     def measured(self, result: Result, drive: Drive) -> dict[str, float]:
         """Return the values of the measures of a run on a drive, in SI."""

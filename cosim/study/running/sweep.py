@@ -10,6 +10,7 @@ from threading import Event
 
 from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
+from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure, own_function
 from cosim.study.result import Provenance, StudyResult, in_order, result_table, study_schema
 from cosim.study.running.chunks import ChunkFolder, cut, file_digests, study_digest
@@ -143,6 +144,7 @@ class Sweep:
         self._models = {file: fmu.validity and fmu.validity.to_json() for file, fmu in fmus.items()}
         self.digest = study_digest(study, self._digests)
         self._schema = study_schema(study, self._units)
+        self._above_band: dict[str, AboveBand] | None = None
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
         self.chunks = cut(study)
 
@@ -198,7 +200,10 @@ class Sweep:
     def _provenance(self, coupling: Coupling) -> Provenance:
         kept = json.loads(json.dumps(asdict(coupling)))  # in the form that a file has
         settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
-        return Provenance(self.digest, self._guids, self._digests, settings, self._units, models=self._models)
+        if self._above_band is None:
+            self._above_band = Evaluator(self.study).above_band(coupling)
+        return Provenance(self.digest, self._guids, self._digests, settings, self._units,
+                          models=self._models, above_band=self._above_band)  # fmt: skip
 
 
 def run_study(

@@ -1,4 +1,4 @@
-"""Test for nonlinear springs at the ports."""
+"""Nonlinear springs at the ports: their test, and the coefficient of the port springs that represent them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ import numpy as np
 from eightpost.corners import channel
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import bands, solve_forces
+from eightpost.ident.vehicle.projection import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
+
+#: Sentences on the springs of a model.
+_LINEAR = "The model has linear springs; it is valid for travel as in the tests."
+MODELLED = "The vehicle has these forces at its ports (k2 d^2)."
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +33,7 @@ class SpringSearch:
     seconds: float = 100.0
     low: float = 0.3
     high: float = 16.0
-    iterations: int = 2
+    iterations: int = 4
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
         """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
@@ -45,7 +49,8 @@ class SpringSearch:
         if not all(channel(port, "displacement") in test for test in tests for port in experiment.ports):
             return {}
         samples = round(self.seconds * tests[0].sample_rate)
-        marked = [_with_squares(test, experiment.ports, samples) for test in tests]
+        sizes = mean_squares(tests[0], experiment.ports)
+        marked = [_with_squares(test, sizes, samples) for test in tests]
         squares = [channel(port, "travel_squared") for port in experiment.ports]
         records = gather(marked, [*experiment.inputs, *squares], experiment.outputs, experiment.baseline_damping)
         count = len(experiment.inputs)
@@ -55,25 +60,52 @@ class SpringSearch:
         return found.estimates(experiment.ports)
 
 
-def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate]) -> str | None:
-    """Return a sentence on the nonlinear springs, or None if no force is significant."""
+def mean_squares(series: TimeSeries, ports: Sequence[str]) -> dict[str, float]:
+    """Return the mean square of every port's travel about its mean [m2]."""
+    return {port: max(float(np.var(series[channel(port, "displacement")])), 1e-300) for port in ports}
+
+
+def port_springs(
+    springs: Mapping[str, ForceEstimate], tests: Sequence[TimeSeries], ports: Sequence[str]
+) -> dict[str, float]:
+    """Return the coefficient k2 [N/m2] of the ports' springs `k2 d^2` whose force is significant, by port.
+
+    Args:
+        springs: Estimate of `SpringSearch`.
+        tests: Records of the estimate.
+        ports: Ports of the car.
+    """
+    found = {port: force.value for port, force in springs.items() if force.is_significant}
+    sizes = mean_squares(tests[0], [port for port in ports if port in found])
+    return {port: found[port] / size for port, size in sizes.items()}
+
+
+def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str = _LINEAR) -> str | None:
+    """Return a sentence on the nonlinear springs, or None if no force is significant.
+
+    Args:
+        springs: Estimate of `SpringSearch`.
+        held: Sentence on the springs of the model.
+    """
     found = {port: force for port, force in springs.items() if force.is_significant}
     if not found:
         return None
     listed = ", ".join(f"{port or 'port'} {f.text}" for port, f in found.items())
     return (
         "Springs or stops are not linear. Forces that grow with the square of the travel, at the RMS travel (+- two "
-        f"standard deviations): {listed}. The model has linear springs; it is valid for travel as in the tests."
+        f"standard deviations): {listed}. {held}"
     )
 
 
-def _with_squares(series: TimeSeries, ports: Sequence[str], samples: int) -> TimeSeries:
-    """Return the first samples of a record with `(s / s_rms)^2` of every port in the channel `travel_squared`."""
+def _with_squares(series: TimeSeries, sizes: Mapping[str, float], samples: int) -> TimeSeries:
+    """Return the first samples of a record with `s^2 / s_rms^2` of every port in the channel `travel_squared`.
+
+    The mean squares `sizes` [m2] are the same for all records, so that one force belongs to all of them.
+    """
     if len(series) > samples:
         series = series.window(float(series.time[0]), float(series.time[samples]))
-    for port in ports:
+    for port, size in sizes.items():
         travel = series[channel(port, "displacement")]
-        travel = travel - travel.mean()
-        squared = np.square(travel) / max(float(np.mean(np.square(travel))), 1e-300)
+        squared = np.square(travel - travel.mean()) / size
         series = series.with_channel(channel(port, "travel_squared"), "1", squared)
     return series

@@ -12,6 +12,7 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, write_response
+from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 
@@ -47,6 +48,7 @@ class VehicleFit:
             if the recipe does not give them.
         trust: Uncertainty, friction, flags and choice of the order; None if the recipe does not give them.
         parameters: Physical parameters with 95 % intervals; empty if the recipe has none.
+        choice: Choice of the recipe by a left-out test; None if the user named the recipe.
     """
 
     vehicle: IdentifiedVehicle
@@ -59,6 +61,7 @@ class VehicleFit:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     trust: Trust | None = None
     parameters: tuple[FittedParameter, ...] = ()
+    choice: RecipeChoice | None = None
 
     @property
     def sources(self) -> Mapping[str, str]:
@@ -103,6 +106,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
         "trust": None if fit.trust is None else fit.trust.as_json(),
         "parameters": [parameter._asdict() for parameter in fit.parameters],
+        "choice": None if fit.choice is None else fit.choice.as_json(),
     }
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -134,6 +138,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
             None if content.get("trust") is None else Trust.of_json(content["trust"]),
             tuple(FittedParameter(**row) for row in content.get("parameters", [])),
+            None if content.get("choice") is None else RecipeChoice.of_json(content["choice"]),
         )
     except MALFORMED as error:
         what = f"is not a complete fit as this version writes it ({error}); identify again"

@@ -145,10 +145,17 @@ FLAG = Rule(
     remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
 )  # fmt: skip
 
+CHOSEN = Rule(
+    "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
+    condition="the recipe was chosen by the error of its free-running simulation of a test that it left out",
+    why="the error is that of a prediction, not of a fit",
+    remedy="nothing; --recipe names another one",
+)  # fmt: skip
+
 RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 #: Flags that need no reason, because the model includes the effect.
-_MODELLED = ("friction",)
+_MODELLED = ("friction", "port springs")
 
 
 def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
@@ -173,13 +180,18 @@ def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     statement = "the model reproduces its tests" if rule is GOOD else "the model does not reproduce its tests well"
     figure = f"{worst} {100 * value:.1f} %; limits {100 * GOOD_FIT:g} and {100 * POOR_FIT:g} %"
     yield rule.reason(statement, figure=figure, origin=origin)
+    if fit.choice is not None and fit.choice.trials:
+        yield CHOSEN.reason(fit.choice.reason, figure=fit.choice.figures, origin=origin)
     for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
         if name not in _MODELLED:
             yield FLAG.reason("the car is not fully linear", figure=sentence.rstrip("."), origin=origin)
 
 
 def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
-    """Yield the amplitude ranges of the model's channels and the fitted band for every shock velocity."""
+    """Yield the amplitude ranges of the model's channels, and the fitted band for every output.
+
+    The band of a velocity has a lower end; other outputs may be static.
+    """
     units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
     for name, (low, high) in ranges.items():
         if name in units:
@@ -187,5 +199,5 @@ def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Ite
     if "frequency" in ranges:
         low, high = ranges["frequency"]
         for channel in model.outputs:
-            if channel.name.rpartition(".")[2] == "velocity":
-                yield Range(channel.name, "frequency", low, high, "Hz")
+            moves = channel.name.rpartition(".")[2] == "velocity"
+            yield Range(channel.name, "frequency", low if moves else 0.0, high, "Hz")

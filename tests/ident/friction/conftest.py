@@ -14,13 +14,14 @@ from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
 COULOMB = convert(15.0, "lbf", "N")
+STIFFNESS = convert(4000.0, "lbf/in", "N/m")
 BASELINE, ALTERNATE = (convert(rate, "lbf/(in/s)", "N.s/m") for rate in (17.5, 8.0))
 
 
 def rubbing_car(coulomb: float, progression: float = 0.0) -> Car:
     """Return the quarter car with a bristle of a sliding force [N] and a spring of a progression [1/m]."""
     one, car = np.ones((1, 1)), quarter_truth()
-    stiffness = convert(4000.0, "lbf/in", "N/m") * max(coulomb / COULOMB, 1e-9)
+    stiffness = STIFFNESS * max(coulomb / COULOMB, 1e-9)
     springs = replace(car.springs, progression=progression * one)
     return replace(car, friction=Friction(coulomb * one, 1.1 * coulomb * one, stiffness * one), springs=springs)
 

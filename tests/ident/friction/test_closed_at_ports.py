@@ -8,7 +8,7 @@ from eightpost.ident.validation.rig_record import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionSearch
+from eightpost.ident.vehicle.friction_search import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve
@@ -39,7 +39,7 @@ def unseen() -> RigTest:
 @pytest.fixture(scope="module")
 def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
     """Return the vehicle identified from the tests with friction."""
-    search = FrictionSearch(velocities=(0.01,))
+    search = FrictionSearch(velocities=(0.01,), reaches=())
     return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
 
 

@@ -11,7 +11,7 @@ from eightpost.ident.response import LocalPolynomial
 from eightpost.ident.vehicle.common_poles import CommonPoleFit
 from eightpost.ident.vehicle.common_poles.deviations import Excitation
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionSearch
+from eightpost.ident.vehicle.friction_search import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.trust import ForceEstimate, Trust
@@ -51,7 +51,7 @@ def test_records_without_travel_give_no_result_on_springs(smooth: list[TimeSerie
 
 
 def _explained(tests: list[TimeSeries], experiment: Experiment) -> Trust:
-    search = FrictionSearch(velocities=(0.01,))
+    search = FrictionSearch(velocities=(0.01,), reaches=())
     trust = CommonPoles(friction=search, samples=6).identify(tests, experiment).trust
     assert trust is not None
     return trust

@@ -181,6 +181,9 @@ _EXPLAINED = 1.1
 #: Ratio of the rate of the road lags to the upper end of the band [1].
 _FAST = 20.0
 
+#: Ratio of the natural frequency of a block to the upper end of the band from which the block is removed [1].
+_FAST_BLOCK = 5.0
+
 #: Number of frequencies at which models of increasing order are compared.
 _STUDIED = 100
 
@@ -230,13 +233,18 @@ class CommonPoleFit:
         study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
         found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
         refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
-        return _model(response, joined, points, refined, _Start(study, mirrored, found.cost))
+        return _model(response, joined, points, refined, _Start(study, mirrored, found.cost, found.blocks.states))
 
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
     ) -> RefinementResult:
-        """Return the model without lags if it explains the response, else the better of those without and with lags."""
-        refined = self.refinement.refine(points, blocks, plain)
+        """Return the model without lags if it explains the response, else the better of those without and with lags.
+
+        Blocks far above the band are removed first: they imitate lags and direct terms in the band, and beyond it they
+        give responses that grow without limit.
+        """
+        slow = blocks.slower_than(_FAST_BLOCK * 2.0 * np.pi * self.high)
+        refined = self.refinement.refine(points, slow, plain)
         excess = np.sqrt(refined.solution.cost / points.known.sum())
         if not self.lags or excess < _EXPLAINED or not lagged.any():
             return refined
@@ -255,11 +263,13 @@ class _Start:
         study: Comparison of models of increasing order.
         mirrored: Number of poles of the start model that were unstable and were mirrored.
         cost: Sum of squares of the weighted misfit of the start model.
+        order: Number of states of the start model.
     """
 
     study: OrderStudy
     mirrored: int
     cost: float
+    order: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,18 +307,21 @@ class CommonPoleModel:
     def orders(self) -> Orders:
         """The choice of the number of states, with the poles of all orders."""
         study = self.start.study
-        return Orders(study.candidates, self.order, study.clear and self.order == study.suggested, self.band[1])
+        return Orders(study.candidates, self.order, study.clear and self.start.order == study.suggested, self.band[1])
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the search for the user, one sentence each."""
         study, notes = self.start.study, []
-        if not study.clear and self.order == study.suggested:
+        if not study.clear and self.start.order == study.suggested:
             notes.append(
-                f"The singular values have no clear gap; {self.order} states give the minimum description length."
+                f"The singular values have no clear gap; {self.start.order} states give the minimum description length."
             )
-        if self.order != study.suggested:
-            notes.append(f"{self.order} states were requested; {study.suggested} are suggested.")
+        removed = self.start.order - self.order
+        if self.start.order != study.suggested:
+            notes.append(f"{self.start.order} states were requested; {study.suggested} are suggested.")
+        if removed:
+            notes.append(f"{removed} states with natural frequencies far above the band were removed.")
         if self.start.mirrored:
             notes.append(
                 f"{self.start.mirrored} unstable poles of the start model were mirrored before the refinement."

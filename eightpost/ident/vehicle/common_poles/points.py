@@ -81,6 +81,9 @@ def _columns(weight: Array, direct: NDArray[np.intp], lagged: NDArray[np.intp], 
 #: Lower limit of the damping ratio of a block [1].
 _LIGHTEST = 1e-6
 
+#: Distance of two poles of a block, relative to their size, below which they count as a double pole [1].
+_DOUBLE = 1e-6
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
@@ -134,6 +137,11 @@ class Blocks:
         response = np.einsum("nabk,nbj->najk", self.resolvent(s), self.B)
         return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
 
+    def slower_than(self, rate: float) -> Blocks:
+        """Return the blocks with a natural frequency below `rate` [1/s], or all of them if no block is that slow."""
+        slow = self.w < rate
+        return Blocks(self.w[slow], self.zeta[slow], self.B[slow]) if slow.any() else self
+
     def normalised(self) -> Blocks:
         """Return the same poles with the input matrix of every block scaled to norm 1."""
         size = np.linalg.norm(self.B, axis=(1, 2), keepdims=True)
@@ -153,8 +161,10 @@ def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
         rate = np.sqrt(product)
         w.append(rate)
         zeta.append(max(-0.5 * total / rate, _LIGHTEST))
-        # Modal coordinates of the block: x = T (z1, z2) with rows (1, 1) and (lambda1, lambda2) / w.
-        T = np.array([[1.0, 1.0], [poles[first] / rate, poles[second] / rate]])
+        # Modal coordinates of the block: x = T (z1, z2) with rows (1, 1) and (lambda1, lambda2) / w. Two equal poles,
+        # as at a limit of the subspace method, have no such coordinates; the refinement moves them.
+        apart = abs(poles[first] - poles[second]) > _DOUBLE * rate
+        T = np.array([[1.0, 1.0], [poles[first] / rate, poles[second] / rate * (1.0 if apart else 1.0 + _DOUBLE)]])
         outputs.append(np.real(C[:, [first, second]] @ np.linalg.inv(T)))
     return Blocks(np.array(w), np.array(zeta), np.zeros((len(w), 2, 0))), np.concatenate(outputs, axis=1)
 

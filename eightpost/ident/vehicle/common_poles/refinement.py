@@ -117,6 +117,10 @@ def with_integrals(model: StateSpace, outputs: Sequence[Channel]) -> StateSpace:
 #: Limits of the damping of a step [1].
 _MIN_DAMPING, _MAX_DAMPING = 1e-9, 1e8
 
+#: Smallest damping ratio of any mode, and largest one that a mode above the band must have [1]. A car with its dampers
+#: has no mode below the first; the fit gives one to a mode that only follows rounding.
+_LEAST, _BEYOND = 2e-3, 0.7
+
 #: Mean square misfit, in squared standard deviations, below which the fit is exact [1].
 _EXACT = 1e-12
 
@@ -188,11 +192,13 @@ class Refinement:
 
     def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""
-        best, damping = evaluate(points, start.normalised(), through), 1e-3
+        fastest = float(np.abs(points.s).max())
+        best, damping = evaluate(points, sufficiently_damped(start, fastest).normalised(), through), 1e-3
         for iteration in range(self.max_iterations):
             slope = curvature(points, best)
             while True:
-                tried = evaluate(points, _stepped(best.blocks, slope.step(damping)), through)
+                moved = sufficiently_damped(_stepped(best.blocks, slope.step(damping)), fastest)
+                tried = evaluate(points, moved, through)
                 if tried.cost < best.cost or damping > _MAX_DAMPING:
                     break
                 damping *= 10.0
@@ -283,6 +289,22 @@ def _add_row(gradient: Array, matrix: Array, slopes: _Slopes, row: Row) -> None:
 
 def _real(values: Complex) -> Array:
     return np.concatenate((values.real, values.imag), axis=-1)
+
+
+def sufficiently_damped(blocks: Blocks, fastest: float) -> Blocks:
+    """Return the blocks with at least a damping ratio of `(w / w_max - 1) / 2`, at most 0.7, above the fitted band.
+
+    In the band the damping ratio is at least 0.002.
+
+    The response in the band hardly depends on the damping of a mode beyond it. Without this limit such a mode may ring
+    in simulations, or be unstable with other shocks.
+
+    Args:
+        blocks: Poles and inputs.
+        fastest: Highest angular frequency w_max of the band [1/s].
+    """
+    least = np.clip(0.5 * (blocks.w / fastest - 1.0), _LEAST, _BEYOND)
+    return replace(blocks, zeta=np.maximum(blocks.zeta, least))
 
 
 def _stepped(blocks: Blocks, step: Array) -> Blocks:

@@ -25,8 +25,8 @@ from eightpost.vehicle import Bristle
 #: Integration steps per second, at least [Hz].
 STEP_RATE = 1250.0
 
-#: Number of states: coordinates, velocities, accelerations, bristles.
-_STATES = 28
+#: Number of states: coordinates, velocities, accelerations, bristles, accelerations one step before.
+_STATES = 36
 
 #: Friction of the family, of which force and reach are fitted: Stribeck velocity [m/s], static over sliding force.
 BRISTLE = Bristle(static_ratio=1.15, stribeck_velocity=0.01)
@@ -184,7 +184,9 @@ class GreyBoxCar:
         InputError: The experiment is not that of a car with four corners.
     """
 
-    state_sizes = np.concatenate([np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.full(4, 1e-4)])
+    state_sizes = np.concatenate(
+        [np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.full(4, 1e-4), np.full(8, 10.0)]
+    )
 
     def __init__(self, experiment: Experiment, names: Sequence[str], static: Array) -> None:
         if experiment.ports != CORNERS:
@@ -193,7 +195,7 @@ class GreyBoxCar:
         self._baseline = np.array([experiment.baseline_damping[c] for c in CORNERS])
 
     def start(self, values: Array) -> Array:
-        """Return the states at rest (K, 28)."""
+        """Return the states at rest (K, 36)."""
         return np.zeros((len(values), _STATES))
 
     def run(self, values: Array, states: Array, inputs: Array, rate: float) -> tuple[Array, Array]:
@@ -262,12 +264,21 @@ def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> 
 
 
 def _finer(inputs: Array, rate: float, every: int) -> Array:
-    """Return roads, road velocities, loads and port forces (N every + 1, 12 + A), interpolated without aliases."""
+    """Return roads, road velocities, loads and port forces (N every + 1, 12 + A), interpolated without aliases.
+
+    The road velocity is the derivative of the interpolated road: differences between samples would be too small at high
+    frequencies.
+    """
     count = len(inputs) - 1
-    line = np.linspace(0.0, 1.0, count)[:, None] * (inputs[count - 1] - inputs[0]) + inputs[0]
-    fine = resample(inputs[:count] - line, count * every) if every > 1 else inputs[:count] - line
-    ramp = np.arange(count * every)[:, None] / max((count - 1) * every, 1)
-    fine = fine + inputs[0] + ramp * (inputs[count - 1] - inputs[0])
-    fine = np.vstack([fine, fine[-1:]])
-    slopes = np.gradient(fine[:, :4], 1.0 / (rate * every), axis=0)
-    return np.ascontiguousarray(np.hstack([fine[:, :4], slopes, fine[:, 4:]]))
+    rise = (inputs[count - 1] - inputs[0]) / max(count - 1, 1)
+    waves = inputs[:count] - inputs[0] - np.arange(count)[:, None] * rise
+    spectra = np.fft.rfft(waves[:, :4], axis=0)
+    turns = 2j * np.pi * np.fft.rfftfreq(count, 1.0 / rate)[:, None]
+    slopes = _resampled(np.fft.irfft(turns * spectra, count, axis=0), every) + rise[:4] * rate
+    fine = _resampled(waves, every) + inputs[0] + np.arange(count * every)[:, None] / every * rise
+    whole = np.hstack([fine[:, :4], slopes, fine[:, 4:]])
+    return np.ascontiguousarray(np.vstack([whole, whole[-1:]]))
+
+
+def _resampled(values: Array, every: int) -> Array:
+    return np.asarray(resample(values, len(values) * every), dtype=np.float64) if every > 1 else values

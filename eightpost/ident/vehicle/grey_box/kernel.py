@@ -1,9 +1,10 @@
 """Compiled steps of the grey-box car for many sets of parameters.
 
-    q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
+    q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h (3/2 a - 1/2 a-)),  v+ = v + h/2 (a + a+)
 
-The step is of second order and needs one evaluation of the forces. The bristle of the friction is exact for the mean
-velocity of a step.
+with the acceleration a- one step before. The step is of second order and needs one evaluation of the forces. The
+velocity that it predicts is of third order: a predictor v + h a would act like additional damping. The bristle of the
+friction is exact for the mean velocity of a step.
 """
 
 from __future__ import annotations
@@ -62,14 +63,14 @@ def _compile(function: Callable[..., Any]) -> Any:
 
 @_compile
 def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, outputs: Array) -> None:
-    """Fill outputs (K, N, Y) and move states (K, 28) of q, q', q'' and bristles to the end.
+    """Fill outputs (K, N, Y) and move states (K, 36) of q, q', q'', bristles, q'' one step before to the end.
 
     Args:
         numbers: Arrays of the cars, see `Numbers`.
         inputs: Roads, road velocities, loads, port forces minus baseline damping (N every + 1, 12 + A).
         step: Step [s].
         every: Steps per sample.
-        states: States at the start (K, 28).
+        states: States at the start (K, 36).
         outputs: Outputs to fill.
     """
     dofs = 8
@@ -77,7 +78,8 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
     forces = np.zeros(12 + loads)
     guess, ports = np.zeros(dofs), np.zeros(4)
     for run in range(states.shape[0]):
-        q, v, a, z = states[run, :8], states[run, 8:16], states[run, 16:24], states[run, 24:]
+        q, v, a, z = states[run, :8], states[run, 8:16], states[run, 16:24], states[run, 24:28]
+        earlier = states[run, 28:]
         shock, spring, push = numbers.shock[run], numbers.spring[run], numbers.push[run]
         stiffness, damping = numbers.stiffness[run], numbers.damping[run]
         for c in range(4):
@@ -88,7 +90,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             drive = inputs[k + 1]
             for i in range(dofs):
                 q[i] += step * (v[i] + 0.5 * step * a[i])
-                guess[i] = v[i] + step * a[i]
+                guess[i] = v[i] + step * (1.5 * a[i] - 0.5 * earlier[i])
             for c in range(4):
                 speed, way = _dot(shock[c], guess), _dot(spring[c], q)
                 law = numbers.friction[run, c]
@@ -102,7 +104,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
             for i in range(dofs):
                 new = _dot(push[i], forces) + _dot(stiffness[i], q) + _dot(damping[i], guess)
                 v[i] += 0.5 * step * (a[i] + new)
-                a[i] = new
+                earlier[i], a[i] = a[i], new
             for c in range(4):
                 ports[c] = _dot(shock[c], v)
             if k % 500 == 0 and not abs(q[0]) < 1e3:
@@ -112,7 +114,7 @@ def march(numbers: Any, inputs: Array, step: float, every: int, states: Array, o
 
 @_compile
 def _observe(numbers: Any, run: int, drive: Array, state: Array, outputs: Array) -> None:
-    """Fill the outputs (Y,) of a state (28,)."""
+    """Fill the outputs (Y,) of a state (36,)."""
     q, v, a, tires = state[:8], state[8:16], state[16:24], np.empty(4)
     for c in range(4):
         tires[c] = _tire(numbers.tires[run, c], drive[c] - q[4 + c], drive[4 + c] - v[4 + c])

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from time import process_time
+from typing import NamedTuple
 
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response, gather
+from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.records import Records
+from eightpost.ident.vehicle.band import CoherentBand, SupportedBand
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
@@ -15,16 +20,21 @@ from eightpost.ident.vehicle.common_poles import (
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction import FrictionEstimate, FrictionSearch, with_friction
+from eightpost.ident.vehicle.free_running import fault_in_simulation
+from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
 from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
 from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
-from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
+from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle
+from eightpost.vehicle import Friction, IdentifiedVehicle
+
+#: Shares of the band that are tried one after the other, if a model cannot be used [1].
+_SHARES = (1.0, 0.65)
 
 #: Note on a vehicle that cannot be simulated with the shocks of its own tests.
 _NOT_SIMULATED = (
@@ -34,19 +44,25 @@ _NOT_SIMULATED = (
 
 @dataclass(frozen=True, slots=True)
 class CommonPoles:
-    """Recipe that estimates friction at the ports, the local polynomial response around it, and a common-pole model.
+    """Recipe that estimates the laws of the ports, the response around them, and a common-pole model of that response.
+
+    The laws are friction that sticks or creeps, whichever explains more, and springs that are not linear. The vehicle
+    has exactly the laws that the response was estimated with. If it is unstable or fails in a simulation, simpler laws
+    are tried.
 
     Attributes:
         estimate: Method of estimating the response.
-        fit: Settings of the model fit.
+        fit: Settings of the model fit. The upper end of its band is replaced by that of `band`.
+        band: Criterion for the upper end of the band; None uses that of `fit`.
         friction: Settings of the friction estimate; None assumes ports without friction.
-        springs: Settings of the test for nonlinear springs, which are reported and not modelled; None skips the test.
+        springs: Settings of the estimate of nonlinear springs; None assumes linear springs.
         samples: Number of models with resampled noise that give the standard deviations; 0 gives none.
         model_form: Settings of the uncertainty of measures on other drives; None gives none. It needs `samples`.
     """
 
-    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
+    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(half_width=0.05, spacing=0.1, high=32.0))
     fit: CommonPoleFit = field(default_factory=CommonPoleFit)
+    band: CoherentBand | None = field(default_factory=CoherentBand)
     friction: FrictionSearch | None = field(default_factory=FrictionSearch)
     springs: SpringSearch | None = field(default_factory=SpringSearch)
     samples: int = 8
@@ -64,58 +80,103 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        friction = None if self.friction is None else self.friction.find(tests, experiment)
-        laws = {} if friction is None else {port: law for port, law in friction.friction.items() if law.force > 0.0}
-        corrected = [with_friction(test, laws) for test in tests]
-        response = self._response(corrected, experiment)
-        found = self.fit.fit(response)
+        car, failed = self._usable_car(tests, experiment)
+        return self._identification(car, tests, experiment, (started, failed))
+
+    def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
+        """Return the vehicle without its uncertainty, which takes less time.
+
+        Raises:
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
+            TooShortError: The records have too few frequency bins.
+        """
+        return self._usable_car(tests, experiment)[0].vehicle
+
+    def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...]]:
+        """Return the first car that can be simulated, or else the first one, and notes on those that were rejected."""
+        failed: list[str] = []
+        first: _Car | None = None
+        for laws, share in product(self._port_laws(tests, experiment), _SHARES):
+            car = self._car(tests, experiment, laws, share)
+            fault = fault_in_simulation(car.vehicle, tests)
+            if fault is None:
+                return car, tuple(failed)
+            failed.append(f"A model with {laws.text} up to {car.found.band[1]:.3g} Hz was rejected: {fault}.")
+            first = first or car
+        assert first is not None
+        return first, (*failed, "No model could be used; the first one was kept.")
+
+    def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
+        """Yield the laws of the ports, the best first, then simpler ones."""
+        searches = [self.friction] if self.friction is not None else []
+        for search in searches:
+            friction = search.find(tests, experiment)
+            laws = _PortLaws.of(friction)
+            springs = {} if self.springs is None else self.springs.find(laws.added_to(tests), experiment)
+            stiff = port_springs(springs, tests, experiment.ports)
+            if stiff:
+                yield laws.with_springs(springs, stiff)
+            yield replace(laws, springs=springs)
+            if friction.sticks:
+                searches.append(search.creeping)
+        plain = _PortLaws.of(None)
+        springs = {} if self.springs is None or self.friction is not None else self.springs.find(tests, experiment)
+        yield replace(plain, springs=springs)
+
+    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float = 1.0) -> _Car:
+        """Return the car for the laws of the ports, fitted in the lower `share` of the band."""
+        response = self._response(laws.added_to(tests), experiment)
+        supported = None if self.band is None else self.band.of(response)
+        fit = replace(self.fit, high=share * (self.fit.high if supported is None else supported.high))
+        found = fit.fit(response)
         vehicle = IdentifiedVehicle(
             experiment.name,
             found.model,
             experiment.baseline_damping,
             experiment.static,
             experiment.sources,
-            laws,
+            laws.of_ports,
         )
+        return _Car(vehicle, found, response, laws, supported)
+
+    def _identification(
+        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, before: tuple[float, tuple[str, ...]]
+    ) -> Identification:
+        """Return the result for a car, given the time at the start and notes on the cars that were rejected."""
+        found, laws, friction = car.found, car.laws, car.laws.friction
+        started, failed = before
         outputs = self._outputs(found, tests, experiment, friction)
-        measures = self._measures(vehicle, found, tests, corrected, experiment, outputs)
+        measures = self._measures(car, tests, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
-        stability = closed_loop_stability(vehicle)
-        springs = {} if self.springs is None else self.springs.find(corrected, experiment)
-        flags = _flags(friction, springs) | unmodelled(response, found, tests, experiment.means)
+        stability = closed_loop_stability(car.vehicle)
+        flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
+        unused = friction is not None and not friction.acts
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
+            *(() if car.supported is None else (car.supported.summary(),)),
+            *failed,
+            input_noise(_gathered(laws.added_to(tests), experiment), found.band).summary(self.estimate),
             *found.notes,
-            *(
-                ("No significant friction was found at the ports.",)
-                if friction is not None and not friction.acts
-                else ()
-            ),
+            *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
             *((_NOT_SIMULATED,) if outputs and self.model_form is not None and not measures else ()),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
-        fit = VehicleFit(
-            vehicle,
-            "common-poles",
-            response,
-            found.residual,
-            notes,
-            process_time() - started,
-            stability.stable,
-            ranges.as_mapping(),
-            Trust(
-                outputs,
-                {} if friction is None else friction.forces,
-                springs,
-                flags,
-                found.orders,
-                self.samples,
-                measures,
-            ),
+        trust = Trust(
+            outputs,
+            {} if friction is None else friction.forces,
+            laws.springs,
+            flags,
+            found.orders,
+            self.samples,
+            measures,
         )
-        return Identification(fit, found, response, friction, ranges)
+        fit = VehicleFit(
+            car.vehicle, "common-poles", car.response, found.residual, notes, process_time() - started,
+            stability.stable, ranges.as_mapping(), trust,
+        )  # fmt: skip
+        return Identification(fit, found, car.response, friction, ranges)
 
     def _outputs(
         self,
@@ -130,23 +191,18 @@ class CommonPoles:
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
     def _measures(
-        self,
-        vehicle: IdentifiedVehicle,
-        found: CommonPoleModel,
-        tests: Sequence[TimeSeries],
-        corrected: Sequence[TimeSeries],
-        experiment: Experiment,
-        outputs: Mapping[str, OutputTrust],
+        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, outputs: Mapping[str, OutputTrust]
     ) -> dict[str, MeasureUncertainty]:
-        """Return the uncertainty of measures on other drives; `corrected` are the tests with friction."""
+        """Return the uncertainty of measures on other drives."""
         if self.model_form is None or not outputs:
             return {}
+        found, corrected = car.found, car.laws.added_to(tests)
 
         def refit(kept: Sequence[int]) -> IdentifiedVehicle:
             response = self._response([corrected[k] for k in kept], experiment)
-            return replace(vehicle, state_space=refitted(found, response, floor=self.fit.floor))
+            return replace(car.vehicle, state_space=refitted(found, response, floor=self.fit.floor))
 
-        return self.model_form.uncertainty(vehicle, tests, experiment, found.band, refit=refit, outputs=outputs)
+        return self.model_form.uncertainty(car.vehicle, tests, experiment, found.band, refit=refit, outputs=outputs)
 
     def _response(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrequencyResponse:
         return estimate_response(
@@ -158,10 +214,71 @@ class CommonPoles:
         )
 
 
-def _flags(friction: FrictionEstimate | None, springs: Mapping[str, ForceEstimate]) -> dict[str, str]:
-    flags = {"friction": friction.summary()} if friction is not None and friction.acts else {}
-    sentence = nonlinear_spring_sentence(springs)
-    return flags if sentence is None else flags | {"springs": sentence}
+def _gathered(tests: Sequence[TimeSeries], experiment: Experiment) -> Records:
+    return gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PortLaws:
+    """Laws of the ports that a response is estimated around.
+
+    Attributes:
+        friction: Estimate of the friction; None if it was not estimated.
+        springs: Estimate of the nonlinear springs.
+        of_ports: Friction and springs of the vehicle, by port.
+    """
+
+    friction: FrictionEstimate | None
+    springs: Mapping[str, ForceEstimate]
+    of_ports: Mapping[str, Friction]
+
+    @classmethod
+    def of(cls, friction: FrictionEstimate | None) -> _PortLaws:
+        """Return laws without springs."""
+        found = {} if friction is None else friction.friction
+        return cls(friction, {}, {port: law for port, law in found.items() if law.acts})
+
+    def with_springs(self, springs: Mapping[str, ForceEstimate], stiff: Mapping[str, float]) -> _PortLaws:
+        """Return the laws with the coefficients `stiff` [N/m2] of the springs' estimate."""
+        laws = dict(self.of_ports)
+        for port, coefficient in stiff.items():
+            laws[port] = laws.get(port, Friction())._replace(spring=coefficient)
+        return _PortLaws(self.friction, springs, laws)
+
+    def added_to(self, tests: Sequence[TimeSeries]) -> list[TimeSeries]:
+        """Return the tests with the laws' forces included in the shock forces."""
+        return [with_port_laws(test, self.of_ports) for test in tests]
+
+    @property
+    def flags(self) -> dict[str, str]:
+        """Sentences on the friction, and on springs that are not linear."""
+        flags = {"friction": self.friction.summary()} if self.friction is not None and self.friction.acts else {}
+        if any(law.spring for law in self.of_ports.values()):
+            sentence, key = nonlinear_spring_sentence(self.springs, held=MODELLED), "port springs"
+        else:
+            sentence, key = nonlinear_spring_sentence(self.springs), "springs"
+        return flags if sentence is None else flags | {key: sentence}
+
+    @property
+    def text(self) -> str:
+        """Names of the laws."""
+        laws = list(self.of_ports.values())
+        names = [name for name, is_there in (
+            ("friction that sticks", any(law.bristle.force for law in laws)),
+            ("friction that creeps", any(law.force for law in laws)),
+            ("port springs", any(law.spring for law in laws)),
+        ) if is_there]  # fmt: skip
+        return " and ".join(names) or "linear ports"
+
+
+class _Car(NamedTuple):
+    """A vehicle with its fit, the response that was fitted, the laws of its ports, and the band that was found."""
+
+    vehicle: IdentifiedVehicle
+    found: CommonPoleModel
+    response: FrequencyResponse
+    laws: _PortLaws
+    supported: SupportedBand | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,12 +23,12 @@ from eightpost.ident.output_error import (
 )
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, bristle_of, declared
+from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
-from eightpost.ident.vehicle.grey_box.vehicle import linear_model
+from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
-from eightpost.ident.vehicle.springs import nonlinear_spring_sentence
+from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
@@ -71,46 +71,71 @@ class GreyBox:
             TooShortError: A record is too short.
         """
         started = process_time()
-        fit = self.explain(tests, experiment)
+        return self.vehicle_fit(self.explain(tests, experiment), tests, experiment, started)
+
+    def vehicle_fit(
+        self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment, started: float
+    ) -> VehicleFit:
+        """Return the vehicle of a fit.
+
+        Args:
+            fit: Fit of the nonlinear car; see `explain`.
+            tests: Records of the fit.
+            experiment: Inputs, shock forces and outputs of the tests.
+            started: Processor time at the start of the identification [s].
+        """
         lawful = self._with_laws_of_the_file(fit, tests, experiment)
-        friction = {c: Friction(bristle=bristle_of(lawful.values, c)) for c in CORNERS}
-        vehicle = IdentifiedVehicle(
-            experiment.name, linear_model(lawful.values, experiment), experiment.baseline_damping, experiment.static,
-            experiment.sources, friction,
-        )  # fmt: skip
+        vehicle = self.vehicle(lawful, experiment)
         stability = closed_loop_stability(vehicle)
         springs = _springs(fit, tests)
         flags = {} if fit.gate.is_adequate else {"gate": fit.gate.summary()}
-        sentence = nonlinear_spring_sentence(springs)
-        flags |= {} if sentence is None else {"springs": sentence}
+        sentence = nonlinear_spring_sentence(springs, held=MODELLED)
+        held = {} if sentence is None else {"port springs": sentence}
         return VehicleFit(
             vehicle,
             "grey-box",
-            self._response(tests, experiment, friction),
+            self._response(tests, experiment, vehicle.friction),
             lawful.residual,
-            (*_notes(fit, lawful), *flags.values(), stability.summary()),
+            (*_notes(fit, lawful), *flags.values(), *held.values(), stability.summary()),
             process_time() - started,
             stability.stable,
             ranges_of(tests, experiment, (self.band.low, self.band.high)).as_mapping(),
-            Trust({}, _forces(fit), springs, flags),
+            Trust({}, _forces(fit), springs, flags | held),
             _parameters(fit),
         )
 
-    def explain(self, tests: Sequence[TimeSeries], experiment: Experiment) -> OutputErrorFit:
+    def vehicle(self, fit: OutputErrorFit, experiment: Experiment) -> IdentifiedVehicle:
+        """Return the vehicle of a fit: a linear model with the bristles and port springs of the car."""
+        return IdentifiedVehicle(
+            experiment.name, linear_model(fit.values, experiment), experiment.baseline_damping, experiment.static,
+            experiment.sources, port_laws(fit.values, experiment),
+        )  # fmt: skip
+
+    def explain(
+        self, tests: Sequence[TimeSeries], experiment: Experiment, *, start: Mapping[str, float] | None = None
+    ) -> OutputErrorFit:
         """Return the fit of the nonlinear car.
+
+        Args:
+            tests: Records of rig tests.
+            experiment: Inputs, shock forces and outputs of the tests.
+            start: Values of a similar car by parameter, which replace the base fit; None: start with the base fit.
 
         Raises:
             InputError: The car has no four corners, or an output is not known.
             TooShortError: A record is too short.
         """
-        table = self._with_priors(declared(start_values(tests, experiment), experiment.rig))
+        table = self._with_priors(declared(start or start_values(tests, experiment), experiment.rig))
         car, unused, engine = _car(experiment, table), _unused(table, experiment), self._engine
         brief, whole = ([_record(test, experiment, s) for test in tests] for s in self.seconds)
-        base = engine.fit(car, table.fixed(*unused, *OPTIONAL), brief, outputs=experiment.outputs)
-        # Optional effects divert a fit that has not found the car yet.
-        optional = () if max(base.residual.values()) <= self.converged else OPTIONAL
+        optional: tuple[str, ...] = ()
+        if start is None:
+            base = engine.fit(car, table.fixed(*unused, *OPTIONAL), brief, outputs=experiment.outputs)
+            # Optional effects divert a fit that has not found the car yet.
+            optional = () if max(base.residual.values()) <= self.converged else OPTIONAL
+            start = base.values
         return replace(engine, passes=2).fit(
-            car, table.fixed(*unused, *optional), whole, outputs=experiment.outputs, start=base.values
+            car, table.fixed(*unused, *optional), whole, outputs=experiment.outputs, start=start
         )
 
     @property
@@ -121,15 +146,16 @@ class GreyBox:
     def _with_laws_of_the_file(
         self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment
     ) -> OutputErrorFit:
-        """Return a fit with the laws that the vehicle file can hold, so that the other parameters make up for them.
+        """Return a fit without tires that stiffen, which the file cannot hold, so that other parameters make up for it.
 
-        The file has linear springs and tires; if they were not fitted, it is the same fit.
+        It is the same fit if no tire stiffens.
         """
-        if not any(fit.values[name] for name in OPTIONAL):
+        stiffening = [f"{c}.tire_stiffening" for c in CORNERS]
+        if not any(_is_significant(fit, name) for name in stiffening):
             return fit
-        table = declared({n: v for n, v in fit.values.items() if n not in OPTIONAL}, experiment.rig)
+        table = declared({n: v for n, v in fit.values.items() if n not in stiffening}, experiment.rig)
         records = [_record(test, experiment, self.seconds[1]) for test in tests]
-        fixed = (*_unused(table, experiment), *OPTIONAL)
+        fixed = (*_unused(table, experiment), *stiffening)
         return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
 
     def _with_priors(self, table: ParameterTable) -> ParameterTable:
@@ -214,9 +240,8 @@ def _notes(fit: OutputErrorFit, lawful: OutputErrorFit) -> list[str]:
     notes = [
         f"sprung mass {sprung:.1f} kg; residuals of the simulation are {100 * min(fit.residual.values()):.2g} to "
         f"{100 * max(fit.residual.values()):.2g} % of the outputs",
-        "the vehicle file has the friction that sticks, and linear springs and tires about the mean of the tests; its "
-        f"residuals are up to {100 * max(lawful.residual.values()):.2g} %. Progressive springs and tires that lift off "
-        "are in the parameters only",
+        "the vehicle file has the friction and the progressive springs at its ports; its tires are linear about the "
+        f"mean of the tests and do not lift off. Its residuals are up to {100 * max(lawful.residual.values()):.2g} %",
     ]
     stiffening = [c for c in CORNERS if _is_significant(fit, f"{c}.tire_stiffening")]
     if stiffening:

@@ -1,0 +1,142 @@
+"""Free-running simulation of a vehicle on rig tests: judged against a test, and checked for faults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.signal import resample
+
+from eightpost.array_types import Array
+from eightpost.corners import channel
+from eightpost.errors import EightpostError
+from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.stability import closed_loop_stability
+from eightpost.shock import Polylinear
+from eightpost.shock.curve import StaticCurve
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import IdentifiedVehicle, add_port_damping
+
+#: Rate of the simulation, at least [Hz].
+_RATE = 1250.0
+
+#: Law without force: the dampers are part of the model.
+_NOTHING = Polylinear(StaticCurve((0.0,) * 15, (0.0,) * 4, (0.0,) * 4, 0.1, 0.01, 1.0, 1.0, 0.0, 0.0))
+
+
+def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping[str, float], every: int = 1) -> Array:
+    """Return the outputs (p, N / every) of a vehicle with linear dampers, from rest.
+
+    Args:
+        vehicle: Continuous vehicle with friction and springs at its ports.
+        drive: Inputs of the vehicle without means; `force` of a port acts in addition to its damper.
+        damping: Damping of every port [N.s/m].
+        every: Interval of the output samples, in samples of the drive.
+
+    Raises:
+        StepError: The forces of a step do not converge.
+    """
+    added = {port: rate - vehicle.baseline_damping.get(port, 0.0) for port, rate in damping.items()}
+    model = add_port_damping(vehicle.state_space, added)
+    car = replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(damping, 0.0))
+    outputs: Array = ManySetups(car, [_NOTHING], drive, every).run([[0] * len(damping)])[0]
+    return outputs
+
+
+def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence[str]) -> TimeSeries:
+    """Return the outputs of a vehicle with the shocks of a test, at the times of the test, from rest.
+
+    The shocks of the test are linear dampers c, its forces over its velocities, in the simulation, and the rest of
+    their measured force, F - c v, as an input. Nothing else is fed back from the measurement.
+
+    Args:
+        vehicle: Continuous vehicle with friction and springs at its ports.
+        record: Evenly sampled test without means.
+        ports: Ports of the vehicle.
+
+    Raises:
+        StepError: The forces of a step do not converge.
+    """
+    damping = {port: _slope(record, port) for port in ports}
+    finer = max(1, int(np.ceil(_RATE / record.sample_rate - 1e-9)))
+    channels = {}
+    for name in vehicle.state_space.input_names:
+        if name not in record:
+            continue
+        values = record[name]
+        if (port := name.removesuffix("force").rstrip(".")) in damping and quantity(name) == "force":
+            values = values - damping[port] * record[channel(port, "velocity")]
+        channels[name] = (record.unit(name), _finer(values, finer))
+    count = finer * (len(record) - 1) + 1
+    time = np.arange(count) / (finer * record.sample_rate)
+    outputs = with_dampers(vehicle, TimeSeries.from_channels(time, channels), damping, finer)
+    names = {c.name: (c.unit, row) for c, row in zip(vehicle.state_space.outputs, outputs, strict=True)}
+    return TimeSeries.from_channels(record.time[: outputs.shape[1]], names)
+
+
+def _finer(values: Array, finer: int) -> Array:
+    """Return values (finer (N - 1) + 1,) at a finer rate, about the straight line through the ends, without aliases."""
+    count = values.size
+    line = np.linspace(values[0], values[-1], count)
+    padded = np.zeros(next_fast_len(count, real=True))
+    padded[:count] = values - line
+    fine = resample(padded, padded.size * finer)[: finer * (count - 1) + 1]
+    return np.asarray(fine + np.linspace(values[0], values[-1], fine.size), dtype=np.float64)
+
+
+def _slope(record: TimeSeries, port: str) -> float:
+    v, force = (record[channel(port, name)] for name in ("velocity", "force"))
+    v = v - v.mean()
+    return float(np.sum(v * (force - force.mean())) / np.sum(v**2))
+
+
+# ---- Faults that appear with other shocks only ----------------------------------------------------------------------
+
+#: Duration of the simulation [s].
+_SECONDS = 20.0
+
+#: Dampers relative to the baseline that are tried, with the largest RMS of an output relative to that in the first
+#: test [1]: this has the baseline dampers, and with 0.4 times the damping a car moves up to about twice as fast.
+_LARGEST = {1.0: 1.5, 0.4: 6.0, 2.5: 6.0}
+
+
+def fault_in_simulation(vehicle: IdentifiedVehicle, tests: Sequence[TimeSeries]) -> str | None:
+    """Return why a vehicle cannot be simulated with its port laws and other dampers; None if it can.
+
+    Args:
+        vehicle: Continuous vehicle with friction and springs at its ports.
+        tests: Records of its tests, the baseline first, which drives it.
+    """
+    stability = closed_loop_stability(vehicle)
+    if not stability.stable:
+        return stability.summary()
+    samples = round(_SECONDS * tests[0].sample_rate)
+    test = tests[0].window(float(tests[0].time[0]), float(tests[0].time[min(samples, len(tests[0]) - 1)]))
+    drive, finer = _rig_drive(vehicle, test)
+    names = vehicle.state_space.output_names
+    measured = np.array([max(float(test[name].std()), 1e-300) for name in names])
+    for part, largest in _LARGEST.items():
+        dampers = {port: part * rate for port, rate in vehicle.baseline_damping.items()}
+        try:
+            size = with_dampers(vehicle, drive, dampers, finer).std(axis=1) / measured
+        except EightpostError as error:
+            return f"its simulation with {part:g} times the baseline damping fails: {error}"
+        worst = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+        if not size[worst] <= largest:
+            return (
+                f"in its simulation with {part:g} times the baseline damping, the RMS of {names[worst]} is "
+                f"{size[worst]:.3g} times that of the baseline test"
+            )
+    return None
+
+
+def _rig_drive(vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[TimeSeries, int]:
+    """Return the inputs of the rig without means at a higher rate, and the ratio of the rates."""
+    rig = [name for name in vehicle.state_space.input_names if quantity(name) != "force" and name in test]
+    finer = max(1, int(np.ceil(_RATE / test.sample_rate - 1e-9)))
+    drive = {name: (test.unit(name), _finer(test[name] - test[name].mean(), finer)) for name in rig}
+    time = np.arange(finer * (len(test) - 1) + 1) / (finer * test.sample_rate)
+    return TimeSeries.from_channels(time, drive), finer

@@ -1,0 +1,88 @@
+"""Free-running simulation of tests, its errors, and the faults that it finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.free_running import fault_in_simulation, free_running
+from eightpost.ident.vehicle.held_out import held_out_error
+from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
+
+from .conftest import BASELINE, COULOMB, rig_tests
+
+BAND = (0.5, 15.0)
+
+
+@pytest.fixture(scope="module")
+def car(experiment: Experiment) -> IdentifiedVehicle:
+    """Return the exact car without friction, around the baseline damping."""
+    model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
+    return IdentifiedVehicle("car", model.select(outputs=experiment.outputs), {"": BASELINE})
+
+
+def without_means(test: TimeSeries) -> TimeSeries:
+    rows = {n: (test.unit(n), test[n] - test[n].mean()) for n in test.names}
+    return TimeSeries.from_channels(test.time, rows)
+
+
+def test_the_exact_car_predicts_a_test_with_either_damper(
+    car: IdentifiedVehicle, smooth: list[TimeSeries], experiment: Experiment
+) -> None:
+    for test in smooth:
+        found = held_out_error(car, [without_means(test)], experiment, BAND)
+        assert found.mean_level < 0.005
+        assert found.mean_error < 0.03  # the records have 1 % noise, and begin at rest
+
+
+def test_the_simulation_has_the_times_and_outputs_of_the_test(
+    car: IdentifiedVehicle, smooth: list[TimeSeries], experiment: Experiment
+) -> None:
+    found = free_running(car, smooth[0], experiment.ports)
+    assert set(experiment.outputs) <= set(found.names)
+    np.testing.assert_allclose(found.time, smooth[0].time)
+
+
+def test_a_car_without_the_friction_of_the_tests_has_a_larger_error(
+    car: IdentifiedVehicle, rubbing: list[TimeSeries], experiment: Experiment
+) -> None:
+    sticks = replace(car, friction={"": Friction(bristle=Bristle(COULOMB, 9.5e-5, 1.1))})
+    errors = [held_out_error(one, [without_means(rubbing[0])], experiment, BAND).mean_error for one in (sticks, car)]
+    assert errors[0] < 0.2 * errors[1]
+
+
+def test_a_sound_car_has_no_fault(car: IdentifiedVehicle, smooth: list[TimeSeries]) -> None:
+    assert fault_in_simulation(replace(car, friction={"": Friction(bristle=Bristle(COULOMB))}), smooth) is None
+
+
+def test_a_port_spring_that_tips_the_car_over_is_a_fault(car: IdentifiedVehicle, smooth: list[TimeSeries]) -> None:
+    fault = fault_in_simulation(replace(car, friction={"": Friction(spring=-1e9)}), smooth)
+    assert fault is not None
+    assert "baseline damping" in fault
+
+
+def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
+    rubbing: list[TimeSeries], experiment: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_bristles(vehicle: IdentifiedVehicle, _tests: object) -> str | None:
+        return "it failed" if any(law.bristle.force for law in vehicle.friction.values()) else None
+
+    monkeypatch.setattr("eightpost.ident.vehicle.recipes.common_poles.fault_in_simulation", no_bristles)
+    found = CommonPoles(samples=0).identify(rubbing, experiment)
+    assert found.vehicle.friction[""].force > 0.8 * COULOMB
+    assert not found.vehicle.friction[""].bristle.force
+    assert any("friction that sticks up to" in note and "rejected: it failed" in note for note in found.notes)
+
+
+def test_springs_of_the_tests_are_springs_of_the_car(experiment: Experiment) -> None:
+    tests = rig_tests(0.0, 40, progression=2.0)
+    found = CommonPoles(samples=0).identify(tests, experiment)
+    rate = 1280.0 * 4.4482216152605 / 0.0254
+    assert found.vehicle.friction[""].spring == pytest.approx(2.0 * rate, rel=0.1)
+    assert found.trust is not None
+    assert "port springs" in found.trust.flags
