@@ -229,7 +229,7 @@ def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Sha
 # ---- The study's page -----------------------------------------------------------------------------------------------
 
 #: Parts of the page's script, in the order of their dependencies.
-_SCRIPTS = ("state", "table", "dots", "plots", "setup", "sensitivity", "page")
+_SCRIPTS = ("state", "table", "dots", "plots", "parallel", "setup", "sensitivity", "weights", "page")
 
 #: Number of trade-offs that are drawn when the page opens.
 _TRADES = 6
@@ -279,7 +279,8 @@ def page(sheet: Sheet, extras: Extras) -> str:
 
 
 def _places(sheet: Sheet, groups: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("setup", "Setup"))
+    yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("parallel", "Measures"))
+    yield "setup", "Setup"
     yield "sensitivity", "Sensitivity"
     if groups:
         yield "selected", "Selected"
@@ -307,7 +308,7 @@ def _choices(sheet: Sheet) -> dict[str, Any]:
     return {
         "columns": columns,
         "colors": build_colors(len(sheet.builds)),
-        "present": [set(column.tolist()) for column in sheet.placed.T],
+        "present": [sorted(set(column.tolist())) for column in sheet.placed.T],
         "focus": first,
         "tabled": set(range(_TABLED)),
         "against": {first, *others[:_TRADES]},

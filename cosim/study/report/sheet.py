@@ -117,6 +117,14 @@ class Bound:
         return f"{self.measure} {self.word} {self.scale.us(self.value):.4g} {self.scale.us.unit}"
 
 
+class Weighted(NamedTuple):
+    """Term of the objective: the weight times the measure in the unit of `display`."""
+
+    measure: str
+    weight: float
+    display: Display
+
+
 @dataclass(frozen=True, slots=True)
 class Background:
     """Title, objective, constraints, notes and provenance of a report.
@@ -158,6 +166,7 @@ class Sheet:
         marks: Marks of setups by row.
         coupling_error: Estimated coupling error [%] (S,); NaN if not known.
         baseline: Row of the baseline setup.
+        terms: Terms of the objective.
         background: Title, objective, constraints, notes and provenance.
     """
 
@@ -172,6 +181,7 @@ class Sheet:
     failures: Mapping[int, str] = field(default_factory=dict)
     marks: Mapping[int, str] = field(default_factory=dict)
     baseline: int | None = None
+    terms: tuple[Weighted, ...] = ()
     background: Background = field(default_factory=Background)
 
     @property
@@ -225,6 +235,7 @@ def packed(
     """
     store = Store()
     order, done = sheet.order, int(sheet.done.sum())
+    place = {column.name: k for k, column in enumerate(shown_columns(sheet))}
     manifest = {
         "setups": sheet.numbers.size,
         "done": done,
@@ -237,6 +248,9 @@ def packed(
         "allowed": store.add(sheet.allowed.astype(float)),
         "error": store.add(sheet.coupling_error),
         "columns": [_column(store, column) for column in shown_columns(sheet)],
+        "objective": sheet.objective.name if sheet.objective else None,
+        "terms": [{"column": place[one.measure], "weight": one.weight} | asdict(one.display) for one in sheet.terms],
+        "bounds": [{"column": place[name]} | ends for name, ends in _limits(sheet).items()],
         "failures": sheet.failures,
         "marks": sheet.marks,
         "baseline": sheet.baseline,
@@ -252,6 +266,15 @@ def packed(
 def shown_columns(sheet: Sheet) -> tuple[Column, ...]:
     """Return the objective, if there is one, and the measures."""
     return (*((sheet.objective,) if sheet.objective else ()), *sheet.measures)
+
+
+def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:
+    """Return the limits of the constraints by measure [SI]; None where there is no limit."""
+    limits: dict[str, dict[str, float | None]] = {}
+    for bound in sheet.background.constraints:
+        ends = limits.setdefault(bound.measure, {"low": None, "high": None})
+        ends["low" if bound.word == "at least" else "high"] = bound.value
+    return limits
 
 
 def _scale(scale: Scale) -> dict[str, Any]:

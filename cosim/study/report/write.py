@@ -17,12 +17,13 @@ from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.page import Extras, page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Scale, Sheet, Uncertainty
+from cosim.study.report.sheet import Background, Bound, Column, Scale, Sheet, Uncertainty, Weighted
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
-from cosim.study.study import Build, Parameters, Study, Vehicle
+from cosim.study.study import Build, Parameters, Study, Term, Vehicle
 from cosim.study.verdict import study_verdict
 from eightpost.array_types import Array, Integers
+from eightpost.report.numbers import Display
 from eightpost.report.page import write_page
 from eightpost.signals import TimeSeries
 
@@ -98,6 +99,7 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         failures=_failures(result),
         marks=_texts(result.table, "marks"),
         baseline=result.baseline_row,
+        terms=tuple(_weighted(result, term) for term in result.study.objective),
         background=background(result, trace_command),
     )
 
@@ -140,6 +142,11 @@ def _column(result: StudyResult, name: str, uncertainty: Uncertainty | None) -> 
 def _objective(result: StudyResult) -> Column | None:
     values = result.objective
     return None if values is None else Column("objective", Scale.of("1"), values)
+
+
+def _weighted(result: StudyResult, term: Term) -> Weighted:
+    own = result.unit(term.measure)
+    return Weighted(term.measure, term.weight, Display.of(own, term.unit or own))
 
 
 def _numbers(table: pa.Table, name: str) -> Array:

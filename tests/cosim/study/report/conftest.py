@@ -45,7 +45,7 @@ def _study(corners, constraints, objective):
     return Study(
         name="Surrogate of chapter 7 (synthetic)",
         vehicle=Vehicle(Path("car.fmu")),
-        bank={build: Build(Path("bank", f"{build.replace('/', '_')}.fmu")) for build in BUILDS},
+        bank={build: Build(Path("bank", f"{build.replace('/', '_')}.fmu")) for build in dict.fromkeys((*BUILDS, *corners["lf"]))},
         corners=corners,
         drives=(Drive("lap", Path("lap.csv"), stop=33.0),),
         measures=_MEASURES,
