@@ -16,6 +16,9 @@ from eightpost.errors import FileFormatError
 #: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
+#: Certainty of the study, and the one before the last `eightpost confirm`.
+CERTAINTY, PREVIOUS = "certainty.parquet", "certainty.previous.parquet"
+
 
 @dataclass(frozen=True, slots=True)
 class Chosen:

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from eightpost.app.options import RANK, WORKERS, seed_option
 from eightpost.app.progress import each
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
 from eightpost.report.console import Table, console_table
 from eightpost.workers.process import usable_processors
 
@@ -77,11 +77,14 @@ def robust(
 def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     """Add the uncertainty of the fits to that of the file, and print all distributions."""
     from cosim.study.choice.robust import Draws, Uncertain
-    from eightpost.ident.shock.uncertainty import fitted_parameters
+    from eightpost.shock import read_shock
+    from eightpost.shock.fit_uncertainty import fitted_parameters
 
     parts = list(known.parts)
     for build, path in known.fits.items():
-        fit = fitted_parameters(path)
+        fit = fitted_parameters(read_shock(path))
+        if fit is None:
+            raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
         parts.append(Uncertain(build, fit.names, fit.values, fit.covariance, fit.lowest, fit.highest))
         for note in fit.held:
             console.print(f"[yellow]note[/] {escape(f'{build}: {note}')}", highlight=False, soft_wrap=True)

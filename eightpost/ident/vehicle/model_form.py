@@ -17,8 +17,8 @@ from eightpost.array_types import Array
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.ident.vehicle.trust import OutputTrust
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
+from eightpost.measure_uncertainty import MeasureUncertainty
 
 #: Number of standard deviations above which a force is significant [1].
 SIGNIFICANT = 4.0

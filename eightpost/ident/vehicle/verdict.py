@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
 from eightpost.vehicle import Friction
@@ -159,9 +160,11 @@ _MODELLED = ("friction", "port springs")
 
 
 def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
-    """Return the fit with its verdict, with further reasons, and the covered ranges added to the vehicle."""
+    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
     verdict = Verdict((*fit_verdict(fit).reasons, *further))
-    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
+    stated = fit.trust.measures if fit.trust is not None else {}
+    uncertainty = ModelUncertainty(measures=stated) if stated else None
+    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
     return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
 
 

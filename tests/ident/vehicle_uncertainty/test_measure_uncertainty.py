@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 
 sizes = st.floats(1e-4, 0.3)
 values = st.floats(1e-3, 1e3)

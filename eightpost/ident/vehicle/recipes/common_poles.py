@@ -22,7 +22,6 @@ from eightpost.ident.vehicle.common_poles import (
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.free_running import fault_in_simulation
 from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
@@ -30,6 +29,7 @@ from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_sp
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
