@@ -91,23 +91,36 @@ function write(pen, text, x, y, { align = "center", ink = color.soft, font = "11
   pen.fillText(text, x, y);
 }
 
+/** Return a colour such as "#1f5f99" as a pixel of an image (little-endian RGBA). */
+function pixelOf(text, opacity) {
+  const [red, green, blue] = [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16));
+  return ((Math.round(255 * opacity) << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+}
+
 /**
- * Call a function for the dots: for those that are filtered out first, so that the others are on top, and once only for
- * dots at the same half pixel, so that a hundred thousand setups are drawn in one frame.
+ * Draw a rectangle for every setup, those that are filtered out first. They are written into an image, so that a hundred
+ * thousand setups are drawn in one frame.
+ * @param half half the width and half the height of a rectangle [px]
+ * @param inkOf (row, visible) -> its pixel; 0 draws nothing
  */
-function eachDot([xs, ys], { x, y, box }, draw) {
-  const width = 2 * Math.ceil(box.width) + 1, height = Math.ceil(box.height) + 1;
+function drawDots(pen, [xs, ys], { x, y }, half, inkOf) {
+  const { canvas } = pen, sharp = pen.getTransform().a, { width, height } = canvas;
+  const image = new ImageData(width, height), pixels = new Uint32Array(image.data.buffer);
+  const x0 = sharp * x(0), dx = sharp * x(1) - x0, y0 = sharp * y(0), dy = sharp * y(1) - y0;
+  const wide = Math.max(1, Math.round(2 * sharp * half[0])), high = Math.max(1, Math.round(2 * sharp * half[1]));
   for (const visible of [0, 1]) {
-    const taken = new Uint8Array(width * height);
     for (let row = 0; row < data.count; row++) {
       if (shown[row] !== visible) continue;
-      const across = x(xs[row]), down = y(ys[row]);
-      const cell = Math.round(2 * (across - box.x)) + width * Math.round(down - box.y);
-      if (!(cell >= 0 && cell < taken.length) || taken[cell]) continue; // also a setup without values
-      taken[cell] = 1;
-      draw(row, visible, across, down);
+      const ink = inkOf(row, visible), left = Math.round(x0 + dx * xs[row] - wide / 2), top = Math.round(y0 + dy * ys[row] - high / 2);
+      if (!ink || !(left >= 0 && top >= 0 && left + wide <= width && top + high <= height)) continue; // also without values
+      for (let line = top * width + left; line < (top + high) * width; line += width) {
+        for (let place = line; place < line + wide; place++) pixels[place] = ink;
+      }
     }
   }
+  const layer = new OffscreenCanvas(width, height);
+  layer.getContext("2d").putImageData(image, 0, 0);
+  pen.drawImage(layer, 0, 0, width / sharp, height / sharp);
 }
 
 const QUARTERS = [0, 0.25, 0.5, 0.75, 1];

@@ -33,14 +33,10 @@ function drawTrend(pen, axes, corner, arrays) {
     pen.fillStyle = manifest.colors[k];
     pen.fillRect(box.x - 12, y(lanes - 1 - k) - 5, 7, 10);
   }
-  eachDot(arrays, axes, (row, visible, across, down) => {
-    pen.globalAlpha = visible ? 0.55 : 0.5;
-    const tied = visible && focus().uncertainty?.tied[row];
-    if (tied) { pen.fillStyle = color.tie; pen.fillRect(across - 2.5, down - half - 2, 5, 2 * half + 4); }
-    pen.fillStyle = visible ? manifest.colors[data.placed[corner][row]] : color.grey;
-    pen.fillRect(across - 0.75, down - half, 1.5, 2 * half);
-  });
-  pen.globalAlpha = 1;
+  const inks = manifest.colors.map((one) => pixelOf(one, 0.6)), grey = pixelOf(color.grey, 0.5), tie = pixelOf(color.tie, 0.8);
+  const tied = focus().uncertainty?.tied;
+  if (tied) drawDots(pen, arrays, axes, [2.5, half + 2], (row, visible) => (visible && tied[row] ? tie : 0));
+  drawDots(pen, arrays, axes, [0.75, half], (row, visible) => (visible ? inks[data.placed[corner][row]] : grey));
   drawMarks(pen, axes, arrays);
 }
 
@@ -59,12 +55,8 @@ function drawTrade(pen, axes, column, arrays) {
   write(pen, column.name + inUnit(column), 6, 12, { align: "left", ink: color.ink, font: "600 12px system-ui, sans-serif" });
   drawAxisX(pen, axes, focus());
   drawAxisY(pen, axes, column);
-  eachDot(arrays, axes, (row, visible, across, down) => {
-    pen.globalAlpha = visible ? 0.8 : 0.5;
-    pen.fillStyle = visible ? manifest.colors[builds[row]] : color.grey;
-    pen.fillRect(across - 1.5, down - 1.5, 3, 3);
-  });
-  pen.globalAlpha = 1;
+  const inks = manifest.colors.map((one) => pixelOf(one, 0.85)), grey = pixelOf(color.grey, 0.5);
+  drawDots(pen, arrays, axes, [1.5, 1.5], (row, visible) => (visible ? inks[builds[row]] : grey));
   drawFront(pen, axes, front(focus(), column), arrays);
   drawSpread(pen, axes, column, arrays);
   drawMarks(pen, axes, arrays);
@@ -72,8 +64,16 @@ function drawTrade(pen, axes, column, arrays) {
 
 const cost = (column, row) => (column.better === "high" ? -column.values[row] : column.values[row]);
 
+const fronts = new Map(); // Pareto fronts that were drawn, by pair of measures; cleared when the limits change
+
 /** Return the rows of the Pareto front of two measures among the feasible setups. */
 function front(first, second) {
+  const key = `${first.at} ${second.at}`;
+  if (!fronts.has(key)) fronts.set(key, frontOf(first, second));
+  return fronts.get(key);
+}
+
+function frontOf(first, second) {
   const rows = [];
   for (let row = 0; row < data.count; row++) {
     if (data.allowed[row] && !manifest.failures[row] && isFinite(cost(first, row) + cost(second, row))) rows.push(row);

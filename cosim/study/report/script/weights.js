@@ -67,6 +67,7 @@ function rankAgain() {
       + "Ranked by these weights and limits. The answer at the top of the page and its probabilities are for those of the study.";
   }
   order = null;
+  fronts.clear();
   drawSetup();
   update();
 }
