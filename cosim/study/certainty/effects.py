@@ -1,0 +1,222 @@
+"""Effects of uncertain parameters on the measures, from runs with one changed parameter at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from cosim.components.fmu_component import FmuComponent
+from cosim.study.certainty.certainty import Effect
+from cosim.study.certainty.vehicle_errors import stated_uncertainty
+from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import coupling_of
+from cosim.study.running.sweep import Requested
+from cosim.study.running.workers import Workers
+from cosim.study.study import Study
+from eightpost.model_uncertainty import ParameterUncertainty
+
+#: Function that receives the number of completed runs and their total number.
+Progress = Callable[[int, int], None]
+
+#: Mark of a changed build in the names of the bank.
+_CHANGED = " with another "
+
+
+@dataclass(frozen=True, slots=True)
+class UncertainParameter:
+    """An uncertain parameter of a build or of the vehicle.
+
+    Attributes:
+        part: Name of the build, or of the vehicle's component.
+        value: Value in the study.
+        stated: Its uncertainty.
+    """
+
+    part: str
+    value: float
+    stated: ParameterUncertainty
+
+    @property
+    def changed(self) -> float:
+        """Value that is one standard deviation away, within the limits."""
+        above = self.value + self.stated.deviation
+        return above if above <= self.stated.highest else self.value - self.stated.deviation
+
+    @property
+    def sign(self) -> float:
+        """1 if the changed value is above the value in the study, else -1."""
+        return 1.0 if self.changed >= self.value else -1.0
+
+
+def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return the uncertain parameters that the builds' FMUs state, the builds that state none, and notes."""
+    found, unstated, notes = list[UncertainParameter](), list[str](), list[str]()
+    for build, made in result.study.bank.items():
+        stated = stated_uncertainty(result, made.fmu)
+        if stated is None:
+            unstated.append(build)
+            continue
+        notes += [f"{build}: {text}" for text in stated.held]
+        values = _values(made.fmu, made.parameters, [one.name for one in stated.parameters])
+        missing = [one.name for one in stated.parameters if one.name not in values]
+        notes += [f"{build}: its FMU has no parameter {name}, whose uncertainty is left out" for name in missing]
+        found += [
+            UncertainParameter(build, values[one.name], _scaled(one, values[one.name]))
+            for one in stated.parameters
+            if one.name in values and one.deviation > 0.0
+        ]
+    return tuple(found), tuple(unstated), tuple(notes)
+
+
+def _values(fmu: Path, given: Mapping[str, float | bool | str], names: Sequence[str]) -> dict[str, float]:
+    """Return the values of those parameters that an FMU has: the study's, or else the FMU's own."""
+    variables = FmuComponent(fmu, "part").variables
+    found = {name: given.get(name, variables[name].start) for name in names if name in variables}
+    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+
+
+def _scaled(stated: ParameterUncertainty, value: float) -> ParameterUncertainty:
+    """Return the uncertainty of a scale, which is relative, at its value in the study."""
+    if not stated.name.endswith("_scale"):
+        return stated
+    copies = None if stated.copies is None else stated.copies * abs(value)
+    return replace(stated, deviation=stated.deviation * abs(value), copies=copies)
+
+
+def effects_of(
+    result: StudyResult,
+    parameters: Sequence[UncertainParameter],
+    folder: str | Path,
+    workers: Workers,
+    progress: Progress = lambda _done, _all: None,
+) -> tuple[Effect, ...]:
+    """Return the effects of uncertain parameters, from runs of setups that differ from the baseline at one corner.
+
+    A parameter of a build is changed at one corner at a time, where the baseline (without one: the best setup) has this
+    build. A parameter of the vehicle is changed with every build at every corner. Runs that are in the folder are not
+    repeated.
+
+    Args:
+        result: Result of the study.
+        parameters: Uncertain parameters.
+        folder: Folder of the study.
+        workers: Workers that run the setups.
+        progress: Called after each part of the runs.
+    """
+    base = result.study.baseline or _best(result)
+    own = [one for one in parameters if one.part in result.study.bank]
+    cars = [one for one in parameters if one.part == result.study.vehicle.name]
+    if base is None or not (own or cars):
+        return ()
+    runs = _Runs(result, base, Path(folder) / "certainty", workers)
+    steps = 1 + len(cars)
+    progress(0, steps)
+    nominal, shocks = runs.of_builds(own)
+    progress(1, steps)
+    found = [runs.shock_effect(one, nominal, shocks) for one in own]
+    for place, one in enumerate(cars):
+        found.append(runs.vehicle_effect(one, nominal))
+        progress(place + 2, steps)
+    return tuple(found)
+
+
+def _best(result: StudyResult) -> Mapping[str, str] | None:
+    ranking = result.ranking()
+    rows = ranking if ranking.size else np.flatnonzero(result.done)
+    return result.setup(int(rows[0])).builds if rows.size else None
+
+
+#: Measures of setups that differ from the baseline at one corner, by corner and build.
+_Table = dict[tuple[str, str], dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Runs:
+    """Runs about a baseline.
+
+    Attributes:
+        result: Result of the study.
+        base: Builds of the baseline.
+        folder: Folder of completed runs.
+        workers: Workers that run the setups.
+    """
+
+    result: StudyResult
+    base: Mapping[str, str]
+    folder: Path
+    workers: Workers
+
+    def of_builds(self, parameters: Sequence[UncertainParameter]) -> tuple[_Table, _Table]:
+        """Return the measures with each build at each corner, and with each changed build."""
+        study = self.result.study
+        bank, changed = dict(study.bank), dict[str, list[str]]()
+        for one in parameters:
+            name = one.part + _CHANGED + one.stated.name
+            build = study.bank[one.part]
+            bank[name] = replace(build, parameters={**build.parameters, one.stated.name: one.changed})
+            changed.setdefault(one.part, []).append(name)
+        corners = {
+            corner: (*builds, *(name for build in builds for name in changed.get(build, ())))
+            for corner, builds in study.corners.items()
+        }
+        table = self._run(replace(study, bank=bank, corners=corners, alike=()))
+        nominal = {key: row for key, row in table.items() if _CHANGED not in key[1]}
+        return nominal, {key: row for key, row in table.items() if _CHANGED in key[1]}
+
+    def shock_effect(self, one: UncertainParameter, nominal: _Table, shocks: _Table) -> Effect:
+        """Return the effect of a parameter of a build."""
+        name = one.part + _CHANGED + one.stated.name
+        changes = {
+            corner: {one.part: _logarithms(shocks[corner, name], nominal[corner, one.part], one.sign)}
+            for corner, builds in self.result.study.corners.items()
+            if one.part in builds and (corner, name) in shocks and (corner, one.part) in nominal
+        }
+        copies = 0.0 if one.stated.copies is None else one.stated.copies / one.stated.deviation
+        return Effect(one.part, one.stated.name, one.stated.deviation, copies, {}, changes)
+
+    def vehicle_effect(self, one: UncertainParameter, nominal: _Table) -> Effect:
+        """Return the effect of a parameter of the vehicle: that at the baseline, and the change with each build."""
+        vehicle = self.result.study.vehicle
+        vehicle = replace(vehicle, parameters={**vehicle.parameters, one.stated.name: one.changed})
+        table = self._run(replace(self.result.study, vehicle=vehicle, alike=()))
+        logarithms = {key: _logarithms(row, nominal[key], one.sign) for key, row in table.items() if key in nominal}
+        corner, build = next(iter(self.base.items()))
+        shared = logarithms.get((corner, build), {})
+        changes: dict[str, dict[str, dict[str, float]]] = {}
+        for (corner, build), row in logarithms.items():
+            apart = {name: value - shared.get(name, 0.0) for name, value in row.items()}
+            changes.setdefault(corner, {})[build] = apart
+        return Effect(one.part, one.stated.name, one.stated.deviation, 0.0, shared, changes)
+
+    def _run(self, study: Study) -> _Table:
+        """Return the measures of the baseline with each allowed build at one corner."""
+        space = study.space
+        keys = {
+            (corner, build): space.find({**self.base, corner: build}).index
+            for corner, builds in study.corners.items()
+            for build in builds
+        }
+        found = Requested(study, self.folder).request(self.workers, coupling_of(self.result), list(keys.values()))
+        rows = dict(zip(found.setups.tolist(), range(len(found)), strict=True))
+        done = found.done
+        names = [measure.name for measure in study.measures]
+        return {
+            key: {name: float(found.values(name)[rows[index]]) for name in names}
+            for key, index in keys.items()
+            if done[rows[index]]
+        }
+
+
+def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:
+    return dict(_ratios(changed, nominal, sign))
+
+
+def _ratios(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> Iterator[tuple[str, float]]:
+    """Yield the logarithm of the ratio of each measure that is positive."""
+    for name, value in changed.items():
+        if 0.0 < value < inf and 0.0 < nominal[name] < inf:
+            yield name, sign * float(np.log(value / nominal[name]))
