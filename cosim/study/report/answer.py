@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.study.certainty import Certainty, Contribution, Status
-from cosim.study.report.sheet import Column, Sheet
+from cosim.study.certainty.certainty import TIE
+from cosim.study.report.sheet import Sheet
+from eightpost.array_types import Array, Flags
 from eightpost.report.numbers import percent
 from eightpost.verdict import Grade
 
@@ -159,16 +161,15 @@ def _tests(sheet: Sheet, known: Certainty) -> Iterator[tuple[int, str]]:
             yield row, percent(100.0 * test.remaining)
 
 
-def tied_rows(column: Column, best: np.ndarray) -> np.ndarray:
-    """Return the smallest set of rows that contains the best value of a column with a probability of 95 %, as flags.
+def tied_rows(best: Array) -> Flags:
+    """Return the smallest set of rows that contains the best one with a probability of 95 %, as flags (S,).
 
     Args:
-        column: The column; its failed setups are never in the set.
-        best: Probability of each row of having the best value; NaN counts as zero.
+        best: Probability of each row of having the best value (S,); NaN counts as zero.
     """
-    chance = np.where(np.isfinite(column.values), np.nan_to_num(best), 0.0)
+    chance = np.nan_to_num(best)
     order = np.argsort(-chance, kind="stable")
-    count = int(np.searchsorted(np.cumsum(chance[order]), 0.95)) + 1
+    count = int(np.searchsorted(np.cumsum(chance[order]), TIE)) + 1
     flags = np.zeros(chance.size, dtype=np.bool_)
     flags[order[:count]] = chance[order[:count]] > 0.0
     return flags

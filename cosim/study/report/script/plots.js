@@ -96,15 +96,15 @@ function drawFront(pen, { x, y }, rows, [xs, ys]) {
   for (const row of rows) { pen.beginPath(); pen.arc(x(xs[row]), y(ys[row]), 2.2, 0, 2 * Math.PI); pen.fill(); }
 }
 
-/** Draw bars of two standard deviations for the setup that was clicked and for the picked ones. */
+/** Draw the 95 % intervals of the setup that was clicked and of the picked ones. */
 function drawSpread(pen, { x, y }, column, [xs, ys]) {
   const rows = new Set(state.picked);
   if (state.current !== null) rows.add(state.current);
-  const half = (one, row) => (one.uncertainty?.spread[row] || 0) / (one.high - one.low || 1);
+  const ends = (one, row) => ["low", "high"].map((end) => (one.uncertainty[end][row] - one.low) / (one.high - one.low || 1));
   for (const row of rows) {
-    const [a, b] = [xs[row], ys[row]], dx = half(focus(), row), dy = half(column, row);
-    if (dx) rule(pen, x(a - dx), y(b), x(a + dx), y(b), color.ink, 1.2);
-    if (dy) rule(pen, x(a), y(b - dy), x(a), y(b + dy), color.ink, 1.2);
+    const across = focus().uncertainty && ends(focus(), row), up = column.uncertainty && ends(column, row);
+    if (across?.every(Number.isFinite)) rule(pen, x(across[0]), y(ys[row]), x(across[1]), y(ys[row]), color.ink, 1.2);
+    if (up?.every(Number.isFinite)) rule(pen, x(xs[row]), y(up[0]), x(xs[row]), y(up[1]), color.ink, 1.2);
   }
 }
 
@@ -154,7 +154,7 @@ function makeTrades() {
 function showTies() {
   const place = document.getElementById("ties"), { ties } = focus();
   place.hidden = ties === undefined;
-  place.textContent = `${ties} setups, including the best, are tied for this measure (yellow).`;
+  place.textContent = `${ties} ${ties === 1 ? "setup" : "setups"} (yellow): the smallest set that contains the best of this measure with a probability of 95 %.`;
 }
 
 function focusOn(column) {

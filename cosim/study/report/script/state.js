@@ -9,7 +9,7 @@ function decode(numbers) {
   const columns = manifest.columns.map((column) => {
     const values = doubles(column.at), span = column.high - column.low || 1;
     const { uncertainty } = column;
-    const known = uncertainty && Object.fromEntries(["spread", "best", "baseline", "tied"].map((key) => [key, doubles(uncertainty[key])]));
+    const known = uncertainty && Object.fromEntries(["low", "high", "best", "tied"].map((key) => [key, doubles(uncertainty[key])]));
     return { ...column, values, uncertainty: known, ties: uncertainty?.ties, levels: Float64Array.from(values, (value) => (value - column.low) / span) };
   });
   const placed = manifest.corners.map((_, corner) => Uint16Array.from(doubles(manifest.placed[corner])));
@@ -112,6 +112,7 @@ function refresh() {
   fillTable();
   drawPanels();
   drawParallel();
+  drawComparison();
 }
 
 function showCounts() {
