@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.study.certainty import Certainty, read_certainty
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import read_spreads
 from cosim.study.choice.selection import Selection, read_selection
@@ -28,16 +29,21 @@ class Chosen:
         selection: Setups to confirm on the rig; None without a selection.
         spreads: Uncertainty of the measures of the leading setups.
         notes: Sentences about files in the folder that belong to another study.
+        certainty: Certainty of the study; None if the folder has none.
     """
 
     selection: Selection | None
     spreads: tuple[Spread, ...]
     notes: tuple[str, ...]
+    certainty: Certainty | None = None
 
 
 def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
-    """Return the selection and the spreads in a study's folder; files of another study are named in the notes."""
-    selection, spreads, notes = None, tuple[Spread, ...](), list[str]()
+    """Return the selection, the spreads and the certainty in a study's folder.
+
+    Files of another study are named in the notes.
+    """
+    selection, spreads, certainty, notes = None, tuple[Spread, ...](), None, list[str]()
     try:
         if (folder / SELECTION).is_file():
             selection = read_selection(folder / SELECTION, result)
@@ -48,7 +54,12 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
             spreads = read_spreads(folder / SPREADS, digest=result.provenance.digest)
     except FileFormatError as error:
         notes.append(f"left out of the page: {error}")
-    return Chosen(selection, spreads, tuple(notes))
+    try:
+        if (folder / CERTAINTY).is_file():
+            certainty = read_certainty(folder / CERTAINTY, digest=result.provenance.digest)
+    except FileFormatError as error:
+        notes.append(f"left out of the page: {error}")
+    return Chosen(selection, spreads, tuple(notes), certainty)
 
 
 def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
@@ -68,4 +79,5 @@ def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command:
         selection=chosen.selection,
         bands=chosen.spreads,
         trace_command=trace_command,
+        certainty=chosen.certainty,
     ).page

@@ -12,6 +12,8 @@ import numpy as np
 import pyarrow as pa
 
 from cosim.report.origin import Origin
+from cosim.study.certainty import Certainty
+from cosim.study.certainty.summary import summary_sentences
 from cosim.study.choice.robust import REACH, Spread
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
@@ -74,13 +76,20 @@ def _spread_out(result: StudyResult, places: Integers, values: Array) -> Array:
 # ---- Conversion of a study's result into the data of the report -----------------------------------------------------
 
 
-def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
+def sheet_of(
+    result: StudyResult,
+    *,
+    bands: Sequence[Spread] = (),
+    trace_command: str = "",
+    certainty: Certainty | None = None,
+) -> Sheet:
     """Return the report data of a result.
 
     Args:
         result: Result of the study.
         bands: Spreads of measures in SI, for the measures whose spread is known.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
+        certainty: Certainty of the study; None if it is not known.
     """
     uncertainties = {band.measure: _uncertainty_of(result, band) for band in bands}
     builds = tuple(result.study.bank)
@@ -98,11 +107,11 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         failures=_failures(result),
         marks=_texts(result.table, "marks"),
         baseline=result.baseline_row,
-        background=background(result, trace_command),
+        background=background(result, trace_command, certainty),
     )
 
 
-def background(result: StudyResult, trace_command: str) -> Background:
+def background(result: StudyResult, trace_command: str, certainty: Certainty | None = None) -> Background:
     """Return objective, constraints, notes, settings and files of a result."""
     study = result.study
     terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
@@ -110,11 +119,11 @@ def background(result: StudyResult, trace_command: str) -> Background:
         title=study.name or "Setup study",
         objective=terms,
         constraints=tuple(_bounds(result)),
-        notes=tuple(_notes(result)),
+        notes=tuple(_notes(result, certainty)),
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
         trace_command=trace_command,
-        verdict=study_verdict(result),
+        verdict=study_verdict(result, certainty),
     )
 
 
@@ -165,7 +174,8 @@ def _bounds(result: StudyResult) -> Iterator[Bound]:
             yield Bound(name, "at most", constraint.at_most, scale)
 
 
-def _notes(result: StudyResult) -> Iterator[str]:
+def _notes(result: StudyResult, certainty: Certainty | None) -> Iterator[str]:
+    yield from () if certainty is None else summary_sentences(result, certainty)
     if result.partial:
         total = len(result.study.space)
         yield f"The study is not complete: {len(result)} of {total} setups were run. Levels and ranks are of these."
@@ -259,6 +269,7 @@ def write_study_report(
     selection: Selection | None = None,
     bands: Sequence[Spread] = (),
     trace_command: str = "",
+    certainty: Certainty | None = None,
 ) -> ReportPaths:
     """Write all files of a study's report without running a simulation.
 
@@ -269,8 +280,10 @@ def write_study_report(
         selection: Setups to confirm on the rig.
         bands: Spreads of measures in SI.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
+        certainty: Certainty of the study; None if it is not known.
     """
-    sheet, folder = sheet_of(result, bands=bands, trace_command=trace_command), Path(out_dir)
+    sheet = sheet_of(result, bands=bands, trace_command=trace_command, certainty=certainty)
+    folder = Path(out_dir)
     extras = Extras(traces or {}, available_sensitivities(result), selection.chosen if selection else ())
     return ReportPaths(
         page=write_page(folder / "report.html", page(sheet, extras)),
