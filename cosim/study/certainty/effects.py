@@ -113,14 +113,21 @@ def effects_of(
     if base is None or not (own or cars):
         return ()
     runs = _Runs(result, base, Path(folder) / "certainty", workers)
-    steps = 1 + len(cars)
-    progress(0, steps)
-    nominal, shocks = runs.of_builds(own)
-    progress(1, steps)
+    corners = list(result.study.corners)
+    total, count = len(corners) * (1 + len(cars)), 0
+    nominal, shocks = _Table(), _Table()
+    progress(0, total)
+    for corner in corners:
+        for key, row in runs.at(corner, result.study, own).items():
+            (shocks if _CHANGED in key[1] else nominal)[key] = row
+        progress(count := count + 1, total)
     found = [runs.shock_effect(one, nominal, shocks) for one in own]
-    for place, one in enumerate(cars):
-        found.append(runs.vehicle_effect(one, nominal))
-        progress(place + 2, steps)
+    for one in cars:
+        changed = _Table()
+        for corner in corners:
+            changed |= runs.at(corner, runs.with_vehicle(one))
+            progress(count := count + 1, total)
+        found.append(runs.vehicle_effect(one, nominal, changed))
     return tuple(found)
 
 
@@ -150,22 +157,33 @@ class _Runs:
     folder: Path
     workers: Workers
 
-    def of_builds(self, parameters: Sequence[UncertainParameter]) -> tuple[_Table, _Table]:
-        """Return the measures with each build at each corner, and with each changed build."""
-        study = self.result.study
-        bank, changed = dict(study.bank), dict[str, list[str]]()
+    def at(self, corner: str, study: Study, parameters: Sequence[UncertainParameter] = ()) -> _Table:
+        """Return the measures of the baseline with each build at a corner, and with each changed build."""
+        builds = list(study.corners[corner])
+        bank = {name: study.bank[name] for name in dict.fromkeys([*builds, *self.base.values()])}
         for one in parameters:
-            name = one.part + _CHANGED + one.stated.name
-            build = study.bank[one.part]
-            bank[name] = replace(build, parameters={**build.parameters, one.stated.name: one.changed})
-            changed.setdefault(one.part, []).append(name)
-        corners = {
-            corner: (*builds, *(name for build in builds for name in changed.get(build, ())))
-            for corner, builds in study.corners.items()
+            if one.part in study.corners[corner]:
+                name = one.part + _CHANGED + one.stated.name
+                build = study.bank[one.part]
+                bank[name] = replace(build, parameters={**build.parameters, one.stated.name: one.changed})
+                builds.append(name)
+        corners = {name: tuple(builds) if name == corner else (self.base[name],) for name in study.corners}
+        local = replace(study, bank=bank, corners=corners, alike=(), baseline={})
+        keys = {build: local.space.find({**self.base, corner: build}).index for build in builds}
+        found = Requested(local, self.folder).request(self.workers, coupling_of(self.result), list(keys.values()))
+        rows = dict(zip(found.setups.tolist(), range(len(found)), strict=True))
+        names = [measure.name for measure in study.measures]
+        return {
+            (corner, build): {name: float(found.values(name)[rows[index]]) for name in names}
+            for build, index in keys.items()
+            if found.done[rows[index]]
         }
-        table = self._run(replace(study, bank=bank, corners=corners, alike=()))
-        nominal = {key: row for key, row in table.items() if _CHANGED not in key[1]}
-        return nominal, {key: row for key, row in table.items() if _CHANGED in key[1]}
+
+    def with_vehicle(self, one: UncertainParameter) -> Study:
+        """Return the study with a changed parameter of the vehicle."""
+        vehicle = self.result.study.vehicle
+        vehicle = replace(vehicle, parameters={**vehicle.parameters, one.stated.name: one.changed})
+        return replace(self.result.study, vehicle=vehicle)
 
     def shock_effect(self, one: UncertainParameter, nominal: _Table, shocks: _Table) -> Effect:
         """Return the effect of a parameter of a build."""
@@ -178,37 +196,15 @@ class _Runs:
         copies = 0.0 if one.stated.copies is None else one.stated.copies / one.stated.deviation
         return Effect(one.part, one.stated.name, one.stated.deviation, copies, {}, changes)
 
-    def vehicle_effect(self, one: UncertainParameter, nominal: _Table) -> Effect:
+    def vehicle_effect(self, one: UncertainParameter, nominal: _Table, changed: _Table) -> Effect:
         """Return the effect of a parameter of the vehicle: that at the baseline, and the change with each build."""
-        vehicle = self.result.study.vehicle
-        vehicle = replace(vehicle, parameters={**vehicle.parameters, one.stated.name: one.changed})
-        table = self._run(replace(self.result.study, vehicle=vehicle, alike=()))
-        logarithms = {key: _logarithms(row, nominal[key], one.sign) for key, row in table.items() if key in nominal}
-        corner, build = next(iter(self.base.items()))
-        shared = logarithms.get((corner, build), {})
+        logarithms = {k: _logarithms(row, nominal[k], one.sign) for k, row in changed.items() if k in nominal}
+        shared = logarithms.get(next(iter(self.base.items())), {})
         changes: dict[str, dict[str, dict[str, float]]] = {}
         for (corner, build), row in logarithms.items():
             apart = {name: value - shared.get(name, 0.0) for name, value in row.items()}
             changes.setdefault(corner, {})[build] = apart
         return Effect(one.part, one.stated.name, one.stated.deviation, 0.0, shared, changes)
-
-    def _run(self, study: Study) -> _Table:
-        """Return the measures of the baseline with each allowed build at one corner."""
-        space = study.space
-        keys = {
-            (corner, build): space.find({**self.base, corner: build}).index
-            for corner, builds in study.corners.items()
-            for build in builds
-        }
-        found = Requested(study, self.folder).request(self.workers, coupling_of(self.result), list(keys.values()))
-        rows = dict(zip(found.setups.tolist(), range(len(found)), strict=True))
-        done = found.done
-        names = [measure.name for measure in study.measures]
-        return {
-            key: {name: float(found.values(name)[rows[index]]) for name in names}
-            for key, index in keys.items()
-            if done[rows[index]]
-        }
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:

@@ -307,9 +307,10 @@ def _design(sizes: tuple[int, ...], levels: bytes, pairs: tuple[tuple[int, int],
         pairs: Pairs of factors that interact.
     """
     columns = np.frombuffer(levels, dtype=np.int64).reshape(-1, len(sizes)).T
-    coded = [helmert(size).T for size in sizes]  # columns of sum 0, orthonormal
+    coded = [np.asarray(helmert(size).T, dtype=np.float64) for size in sizes]  # columns of sum 0, orthonormal
     cells = [np.zeros_like(columns[0]), *columns, *(columns[i] * sizes[j] + columns[j] for i, j in pairs)]
-    codes = [np.ones((1, 1)), *coded, *(np.kron(coded[i], coded[j]) for i, j in pairs)]
+    products = [np.asarray(np.kron(coded[i], coded[j]), dtype=np.float64) for i, j in pairs]
+    codes: list[Array] = [np.ones((1, 1)), *coded, *products]
     if columns.shape[1] <= sum(code.shape[1] for code in codes):
         return None
     terms = list(zip(cells, codes, strict=True))

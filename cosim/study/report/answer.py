@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.certainty import Certainty, Contribution, Status
+from cosim.study.certainty import Certainty, Contribution, Status, summary
 from cosim.study.certainty.certainty import TIE
 from cosim.study.report.sheet import Sheet
 from eightpost.array_types import Array, Flags
@@ -130,16 +130,14 @@ def _candidate(sheet: Sheet, known: Certainty, row: int) -> Candidate:
 
 
 def _share(probability: float) -> str:
-    if not np.isfinite(probability):
-        return "unknown"
-    return "below 1 %" if probability < 0.01 else "above 99 %" if probability > 0.99 else f"{100.0 * probability:.0f} %"
+    return summary.percent(probability) if np.isfinite(probability) else "unknown"
 
 
 def _sure(known: Certainty) -> str:
     missing = [one.name for one in known.contributions if one.status is not Status.INCLUDED]
     if not missing:
         return "All contributions to the uncertainty are included."
-    return f"Not included: {', '.join(missing)}. The real uncertainty is larger by these."
+    return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger by these."
 
 
 def _trade_offs(known: Certainty) -> Iterator[TradeOffLine]:

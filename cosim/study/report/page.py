@@ -233,6 +233,9 @@ _TRADES = 6
 #: Number of columns of the ranking when the page opens, including the objective; the others can be added.
 _TABLED = 7
 
+#: Number of findings of the verdict that are shown at once: the answer and the ranking stay on the first screen.
+_FOLDED = 2
+
 #: Largest number of setups in the list of failed and marked setups; the ranking contains all of them.
 _LISTED = 200
 
@@ -276,6 +279,7 @@ def _words(sheet: Sheet) -> dict[str, Any]:
     problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
     return {
         "verdict": sheet.background.verdict,
+        "fold": _FOLDED,
         "headline": headline(sheet),
         "tiles": tiles(sheet),
         "problems": problems[:_LISTED],

@@ -51,7 +51,7 @@ def shock_curves(study: Study) -> dict[str, ShockCurve]:
 
     A build whose FMU cannot run alone is left out: its curve is an addition to the page, not a result of the study.
     """
-    curves = {}
+    curves = dict[str, ShockCurve]()
     for name, build in study.bank.items():
         try:
             curves[name] = shock_curve(build)
@@ -68,19 +68,23 @@ def shock_curve(build: Build) -> ShockCurve:
     """
     time = STEP * np.arange(round(VELOCITIES.size * HELD / STEP) + 1)
     places = np.minimum((time / HELD + 1e-9).astype(np.int64), VELOCITIES.size - 1)
-    drive = Drivefile(TimeSeries.from_channels(time, {"velocity": ("m/s", VELOCITIES[places])}))
     shock = FmuComponent(build.fmu, "shock")
-    held = {f"shock.{one.name}": float(one.start or 0.0) for one in shock.variables.values() if one.causality == "input" and one.name != "velocity"}
-    system = System({"shock": shock}, constants=held, parameters={"shock": build.parameters})
-    scenario = Scenario(float(time[-1]), drive, {"velocity": "shock.velocity"}, record=("shock.force",))
+    inputs = [one for one in shock.variables.values() if one.causality == "input"]
+    channels = {
+        one.name: (one.unit.name if one.unit else "1", np.full(time.size, float(one.start or 0.0))) for one in inputs
+    }
+    channels["velocity"] = ("m/s", VELOCITIES[places])
+    drive = Drivefile(TimeSeries.from_channels(time, channels))
+    system = System({"shock": shock}, parameters={"shock": build.parameters})
+    scenario = Scenario(float(time[-1]), drive, {name: f"shock.{name}" for name in channels}, record=("shock.force",))
     series = run(system, scenario, step=STEP, compared=False).series
     ends = HELD * (1.0 + np.arange(VELOCITIES.size)) - STEP
     return ShockCurve(VELOCITIES, np.interp(ends, series.time, series["shock.force"]))
 
 
 def copy_shock_pages(study: Study, folder: Path) -> Mapping[str, str]:
-    """Copy the page that the FMU of each build carries, and return the pages' paths relative to the folder, by build."""
-    pages = {}
+    """Copy the page that each FMU of the bank carries; return the paths of the pages relative to the folder, by build."""
+    pages = dict[str, str]()
     for name, build in study.bank.items():
         try:
             with zipfile.ZipFile(build.fmu) as archive:

@@ -17,8 +17,8 @@ from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.answer import tied_rows
-from cosim.study.report.page import Extras, page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Scale, Sheet, Uncertainty, Weighted
+from cosim.study.report.page import page, write_figures
+from cosim.study.report.sheet import Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
 from cosim.study.report.shock_pages import ShockCurve
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
@@ -75,11 +75,11 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         baseline=result.baseline_row,
         certainty=certainty,
         terms=tuple(_weighted(result, term) for term in result.study.objective),
-        background=background(result, trace_command),
+        background=background(result, trace_command, certainty),
     )
 
 
-def background(result: StudyResult, trace_command: str) -> Background:
+def background(result: StudyResult, trace_command: str, certainty: Certainty | None = None) -> Background:
     """Return objective, constraints, notes, settings and files of a result."""
     study = result.study
     terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
@@ -91,7 +91,7 @@ def background(result: StudyResult, trace_command: str) -> Background:
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
         trace_command=trace_command,
-        verdict=study_verdict(result),
+        verdict=study_verdict(result, certainty),
     )
 
 

@@ -22,13 +22,19 @@ let comparisonOf = ""; // what was drawn last
 
 async function drawComparison() {
   const rows = comparedRows(), wanted = JSON.stringify([rows, metric, color.paper]);
-  if (!comparisonIsNear || wanted === comparisonOf) return;
+  if (!(comparisonIsNear || comparisonOf) || wanted === comparisonOf) return;
   comparisonOf = wanted;
   document.getElementById("too-many").hidden = state.picked.size + 2 <= MOST_COMPARED;
   fillComparison(rows);
   await loadPlotly();
   drawCurves(rows);
+  drawChannel(rows);
+}
+
+/** Draw spectra and traces of the chosen channel. */
+function drawChannel(rows) {
   drawSpectra(rows);
+  drawTracesTogether(rows);
 }
 
 function fillComparison(rows) {
@@ -105,4 +111,20 @@ function drawSpectra(rows) {
   Plotly.react(place, lines, { ...PAPER, height: 300, margin: { l: 70, r: 10, t: 10, b: 46 }, showlegend: true, legend: { orientation: "h", y: 1.1 },
     xaxis: { ...AXIS, type: "log", title: { text: "frequency [Hz]", font: { size: 12 } } },
     yaxis: { ...AXIS, type: "log", exponentformat: "power", title: { text: `amplitude density [${unit(shownAs) || "1"}/√Hz]`, font: { size: 12 } } } }, PLOT);
+}
+
+/** Draw the traces of the same channel, in the seconds that the traces of the setup show. */
+function drawTracesTogether(rows) {
+  const chosen = document.getElementById("spectrum").value, place = document.getElementById("traces-together");
+  const with_ = rows.filter((row) => traceOf(row)?.channels.some(({ name }) => name === chosen));
+  if (!with_.length) return;
+  const first = traceOf(with_[0]), middle = 0.5 * (first.from + first.to), shownAs = first.channels.find(({ name }) => name === chosen);
+  const lines = with_.map((row) => {
+    const trace = traceOf(row), channel = trace.channels.find(({ name }) => name === chosen);
+    const line = lineOf(trace, channel, wholeOf(trace), inkOf(rows.indexOf(row)), row === manifest.baseline ? "dash" : "");
+    return { ...line, name: nameOf(row), showlegend: true };
+  });
+  Plotly.react(place, lines, { ...PAPER, height: 300, margin: { l: 70, r: 10, t: 10, b: 46 }, hovermode: "x unified", legend: { orientation: "h", y: 1.1 },
+    xaxis: { ...AXIS, range: [Math.max(first.from, middle - 2), Math.min(first.to, middle + 2)], title: { text: "time [s]", font: { size: 12 } } },
+    yaxis: { ...AXIS, title: { text: `${plain(chosen)}${inUnit(shownAs)}`, font: { size: 12 } } } }, PLOT);
 }

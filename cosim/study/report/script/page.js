@@ -80,7 +80,7 @@ function listenViews() {
   on("tabled", "change", ({ target }) => { showColumn(Number(target.value), target.checked); update(); });
   on("against", "change", () => { makeTrades(); update(); });
   on("pick-current", "change", (event) => pick(state.current, event.target.checked));
-  on("spectrum", "change", () => drawSpectra(comparedRows()));
+  on("spectrum", "change", () => drawChannel(comparedRows()));
   on("with-baseline", "change", redrawTraces);
   on("whole", "click", () => zoomTraces(wholeOf(traceOf(state.current))));
   document.getElementById("pair")?.addEventListener("change", drawSensitivity);

@@ -20,7 +20,7 @@ async function drawSensitivity() {
   for (const line of document.querySelectorAll("#shares tr[data-column]")) {
     line.classList.toggle("current", Number(line.dataset.column) === state.focus);
   }
-  if (!terms || !sensitivityIsNear) return;
+  if (!terms || !(sensitivityIsNear || sensitivityPlace.data)) return;
   await loadPlotly();
   drawMain(terms);
   drawPair(terms);
