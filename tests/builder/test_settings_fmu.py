@@ -30,16 +30,21 @@ NAMES = ("clicks.rebound", "clicks.compression", "temperature")
 REPORTED = ("force", "beyond_settings", "untested_settings")
 
 
+#: All laws; `hysteresis` also with settings that change its lagged curve on their own.
+SHOCKS = (*LAWS, "hysteresis_lagged")
+
+
 def shock_of(name):
     """A shock of a law with random effects of two adjusters, the temperature and one combination."""
-    law = LAWS[name]
+    law, has_lagged = LAWS[name.removesuffix("_lagged")], name.endswith("_lagged")
     own = {p.name: p.start for p in fit_parameters(law)}
     varied = tuple(p.name for p in fit_parameters(law) if p.scale == "logarithmic")
     curve = example_curve.knot_curve()
-    if name == "hysteresis":
+    if law.__name__ == "Hysteresis":
         half = tuple(0.5 * slope for slope in curve.knot_slope)
         stop = {"stop_stiffness": 2e5, "stop_yield": 4e-4, "stop_time": 0.02}
         own, varied = {"lagged_slope": half, "time_constant": (4e-3, 2e-3, 5e-3), **stop}, ("time_constant",)
+        varied = ("lagged_slope", *varied) if has_lagged else varied
     random = np.random.default_rng(1)
     axes = (
         Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
@@ -48,7 +53,8 @@ def shock_of(name):
     )
 
     def rows(count, kept):
-        parts = [(400.0, 25), (0.1, len(varied)), (20.0, 1)]
+        lagged = [(500.0, 25)] * has_lagged
+        parts = [(400.0, 25), *lagged, (0.1, len(varied) - has_lagged), (20.0, 1)]
         found = np.hstack([random.normal(0.0, size, (count, width)) for size, width in parts])
         found[[k for k in range(count) if k not in kept]] = 0.0
         return tuple(map(tuple, found.tolist()))
@@ -98,7 +104,7 @@ def settings_and_moves(count=60):
 
 @pytest.mark.parametrize("temperature_input", [False, True])
 @pytest.mark.parametrize("target", ["native", "python"])
-@pytest.mark.parametrize("name", list(LAWS))
+@pytest.mark.parametrize("name", SHOCKS)
 def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built, name, target, temperature_input):
     shock = shock_of(name)
     fmu = FmuComponent(built(name, target, temperature_input=temperature_input), name)

@@ -185,7 +185,11 @@ def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:
     moves = []
     for block in blocks:
         q = orthogonal[block]
-        share, axes = np.linalg.eigh(q.T @ q)
+        if len(q) < q.shape[1]:  # a block of many settings' records determines few directions
+            _, size, rows = np.linalg.svd(q, full_matrices=False)
+            share, axes = size**2, rows.T
+        else:
+            share, axes = np.linalg.eigh(q.T @ q)
         left = 1.0 - np.minimum(share, _MOST_LEVERAGE)
         moves.append(axes @ ((axes.T @ (q.T @ residual[block])) / left))
     return np.array(moves)
