@@ -13,7 +13,11 @@ static double not_negative(double value)
     return value > 0.0 ? value : 0.0;
 }
 
-#include "settings_data.h"
+/* A part of an assembly has a file of its own. */
+#ifndef SETTINGS_DATA
+#define SETTINGS_DATA "settings_data.h"
+#endif
+#include SETTINGS_DATA
 
 /* Parameters at a setting, the values that they were computed from, and where the setting is among the measured ones. */
 typedef struct {
