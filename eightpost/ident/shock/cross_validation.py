@@ -126,6 +126,21 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
+def left_out_builds(runs: Runs) -> list[LeftOut]:
+    """Return all runs of each build; nothing if there is only one build, or one run of each."""
+    builds, rows = runs.builds, _rows_of(runs)
+    if not 2 <= len(builds) < len(rows):
+        return []
+    found = []
+    for build in builds:
+        kept = np.ones(runs.target.size, dtype=bool)
+        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build == build)
+        for part in parts:
+            kept[part] = False
+        found.append(LeftOut(kept, parts, is_whole=True))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
     """A fitted law and its predictions of parts that are left out, each computed once when it is needed.
@@ -144,9 +159,18 @@ class CrossValidation:
         """Return the errors on whole runs, with weights (R,) of the rows; None if there is only one run."""
         return self._errors(self._runs, counted) if self._runs else None
 
+    def builds(self, counted: Array) -> HeldOut | None:
+        """Return the errors on all runs of a build, with weights (R,) of the rows; None if there is only one build.
+
+        With one run of each build these are the errors on whole runs.
+        """
+        if self._builds:
+            return self._errors(self._builds, counted)
+        return self.runs(counted) if len(self.fit.runs.builds) > 1 else None
+
     def decisive(self, counted: Array) -> HeldOut:
-        """Return the errors that decide, on whole runs if there are several."""
-        return self.runs(counted) or self.blocks(counted)
+        """Return the errors that decide: on whole builds or runs if there are several."""
+        return self.builds(counted) or self.runs(counted) or self.blocks(counted)
 
     @cached_property
     def _blocks(self) -> list[tuple[LeftOut, Array]]:
@@ -155,6 +179,10 @@ class CrossValidation:
     @cached_property
     def _runs(self) -> list[tuple[LeftOut, Array]]:
         return self._predicted(left_out_runs(self.fit.runs))
+
+    @cached_property
+    def _builds(self) -> list[tuple[LeftOut, Array]]:
+        return self._predicted(left_out_builds(self.fit.runs))
 
     def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
         """Return each part with the force (R,) [N] of a fit without it."""

@@ -1,7 +1,7 @@
 """Choice of the law for a shock: every law is fitted, cross-validated, and compared.
 
-The choice is the simplest law whose held-out error is within one standard error of the best. If there are several runs,
-each run is left out once; if there is one, each quarter of it.
+The choice is the simplest law whose held-out error is within one standard error of the best. If there are several
+builds, all runs of a build are left out once; of one build, each run; of one run, each quarter of it.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ class LawScore:
         step_cost: Cost of a step of the native FMU relative to Polylinear [1], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
         curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
+        builds: Errors on all runs of a build that were left out; None if there is only one build.
     """
 
     law: str
@@ -58,11 +59,12 @@ class LawScore:
     step_cost: float | None
     trouble: str = ""
     curve: CurveComparison | None = None
+    builds: HeldOut | None = None
 
     @property
     def held_out(self) -> HeldOut:
-        """Errors that decide: on whole runs if there are several, else on quarters of the record."""
-        found = self.runs or self.blocks
+        """Errors that decide: on whole builds or runs if there are several, else on quarters of the record."""
+        found = self.builds or self.runs or self.blocks
         assert found is not None, "a law that was not cross-validated has no errors"
         return found
 
@@ -90,7 +92,9 @@ class LawChoice:
 
     @property
     def left_out(self) -> str:
-        """What was left out: `runs`, or `quarters` of the only one."""
+        """What was left out: `builds`, `runs`, or `quarters` of the only run."""
+        if self.chosen.builds is not None:
+            return "builds"
         return "runs" if self.chosen.runs is not None else "quarters"
 
     def __getitem__(self, law: str) -> LawScore:
@@ -121,6 +125,7 @@ def _json_of(score: LawScore) -> dict[str, Any]:
         "standard_error_percent": held.spread,
         "held_out_with_level_percent": held.raw_percent,
         "held_out_quarters_percent": None if score.blocks is None else score.blocks.percent,
+        **({} if score.builds is None or score.runs is None else {"held_out_runs_percent": score.runs.percent}),
         "fit_percent": score.fit_percent,
         "parameters": score.parameters,
         "step_cost": score.step_cost,
@@ -250,10 +255,10 @@ def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
 
 def _cross_validated(found: CrossValidation, score: LawScore, counted: Array) -> LawScore:
     try:
-        blocks, runs = found.blocks(counted), found.runs(counted)
+        blocks, runs, builds = found.blocks(counted), found.runs(counted), found.builds(counted)
     except ValueError as error:  # raised by laws and fits that reject a part of the data
         return replace(score, trouble=f"a part of the record cannot be fitted: {error}")
-    return replace(score, blocks=blocks, runs=runs)
+    return replace(score, blocks=blocks, runs=runs, builds=builds)
 
 
 def _excluded(law: str, trouble: str) -> LawScore:

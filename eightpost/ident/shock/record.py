@@ -109,6 +109,7 @@ class Prepared:
         single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
         changes: Every departure from the dissertation's choices, one sentence each.
         temperature: Temperature (N,) [K], averaged over a second; None if it was not measured.
+        build: Build of the shock; None if it is not stated.
     """
 
     record: TimeSeries
@@ -121,6 +122,7 @@ class Prepared:
     single_frequency: float | None
     changes: tuple[str, ...]
     temperature: Array | None = None
+    build: str | None = None
 
     @property
     def step(self) -> float:
@@ -196,6 +198,7 @@ def prepare(
         single_frequency=single_frequency(series["velocity"][inside], series.sample_rate),
         changes=tuple(changes),
         temperature=_temperature(test.series, record.time),
+        build=test.conditions.build,
     )
 
 

@@ -102,6 +102,12 @@ class Runs:
         return np.concatenate([time - time.mean() for time in times])
 
     @property
+    def builds(self) -> tuple[str, ...]:
+        """The builds of the shock in the order of the runs; empty if a run does not state its build."""
+        names = [p.build for p in self.prepared]
+        return tuple(dict.fromkeys(name for name in names if name is not None)) if None not in names else ()
+
+    @property
     def rate(self) -> float:
         """The lowest sampling rate [Hz]."""
         return min(p.rate for p in self.prepared)

@@ -8,9 +8,9 @@ leverage).
 A shock that warms or drifts during the test changes its parameters slowly, which blocks of 0.3 s do not show. So the
 same is done with quarters and eighths of the records, and the widest of the three intervals counts.
 
-An interval shall hold for another part of the test too, in which the shock is warmer or colder by as much as it
-became in this one. So the residual is regressed on forces that grow with the temperature (with the time, where no
-temperature was measured), and the change of the parameters over the record that follows is added to the interval.
+The parameters are those at the mean temperature of the test, but the shock had other ones. So the residual is also
+regressed on forces that grow with the temperature (with the time, where no temperature was measured), and the change of
+the parameters from the middle of the temperatures to their ends is added to the interval.
 
 Penalties move the solution in the same way in every part of the record. A law with many penalised parameters counts as
 a bias of its intervals what leaving out each penalty would change.
@@ -51,6 +51,9 @@ LEVEL = 0.95
 #: Level of the intervals of the long blocks. As the widest of three intervals counts, 0.95 for each would cover 99 % of
 #: records that do not change; this value covers 97 % of these, and 90 % of warming ones (benchmarks/law_intervals.py).
 _LONG_LEVEL = 0.925
+
+#: Share of the range of the covariate that an interval contains on either side.
+_STATES = 0.5
 
 #: Singular values of the scaled Jacobian below this share of the largest are directions without information.
 _NO_INFORMATION = 1e-7
@@ -117,7 +120,7 @@ def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequenc
 
 
 def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
-    """Return the changes of the parameters (n,) over the range of the covariate: of the temperature, or of the time.
+    """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
 
     The residual is regressed on three forces that grow with the covariate: shares of the force in compression and of
     that in rebound, and a constant one. The parameters change as the fit would if the measured force changed so.
@@ -130,7 +133,7 @@ def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
     size = np.linalg.norm(seen, axis=0)
     size[size == 0.0] = 1.0
     gains = np.linalg.lstsq(seen / size, -residual, rcond=_NO_INFORMATION)[0] / size
-    change = float(np.ptp(covariate)) * (patterns @ gains)
+    change = _STATES * float(np.ptp(covariate)) * (patterns @ gains)
     return np.asarray((rows.T @ change / directions.strength) @ directions.right / directions.size)
 
 
