@@ -31,7 +31,7 @@ PIECES = 4
 #: Errors that differ by less than this share count as equal: the fits are not more accurate.
 TIE = 1e-3
 
-#: Maximum number of fits that leave out runs; with more runs, several are left out together.
+#: Maximum number of fits that leave out runs or builds; with more of these, several are left out together.
 _MOST_FITS = 8
 
 
@@ -127,14 +127,15 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
 
 
 def left_out_builds(runs: Runs) -> list[LeftOut]:
-    """Return all runs of each build; nothing if there is only one build, or one run of each."""
+    """Return all runs of each build, of many builds in groups; nothing if there is one build, or one run of each."""
     builds, rows = runs.builds, _rows_of(runs)
     if not 2 <= len(builds) < len(rows):
         return []
     found = []
-    for build in builds:
-        kept = np.ones(runs.target.size, dtype=bool)
-        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build == build)
+    fits = min(len(builds), _MOST_FITS)
+    for number in range(fits):
+        kept, group = np.ones(runs.target.size, dtype=bool), builds[number::fits]
+        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build in group)
         for part in parts:
             kept[part] = False
         found.append(LeftOut(kept, parts, is_whole=True))
