@@ -91,6 +91,15 @@ class Rule:
         return Reason(self.name, self.about, self.grade, statement, figure, origin, remedy or self.remedy)
 
 
+class Rules(list[Rule]):
+    """Table of the rules of one area, in the order of their definition; docs/verdict.md lists them."""
+
+    def add(self, name: str, about: str, grade: Grade, *, condition: str, why: str, remedy: str = "nothing") -> Rule:
+        """Add a rule to the table and return it; see `Rule` for the arguments."""
+        self.append(Rule(name, about, grade, condition, why, remedy))
+        return self[-1]
+
+
 @dataclass(frozen=True)
 class Verdict:
     """A list of reasons, worst first; reasons of the same grade keep their order.
