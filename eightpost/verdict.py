@@ -45,6 +45,10 @@ class Reason:
         figure: Value that was found, with its unit and its limit.
         origin: File, component or step from which the figure comes.
         remedy: Advice on what to do.
+
+    Raises:
+        InputError: A text is empty.
+        ValueError: The grade is unknown.
     """
 
     rule: str

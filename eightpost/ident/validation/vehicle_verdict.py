@@ -38,6 +38,9 @@ class Limits:
         level: Largest relative error of the RMS of a judged output on random records [1].
         error: Largest RMS of measured minus predicted, over the measured RMS, on random, sine and bump records [1].
         rank: Lowest rank correlation of RMS over four or more random records [1].
+
+    Raises:
+        ParameterError: A limit is outside its range.
     """
 
     level: float = 0.05
