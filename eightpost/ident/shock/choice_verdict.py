@@ -106,7 +106,11 @@ def _prediction(choice: LawChoice, runs: Runs, origin: str) -> Reason:
     percent, count = held.percent, len(runs.prepared)
     rule = PREDICTS if percent <= DOUBTFUL else PREDICTS_ROUGHLY if percent <= POOR else PREDICTS_POORLY
     verb = "predicts" if rule is PREDICTS else "does not predict"
-    where = f"whole runs, {count} of them" if choice.chosen.runs else "quarters of one run; other runs were not tried"
+    if choice.left_out == "runs":
+        where = f"whole runs, {count} of them"
+    else:
+        where = "quarters of one run" if count == 1 else f"quarters of {count} runs, whose speeds differ"
+        where += "; other runs were not tried"
     low, high = float(runs.velocity[runs.inside].min()), float(runs.velocity[runs.inside].max())
     return rule.reason(
         f"{law_title(choice.law)} {verb} what was left out of its fit" + (" well" if rule is not PREDICTS else ""),
