@@ -74,8 +74,13 @@ class HeldOut:
         return _geometric_percent(self.pieces)
 
     @property
+    def mean_percent(self) -> float:
+        """Mean of the pieces' RMS errors in percent of the force's standard deviation; large if one piece is."""
+        return 100.0 * float(np.mean(np.sqrt(self.pieces)))
+
+    @property
     def raw_percent(self) -> float:
-        """The same for the errors that include the level of a run."""
+        """The same as `percent` for the errors that include the level of a run."""
         return _geometric_percent(self.raw)
 
     @property
