@@ -1,6 +1,6 @@
 """Benchmark of the choice of the law on random virtual shocks: one or several records, judged on three others.
 
-    python -m benchmarks.random_shocks [--shocks 40] [--seed 907] [--json FILE] [--page FILE]
+    python -m benchmarks.random_shocks [--shocks 40] [--seed 907] [--json FILE]
 
 Seven shocks of ten are physical (shims, clicks, gas pressure, dish and jet drawn at random), the others are Bouc-Wen
 dampers with a digressive curve. Each is tested with a random motion, with one sine, or with two sines of different
@@ -25,7 +25,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from numba import njit
 
-from benchmarks.law_choice import CLOSE, CURVES, Candidate, rewrite
+from benchmarks.law_choice import CLOSE, CURVES, Candidate
 from benchmarks.shock_rows import shape_rms
 from benchmarks.shock_tables import grid
 from benchmarks.single_speed import RATE, random_shock, sine
@@ -248,7 +248,6 @@ def main() -> None:
     parser.add_argument("--shocks", type=int, default=40, help="number of shocks")
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the shocks and their tests")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
-    parser.add_argument("--page", type=Path, help="rewrite the table of this page, docs/law_choice.md")
     options = parser.parse_args()
     found: list[Outcome] = []
     for number in range(options.shocks):
@@ -257,10 +256,7 @@ def main() -> None:
         if options.json:
             rows = [_row(one) for one in found]
             options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    text = report(found)
-    print(text)
-    if options.page:
-        rewrite(options.page, "random_shocks", text)
+    print(report(found))
 
 
 if __name__ == "__main__":

@@ -50,8 +50,8 @@ class LawScore:
         step_cost: Cost of a step of the native FMU relative to Polylinear [1], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
         curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
-        decides: What decides: `runs` (quarters if there is only one), or `quarters`, if a run has a speed that no other
-            has. Leaving that run out would be an extrapolation, which the fit to all runs is not.
+        decides: Parts whose errors decide: `runs` (quarters if there is only one), or `quarters` if a run has a speed
+            that no other has. Leaving that run out would be an extrapolation, which the fit to all runs is not.
     """
 
     law: str
