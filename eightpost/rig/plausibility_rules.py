@@ -59,6 +59,13 @@ RUN_DOWN = RULES.add("run-down of the machine", ABOUT, Grade.LIMITED,
     why="a law is fitted to the whole segment, so low speeds after the test get weight, and speed correlates with time",
     remedy="fit the part before it (--segment)",
 )  # fmt: skip
+SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED,
+    condition="at equal velocity, the force of a rising velocity is the larger one in both strokes, like that of a "
+    "mass above 2.5 kg, by four standard errors, and the lead is more than 0.3 ms and 0.6 samples",
+    why="compressibility, friction and gas make a force late, never early, so the channels were not recorded at the "
+    "same times; the lag of the shock is too small by the skew",
+    remedy="delay the force by the stated time, or find which channel has a filter or is sampled later",
+)  # fmt: skip
 CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     condition="several columns could be the same channel, and one of them was chosen",
     why="another column may be the one that is calibrated",

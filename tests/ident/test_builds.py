@@ -93,6 +93,21 @@ def test_each_build_is_left_out_with_all_its_runs(tests):
         assert part.kept.sum() == ends[-1] - (ends[2 * number + 2] - ends[2 * number])
 
 
+def test_builds_are_left_out_only_if_others_have_their_speeds(tests):
+    runs = prepare_runs(tests[:4])
+    assert runs.has_repeated_builds
+    slow = [replace(test, series=_slower(test.series)) if test.conditions.build == "b" else test for test in tests[:4]]
+    assert prepare_runs(slow).has_repeated_speeds and not prepare_runs(slow).has_repeated_builds
+    assert not prepare_runs(tests[:2]).has_repeated_builds
+
+
+def _slower(series):
+    found = series
+    for name, unit in (("velocity", "m/s"), ("displacement", "m"), ("force", "N")):
+        found = found.with_channel(name, unit, 0.4 * series[name])
+    return found
+
+
 def test_one_run_of_each_build_needs_no_fits_of_its_own(tests):
     assert left_out_builds(prepare_runs(tests[::2])) == []
 

@@ -94,19 +94,20 @@ def choice_reasons(choice: LawChoice, runs: Runs, origin: str) -> Iterator[Reaso
 
 def _prediction(choice: LawChoice, runs: Runs, origin: str) -> Reason:
     held = choice.chosen.held_out
-    percent, count = held.percent, len(runs.prepared)
+    percent, count = held.mean_percent, len(runs.prepared)
     rule = PREDICTS if percent <= DOUBTFUL else PREDICTS_ROUGHLY if percent <= POOR else PREDICTS_POORLY
     verb = "predicts" if rule is PREDICTS else "does not predict"
     where = {
         "builds": f"whole builds, {len(runs.builds)} of them with {count} runs",
         "runs": f"whole runs, {count} of them",
-        "quarters": "quarters of one run; other runs were not tried",
+        "quarters": "quarters of one run" if count == 1 else f"quarters of {count} runs, whose speeds differ",
     }[choice.left_out]
+    where += "; other runs were not tried" if choice.left_out == "quarters" else ""
     low, high = float(runs.velocity[runs.inside].min()), float(runs.velocity[runs.inside].max())
+    errors = f"held-out error {percent:.3g} % (typically {held.percent:.3g} +- {held.spread:.2g} %) on {where}"
     return rule.reason(
         f"{law_title(choice.law)} {verb} what was left out of its fit" + (" well" if rule is not PREDICTS else ""),
-        figure=f"held-out error {percent:.3g} +- {held.spread:.2g} % on {where}; limits {DOUBTFUL:g} and {POOR:g} %; "
-        f"velocities {low:.3g} to {high:.3g} m/s",
+        figure=f"{errors}; limits {DOUBTFUL:g} and {POOR:g} %; velocities {low:.3g} to {high:.3g} m/s",
         origin=origin,
     )
 
