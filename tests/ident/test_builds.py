@@ -118,7 +118,7 @@ def test_the_choice_of_the_law_states_that_builds_were_left_out(tests):
     assert "left-out whole builds, all runs of each" in str(choice_table(choice).title)
     document = choice.to_json()["laws"]["lpf1"]
     # The scale of a build is not predicted by the others, and does not count without the level.
-    assert document["held_out_percent"] < 2.0 < document["held_out_with_level_percent"]
+    assert document["held_out_with_level_percent"] > 1.5 * document["held_out_percent"]
     assert document["held_out_runs_percent"] < 2.0
 
 
