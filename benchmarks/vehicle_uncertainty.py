@@ -32,8 +32,8 @@ from scipy.stats import t as student
 from benchmarks.identification import markdown
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, TUNING, Outcome, outcome
 from eightpost.errors import StepError
-from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 from eightpost.ident.vehicle.model_form import ModelForm, Shares
+from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
