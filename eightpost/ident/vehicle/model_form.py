@@ -60,7 +60,7 @@ class Shares(NamedTuple):
 
 #: Shares in the band of the model and above it, and of the standard deviation due to noise
 #: (docs/vehicle_uncertainty.md).
-_INSIDE, _ABOVE, _NOISE = Shares(0.4, 1.0), Shares(0.05, 0.2), Shares(1.8, 5.0)
+_INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.79), Shares(0.05, 0.26), Shares(1.8, 1.4)
 
 
 @dataclass(frozen=True, slots=True)

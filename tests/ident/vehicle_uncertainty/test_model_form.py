@@ -104,12 +104,14 @@ def test_the_residual_is_split_at_the_upper_limit_of_the_band(car, tests):
 
 @pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",), ("force", "velocity"), (*OUTPUTS, "road", "force")])
 def test_white_noise_of_outputs_and_of_inputs_is_not_a_residual_of_the_model(car, tests, channels):
-    noisy = with_noise(tests[0], channels, 0.02)
-    found = ModelForm().residual(car, noisy, 25.0)
-    simulated, measured = ClosedLoop().outputs(car, noisy)
-    plain = (simulated - measured).std(axis=1) / measured.std(axis=1)
-    assert plain.max() > 0.015
-    assert (whole(found) < np.maximum(0.5 * plain, 2e-3)).all()
+    left, plain = [], []
+    for seed in range(6):
+        noisy = with_noise(tests[0], channels, 0.02, seed)
+        simulated, measured = ClosedLoop().outputs(car, noisy)
+        plain.append((simulated - measured).std(axis=1) / measured.std(axis=1))
+        left.append(whole(ModelForm().residual(car, noisy, 25.0)))
+    assert np.mean(plain, axis=0).max() > 0.015
+    assert (np.mean(left, axis=0) < np.maximum(0.5 * np.mean(plain, axis=0), 2e-3)).all()
 
 
 def test_a_wrong_output_is_found_in_noise(car, tests):
