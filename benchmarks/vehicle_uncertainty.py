@@ -38,7 +38,7 @@ from eightpost.ident.vehicle.trust import UNUSABLE
 from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, setup_distance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -160,7 +160,8 @@ def _scales(parted: Sequence[dict[str, Part]], shares: Array) -> Array:
 
 def _least(cost: Callable[[Array], float], start: tuple[float, ...]) -> Array:
     """Return the positive shares with the lowest cost."""
-    return np.exp(minimize(lambda x: cost(np.exp(x)), np.log(start), method="Nelder-Mead", options={"xatol": 0.02}).x)
+    found = minimize(lambda x: cost(np.exp(x)), np.log(start), method="Nelder-Mead", tol=1e-4)
+    return np.asarray(np.exp(found.x), dtype=np.float64)
 
 
 def _factor(errors: Array) -> float:
@@ -214,7 +215,7 @@ def _percent(values: NDArray[np.bool_]) -> float:
 
 def comparisons(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
     """Return the stated and the observed share of correct comparisons by bins: all pairs, by kind, and similar laws."""
-    rows = []
+    rows: list[Row] = []
     for group in ("all", *dict.fromkeys(one.kind for one in outcomes), "similar laws"):
         chosen = [one for one in outcomes if group in (one.kind, "all", "similar laws")]
         pairs = [_pairs(one, settings, one.similar if group == "similar laws" else 0) for one in chosen]
@@ -228,15 +229,17 @@ def best(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
     return _bins("all", pairs, (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0))
 
 
-def _bins(group: str, pairs: Array, limits: Sequence[float]) -> Iterable[Row]:
-    """Yield the mean stated probability (pairs[:, 0]) and the share that was right (pairs[:, 1]) of each bin."""
+def _bins(group: str, pairs: Array, limits: Sequence[float]) -> list[Row]:
+    """Return the mean stated probability (pairs[:, 0]) and the share that was right (pairs[:, 1]) of each bin."""
     place = np.clip(np.digitize(pairs[:, 0], limits) - 1, 0, len(limits) - 2)
+    rows: list[Row] = []
     for k in range(len(limits) - 1):
         chosen = pairs[place == k]
         if len(chosen):
             mean, right = chosen.mean(axis=0)
             row = {"setups": group, "stated": f"{limits[k]:g} to {limits[k + 1]:g}", "pairs": len(chosen)}
-            yield row | {"mean stated": mean, "correct": right, "difference": right - mean}
+            rows.append(row | {"mean stated": mean, "correct": right, "difference": right - mean})
+    return rows
 
 
 def _pairs(one: Outcome, settings: ModelForm, first: int) -> Array:

@@ -198,7 +198,7 @@ class SetupErrors:
                     "that are not positive, such as means"
                 )
         logarithms = np.log(np.stack(list(rows.values()), axis=1)) / math.sqrt(len(rows))
-        done = np.isfinite(logarithms).all(axis=1)
+        done = np.asarray(np.isfinite(logarithms).all(axis=1), dtype=np.bool_)
         middle = logarithms[done].mean(axis=0) if done.any() else 0.0
         return cls(uncertainties, np.where(done[:, None], logarithms - middle, np.nan))
 

@@ -60,7 +60,7 @@ class Shares(NamedTuple):
 
 #: Shares in the band of the model and above it, and of the standard deviation due to noise
 #: (docs/vehicle_uncertainty.md).
-_INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.79), Shares(0.05, 0.26), Shares(1.8, 1.4)
+_INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.8), Shares(0.045, 0.23), Shares(1.9, 2.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,10 +159,12 @@ class ModelForm:
             noise: Relative standard deviation of the measure due to noise [1].
         """
         extrapolated = above / math.sqrt(share) if share >= _TOO_LITTLE else 1.0
-        beyond = [part * extrapolated for part in self.above]
-        scales = [math.hypot(a * inside, b * math.sqrt(share), n * noise)
-                  for a, b, n in zip(self.inside, beyond, self.noise, strict=True)]  # fmt: skip
-        return MeasureUncertainty(*scales, *beyond, share)
+        common, own = (
+            math.hypot(a * inside, b * extrapolated * math.sqrt(share), n * noise)
+            for a, b, n in zip(self.inside, self.above, self.noise, strict=True)
+        )
+        beyond = Shares(self.above.common * extrapolated, self.above.own * extrapolated)
+        return MeasureUncertainty(common, own, beyond.common, beyond.own, share)
 
 
 def noise_of(name: str, outputs: Mapping[str, OutputTrust]) -> float:

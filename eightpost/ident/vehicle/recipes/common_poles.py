@@ -83,8 +83,8 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        car, *rejected = self._usable_car(tests, experiment)
-        return self._identification(car, tests, experiment, (started, *rejected))
+        car, failed, usable = self._usable_car(tests, experiment)
+        return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle without its uncertainty, which takes less time.
