@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.ident.vehicle.recipes import common_poles
