@@ -17,7 +17,7 @@ from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Study
-from eightpost.model_uncertainty import ParameterUncertainty
+from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 
 #: Function that receives the number of completed runs and their total number.
 Progress = Callable[[int, int], None]
@@ -53,30 +53,35 @@ class UncertainParameter:
 
 
 def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return the uncertain parameters that the builds' FMUs state, the builds that state none, and notes."""
-    found, unstated, notes = list[UncertainParameter](), list[str](), list[str]()
+    """Return the uncertain parameters that the builds' FMUs state, the builds whose uncertainty is unknown, and notes.
+
+    Builds that no corner of the study allows are left out.
+    """
+    found, unknown, notes = list[UncertainParameter](), list[str](), dict[str, list[str]]()
+    allowed = {build for builds in result.study.corners.values() for build in builds}
     for build, made in result.study.bank.items():
-        stated = stated_uncertainty(result, made.fmu)
+        stated = stated_uncertainty(result, made.fmu) if build in allowed else ModelUncertainty()
         if stated is None:
-            unstated.append(build)
+            unknown.append(build)
             continue
-        notes += [f"{build}: {text}" for text in stated.held]
         values = _values(made.fmu, made.parameters, [one.name for one in stated.parameters])
         missing = [one.name for one in stated.parameters if one.name not in values]
-        notes += [f"{build}: its FMU has no parameter {name}, whose uncertainty is left out" for name in missing]
+        unknown += [build] if missing else []
+        for text in (*stated.held, *(f"the FMU has no parameter {name}" for name in missing)):
+            notes.setdefault(text, []).append(build)
         found += [
             UncertainParameter(build, values[one.name], _scaled(one, values[one.name]))
             for one in stated.parameters
             if one.name in values and one.deviation > 0.0
         ]
-    return tuple(found), tuple(unstated), tuple(notes)
+    return tuple(found), tuple(unknown), tuple(f"{', '.join(builds)}: {text}" for text, builds in notes.items())
 
 
 def _values(fmu: Path, given: Mapping[str, float | bool | str], names: Sequence[str]) -> dict[str, float]:
     """Return the values of those parameters that an FMU has: the study's, or else the FMU's own."""
-    variables = FmuComponent(fmu, "part").variables
+    variables = FmuComponent(fmu, "part").variables if names else {}
     found = {name: given.get(name, variables[name].start) for name in names if name in variables}
-    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+    return {name: float(value) for name, value in found.items() if value is not None}
 
 
 def _scaled(stated: ParameterUncertainty, value: float) -> ParameterUncertainty:
