@@ -98,6 +98,8 @@ def effects_of(
     folder: str | Path,
     workers: Workers,
     progress: Progress = lambda _done, _all: None,
+    *,
+    vehicles: Sequence[Path] = (),
 ) -> tuple[Effect, ...]:
     """Return the effects of uncertain parameters, from runs of setups that differ from the baseline at one corner.
 
@@ -111,15 +113,17 @@ def effects_of(
         folder: Folder of the study.
         workers: Workers that run the setups.
         progress: Called after each part of the runs.
+        vehicles: FMUs of equivalent vehicles, such as fits of other records. The error of the study's vehicle is taken
+            to be as large as theirs, so that half of the square of the difference belongs to it.
     """
     base = result.study.baseline or _best(result)
     own = [one for one in parameters if one.part in result.study.bank]
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
-    if base is None or not (own or cars):
+    if base is None or not (own or cars or vehicles):
         return ()
     runs = _Runs(result, base, Path(folder) / "certainty", workers)
     corners = list(result.study.corners)
-    total, count = len(corners) * (1 + len(cars)), 0
+    total, count = len(corners) * (1 + len(cars) + len(vehicles)), 0
     nominal, shocks = _Table(), _Table()
     progress(0, total)
     for corner in corners:
@@ -127,12 +131,15 @@ def effects_of(
             (shocks if _CHANGED in key[1] else nominal)[key] = row
         progress(count := count + 1, total)
     found = [runs.shock_effect(one, nominal, shocks) for one in own]
-    for one in cars:
+    others = [(one.stated.name, one.stated.deviation, one.sign, runs.with_vehicle(one)) for one in cars]
+    share = (2.0 * len(vehicles)) ** -0.5 if vehicles else 0.0
+    others += [(path.name, 1.0, share, runs.with_other_vehicle(path)) for path in vehicles]
+    for name, deviation, factor, study in others:
         changed = _Table()
         for corner in corners:
-            changed |= runs.at(corner, runs.with_vehicle(one))
+            changed |= runs.at(corner, study)
             progress(count := count + 1, total)
-        found.append(runs.vehicle_effect(one, nominal, changed))
+        found.append(runs.vehicle_effect(name, deviation, factor, nominal, changed))
     return tuple(found)
 
 
@@ -201,15 +208,19 @@ class _Runs:
         copies = 0.0 if one.stated.copies is None else one.stated.copies / one.stated.deviation
         return Effect(one.part, one.stated.name, one.stated.deviation, copies, {}, changes)
 
-    def vehicle_effect(self, one: UncertainParameter, nominal: _Table, changed: _Table) -> Effect:
-        """Return the effect of a parameter of the vehicle: that at the baseline, and the change with each build."""
-        logarithms = {k: _logarithms(row, nominal[k], one.sign) for k, row in changed.items() if k in nominal}
+    def with_other_vehicle(self, fmu: Path) -> Study:
+        """Return the study with an equivalent vehicle."""
+        return replace(self.result.study, vehicle=replace(self.result.study.vehicle, fmu=fmu))
+
+    def vehicle_effect(self, name: str, deviation: float, factor: float, nominal: _Table, changed: _Table) -> Effect:
+        """Return the effect of a change of the vehicle: that at the baseline, and what each build changes in it."""
+        logarithms = {k: _logarithms(row, nominal[k], factor) for k, row in changed.items() if k in nominal}
         shared = logarithms.get(next(iter(self.base.items())), {})
         changes: dict[str, dict[str, dict[str, float]]] = {}
         for (corner, build), row in logarithms.items():
-            apart = {name: value - shared.get(name, 0.0) for name, value in row.items()}
+            apart = {measure: value - shared.get(measure, 0.0) for measure, value in row.items()}
             changes.setdefault(corner, {})[build] = apart
-        return Effect(one.part, one.stated.name, one.stated.deviation, 0.0, shared, changes)
+        return Effect(self.result.study.vehicle.name, name, deviation, 0.0, shared, changes)
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:
