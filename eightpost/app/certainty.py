@@ -55,10 +55,12 @@ def measured_noise(folder: Path) -> Mapping[str, float]:
 
 def with_runs(known: Knowledge, result: StudyResult, folder: Path) -> Knowledge:
     """Return what is known with the rig runs of the certainty in a study's folder, if it is of this study."""
+    from cosim.study.certainty.assess import Knowledge
+
     earlier = earlier_certainty(result, folder)
     if earlier is None or not earlier.runs:
         return known
-    noise = {name: one.run_to_run for name, one in earlier.levels.items() if one.run_to_run == one.run_to_run}
+    noise = Knowledge.of(earlier).run_to_run
     return replace(known, runs=earlier.runs, run_to_run={**noise, **known.run_to_run})
 
 

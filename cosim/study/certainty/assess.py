@@ -17,6 +17,7 @@ from cosim.study.certainty.certainty import (
     Effect,
     Levels,
     TradeOff,
+    VehicleSource,
 )
 from cosim.study.certainty.choice import (
     Criterion,
@@ -29,9 +30,9 @@ from cosim.study.certainty.choice import (
     tests_of,
 )
 from cosim.study.certainty.contributions import contributions_of
-from cosim.study.certainty.mixture import probability_below
 from cosim.study.certainty.posterior import Observations, Posterior
 from cosim.study.certainty.sources import ErrorSources, error_sources
+from cosim.study.certainty.surprise import Surprise, surprises_of
 from cosim.study.certainty.vehicle_errors import OUTPUT, UNKNOWN
 from cosim.study.result import StudyResult
 from eightpost.array_types import Array, Integers
@@ -41,9 +42,6 @@ DRAWS, _FEWER = 4096, 1024
 
 #: Number k of the best setups, number of next tests, seed of the draws.
 TOP, TESTS, SEED = 10, 3, 20260
-
-#: Probability of a deviation below which a measured level contradicts the prediction.
-SURPRISING = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +53,8 @@ class Knowledge:
         unstated: Builds whose parameters' uncertainty is not known.
         run_to_run: Standard deviation of one rig run by measure, SI.
         runs: Rig runs.
-        notes: Sentences about approximations.
+        notes: Sentences about the uncertain parameters.
+        vehicle: Origin of the uncertainty of the vehicle.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -63,6 +62,14 @@ class Knowledge:
     run_to_run: Mapping[str, float] = field(default_factory=dict)
     runs: tuple[ConfirmedRun, ...] = ()
     notes: tuple[str, ...] = ()
+    vehicle: VehicleSource = VehicleSource.MODEL
+
+    @classmethod
+    def of(cls, certainty: Certainty) -> Knowledge:
+        """Return what a certainty was computed from."""
+        noise = {name: one.run_to_run for name, one in certainty.levels.items() if name != OBJECTIVE}
+        known = {name: value for name, value in noise.items() if np.isfinite(value)}
+        return cls(certainty.effects, certainty.unstated, known, certainty.runs, certainty.notes, certainty.vehicle)
 
 
 def certainty_of(
@@ -90,8 +97,11 @@ def certainty_of(
         InputError: There is no such measure.
     """
     known = known or Knowledge()
-    sources = error_sources(result, known.effects, known.run_to_run)
-    posterior = Posterior(sources, observations_of(result, sources, known.runs))
+    sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
+    seen = observations_of(result, sources, known.runs)
+    surprises = surprises_of(sources, seen)
+    left = [one.position for one in surprises if not one.used]
+    posterior = Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
     name = criterion or (OBJECTIVE if result.study.objective else result.measures[0].name)
     feasible = feasible_probability(posterior, limits_of(result), result.done)
     chosen = Criterion.of(result, name)
@@ -99,7 +109,7 @@ def certainty_of(
     ties = drawn.ties(TIE)
     best, among = (_spread(part, drawn.rows, len(result)) for part in (drawn.probability, drawn.among))
     noise = _criterion_noise(chosen, sources)
-    found = Certainty(
+    return Certainty(
         digest=result.provenance.digest,
         criterion=name,
         top=top,
@@ -114,11 +124,13 @@ def certainty_of(
         trade_offs=tuple(_trade_offs(result, posterior, chosen, drawn, ties, min(draws, _FEWER), seed)),
         effects=known.effects,
         runs=known.runs,
-        contradictions=tuple(_contradictions(result, posterior, known.runs)),
+        contradictions=tuple(_contradictions(result, sources, seen, surprises)),
         draws=drawn.count,
-        notes=(*known.notes, *_notes(posterior, chosen, drawn, left_out)),
+        unstated=known.unstated,
+        vehicle=known.vehicle,
+        notes=known.notes,
+        remarks=tuple(_remarks(posterior, chosen, drawn, left_out)),
     )
-    return found
 
 
 def observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
@@ -132,12 +144,16 @@ def observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[C
             predicted = float(sources.predicted[row, m])
             if sources.bases[m] != UNKNOWN and predicted > 0.0 and value > 0.0:
                 noise = float(np.nan_to_num(sources.run_to_run[m])) / predicted
-                found.append((row, m, np.log(value / predicted), np.hypot(noise, sources.coupling[row, m])))
+                found.append((row, m, np.log(value / predicted), np.hypot(noise, sources.coupling[row, m]), run.file))
     if not found:
         return Observations.none()
-    row_of, measure_of, changes, deviations = zip(*found, strict=True)
+    row_of, measure_of, changes, deviations, files = zip(*found, strict=True)
     return Observations(
-        np.array(row_of, dtype=np.int64), np.array(measure_of, dtype=np.int64), np.array(changes), np.array(deviations)
+        np.array(row_of, dtype=np.int64),
+        np.array(measure_of, dtype=np.int64),
+        np.array(changes),
+        np.array(deviations),
+        files,
     )
 
 
@@ -235,35 +251,19 @@ def _reference(result: StudyResult, chosen: Criterion, sources: ErrorSources) ->
     return int(rows[np.argsort(values, kind="stable")[rows.size // 2]])
 
 
-def _contradictions(result: StudyResult, posterior: Posterior, runs: Sequence[ConfirmedRun]) -> Iterator[Contradiction]:
-    """Yield the measured levels that are improbable given the prediction and all other levels."""
-    seen, sources = posterior.observations, posterior.sources
-    named = {(row, m): run.file for run in runs for row, m in _places(result, sources, run)}
-    prior = Posterior(sources, Observations.none())
-    for k, (row, m) in enumerate(zip(seen.rows.tolist(), seen.measures.tolist(), strict=True)):
-        change, extra = float(seen.changes[k]), float(seen.deviations[k]) ** 2
-        middle, student, normal = prior.of_setup(row, m)
-        alone = _tail(change, (middle, student, normal + extra, prior.degrees(np.array([m]))))
-        chance = min(alone, _tail(change, posterior.predictive(k)))
-        if chance < SURPRISING:
-            predicted = float(sources.predicted[row, m])
-            yield Contradiction(named[row, m], int(result.setups[row]), sources.names[m], predicted,
-                                predicted * float(np.exp(change)), chance)  # fmt: skip
+def _contradictions(
+    result: StudyResult, sources: ErrorSources, seen: Observations, surprises: Sequence[Surprise]
+) -> Iterator[Contradiction]:
+    """Yield the measured levels that are improbable, the least probable first."""
+    for one in sorted(surprises, key=lambda one: one.probability):
+        row, m = int(seen.rows[one.position]), int(seen.measures[one.position])
+        predicted = float(sources.predicted[row, m])
+        measured = predicted * float(np.exp(seen.changes[one.position]))
+        yield Contradiction(seen.files[one.position], int(result.setups[row]), sources.names[m], predicted, measured,
+                            one.probability, one.used)  # fmt: skip
 
 
-def _places(result: StudyResult, sources: ErrorSources, run: ConfirmedRun) -> Iterator[tuple[int, int]]:
-    row = int(np.flatnonzero(result.setups == run.setup)[0])
-    yield from ((row, sources.index(name)) for name in run.values)
-
-
-def _tail(change: float, prediction: tuple[float, float, float, float]) -> float:
-    """Return the probability of a change at least as far from the prediction."""
-    middle, student, normal, degrees = prediction
-    apart = np.array([-abs(change - middle)])
-    return float(2.0 * probability_below(apart, np.array([student]), np.array([normal]), degrees)[0])
-
-
-def _notes(posterior: Posterior, chosen: Criterion, drawn: Drawn, left_out: float) -> Iterator[str]:
+def _remarks(posterior: Posterior, chosen: Criterion, drawn: Drawn, left_out: float) -> Iterator[str]:
     sources = posterior.sources
     measures = [m for m in chosen.measures.tolist() if sources.bases[m] == OUTPUT]
     if measures:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -19,6 +19,19 @@ PROBABILITIES = (0.5, 0.8, 0.95)
 
 #: Joint probability with which the ties contain the best setup.
 TIE = 0.95
+
+
+class VehicleSource(StrEnum):
+    """Origin of the uncertainty of the vehicle."""
+
+    MODEL = "model"
+    """What the vehicle's FMU states."""
+
+    ADDED = "added"
+    """What the FMU states, and parameters of the vehicle in an uncertainty file."""
+
+    REPLACED = "replaced"
+    """Equivalent vehicles in an uncertainty file, in place of what the FMU states."""
 
 
 class Status(StrEnum):
@@ -55,7 +68,8 @@ class Levels:
         best: Probability of having the lowest true level of all feasible setups (R,); NaN if it is not known.
         relative: Whether the half-widths are those of a logarithm.
         basis: Origin of the vehicle's uncertainty of this measure: "stated" by the vehicle for this measure, "output"
-            if it is that of the RMS of the measure's outputs (an approximation), "terms" for the objective, "unknown".
+            if it is that of the RMS of the measure's outputs (an approximation), "file" if an uncertainty file states
+            the vehicle's, "terms" for the objective, "unknown".
         run_to_run: Standard deviation of one rig run, in the unit of `expected`; NaN if it is not known.
     """
 
@@ -171,6 +185,8 @@ class Contradiction:
         predicted: Predicted level, SI.
         measured: Measured level, SI.
         probability: Probability of a deviation at least as large.
+        used: Whether the certainty takes the level into account nevertheless: a level that contradicts the other rig
+            runs is left out, one that agrees with them is not.
     """
 
     file: str
@@ -179,6 +195,7 @@ class Contradiction:
     predicted: float
     measured: float
     probability: float
+    used: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +220,10 @@ class Certainty:
         runs: Rig runs that are taken into account.
         contradictions: Measured levels that the prediction does not explain.
         draws: Number of draws of the probabilities.
-        notes: Sentences about approximations.
+        unstated: Builds whose parameters' uncertainty is not known.
+        vehicle: Origin of the uncertainty of the vehicle.
+        notes: Sentences about the uncertain parameters.
+        remarks: Sentences about approximations of the computation.
     """
 
     digest: str
@@ -222,7 +242,10 @@ class Certainty:
     runs: tuple[ConfirmedRun, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
     draws: int = 0
+    unstated: tuple[str, ...] = ()
+    vehicle: VehicleSource = VehicleSource.MODEL
     notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("best", "among", "feasible"):
@@ -260,7 +283,3 @@ class Certainty:
     def probability(self, setup: int) -> float:
         """Return the probability that a setup is the best."""
         return float(self.best[self.row(setup)])
-
-    def with_tests(self, tests: tuple[NextTest, ...]) -> Certainty:
-        """Return the same certainty with other next tests."""
-        return replace(self, tests=tests)

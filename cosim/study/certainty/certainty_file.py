@@ -23,6 +23,7 @@ from cosim.study.certainty.certainty import (
     Levels,
     NextTest,
     TradeOff,
+    VehicleSource,
 )
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError
@@ -64,7 +65,10 @@ class _Header:
     runs: tuple[ConfirmedRun, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
     draws: int = 0
+    unstated: tuple[str, ...] = ()
+    vehicle: VehicleSource = VehicleSource.MODEL
     notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 _HEADER: TypeAdapter[_Header] = TypeAdapter(_Header)

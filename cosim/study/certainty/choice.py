@@ -152,7 +152,8 @@ class Drawn:
 
     Attributes:
         rows: Rows of the setups (K,).
-        best: Number of draws in which each setup is the best, in the first and the second half of the draws (2, K).
+        best: Number of draws in which each setup is the best, in the first and the second half of the draws (2, K);
+            setups with the same value share a draw.
         among: Share of the draws in which each setup is among the best k (K,).
         count: Number of draws.
         covariance: Covariance of the criterion (K, K), or of its first rows by `best`.
@@ -160,7 +161,7 @@ class Drawn:
     """
 
     rows: Integers
-    best: Integers
+    best: Array
     among: Array
     count: int
     covariance: Array
@@ -216,7 +217,7 @@ def draw_choice(
         seed: Seed of the random number generator.
     """
     size = max(count // _GROUPS, 2)
-    best, among = np.zeros((2, rows.size), dtype=np.int64), np.zeros(rows.size)
+    best, among = np.zeros((2, rows.size)), np.zeros(rows.size)
     near = rows.size <= _COVERED
     covered = np.arange(rows.size) if near else _lowest(posterior, criterion, rows)
     sums, products, none, total = np.zeros(covered.size), np.zeros((covered.size, covered.size)), 0, 0
@@ -224,7 +225,7 @@ def draw_choice(
     for group, (levels, meets) in enumerate(_groups(posterior, criterion, limits, rows, size, seed)):
         values = np.where(meets, levels, np.inf)
         some = np.isfinite(values).any(axis=1)
-        winners = np.bincount(values[some].argmin(axis=1), minlength=rows.size)
+        winners = _winners(values[some])
         best[group % 2] += winners
         among += winners if top == 1 else _among(values, min(top, rows.size))
         apart = (levels - middle)[:, covered]
@@ -236,11 +237,17 @@ def draw_choice(
     return Drawn(rows, best, among / total, total, covariance, covered, none / total)
 
 
+def _winners(values: Array) -> Array:
+    """Return in how many draws each setup has the lowest of the values (D, K); equal setups share a draw."""
+    lowest = values == values.min(axis=1, keepdims=True)
+    return np.asarray((lowest / lowest.sum(axis=1, keepdims=True)).sum(axis=0))
+
+
 def _among(values: Array, top: int) -> Integers:
     """Return in how many draws each setup is among the best k, from values (D, K); infinity for infeasible setups."""
     places = np.argpartition(values, top - 1, axis=1)[:, :top]
     found = np.isfinite(np.take_along_axis(values, places, axis=1))
-    return np.bincount(places[found], minlength=values.shape[1])
+    return np.asarray(np.bincount(places[found], minlength=values.shape[1]), dtype=np.int64)
 
 
 def _lowest(posterior: Posterior, criterion: Criterion, rows: Integers) -> Integers:

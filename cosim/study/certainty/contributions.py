@@ -9,7 +9,7 @@ import numpy as np
 from cosim.study.certainty.certainty import Contribution, Effect, Status
 from cosim.study.certainty.choice import Criterion
 from cosim.study.certainty.sources import ErrorSources
-from cosim.study.certainty.vehicle_errors import UNKNOWN
+from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN
 from cosim.study.result import StudyResult, error_column
 
 
@@ -42,6 +42,8 @@ def contributions_of(
 
 def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> Contribution:
     names = [sources.names[m] for m in chosen.measures.tolist() if sources.bases[m] == UNKNOWN]
+    if not names and FILE in [sources.bases[m] for m in chosen.measures.tolist()]:
+        return Contribution("vehicle", Status.INCLUDED, "as the uncertainty file states")
     if not names:
         text = f"as {result.study.vehicle.fmu.name} states for its outputs"
         return Contribution("vehicle", Status.INCLUDED, text)

@@ -17,7 +17,7 @@ from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Study
-from eightpost.model_uncertainty import ParameterUncertainty
+from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 
 #: Function that receives the number of completed runs and their total number.
 Progress = Callable[[int, int], None]
@@ -53,30 +53,35 @@ class UncertainParameter:
 
 
 def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return the uncertain parameters that the builds' FMUs state, the builds that state none, and notes."""
-    found, unstated, notes = list[UncertainParameter](), list[str](), list[str]()
+    """Return the uncertain parameters that the builds' FMUs state, the builds whose uncertainty is unknown, and notes.
+
+    Builds that no corner of the study allows are left out.
+    """
+    found, unknown, notes = list[UncertainParameter](), list[str](), dict[str, list[str]]()
+    allowed = {build for builds in result.study.corners.values() for build in builds}
     for build, made in result.study.bank.items():
-        stated = stated_uncertainty(result, made.fmu)
+        stated = stated_uncertainty(result, made.fmu) if build in allowed else ModelUncertainty()
         if stated is None:
-            unstated.append(build)
+            unknown.append(build)
             continue
-        notes += [f"{build}: {text}" for text in stated.held]
         values = _values(made.fmu, made.parameters, [one.name for one in stated.parameters])
         missing = [one.name for one in stated.parameters if one.name not in values]
-        notes += [f"{build}: its FMU has no parameter {name}, whose uncertainty is left out" for name in missing]
+        unknown += [build] if missing else []
+        for text in (*stated.held, *(f"the FMU has no parameter {name}" for name in missing)):
+            notes.setdefault(text, []).append(build)
         found += [
             UncertainParameter(build, values[one.name], _scaled(one, values[one.name]))
             for one in stated.parameters
             if one.name in values and one.deviation > 0.0
         ]
-    return tuple(found), tuple(unstated), tuple(notes)
+    return tuple(found), tuple(unknown), tuple(f"{', '.join(builds)}: {text}" for text, builds in notes.items())
 
 
 def _values(fmu: Path, given: Mapping[str, float | bool | str], names: Sequence[str]) -> dict[str, float]:
     """Return the values of those parameters that an FMU has: the study's, or else the FMU's own."""
-    variables = FmuComponent(fmu, "part").variables
+    variables = FmuComponent(fmu, "part").variables if names else {}
     found = {name: given.get(name, variables[name].start) for name in names if name in variables}
-    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+    return {name: float(value) for name, value in found.items() if value is not None}
 
 
 def _scaled(stated: ParameterUncertainty, value: float) -> ParameterUncertainty:
@@ -93,6 +98,8 @@ def effects_of(
     folder: str | Path,
     workers: Workers,
     progress: Progress = lambda _done, _all: None,
+    *,
+    vehicles: Sequence[Path] = (),
 ) -> tuple[Effect, ...]:
     """Return the effects of uncertain parameters, from runs of setups that differ from the baseline at one corner.
 
@@ -106,15 +113,17 @@ def effects_of(
         folder: Folder of the study.
         workers: Workers that run the setups.
         progress: Called after each part of the runs.
+        vehicles: FMUs of equivalent vehicles, such as fits of other records. The error of the study's vehicle is taken
+            to be as large as theirs, so that half of the square of the difference belongs to it.
     """
     base = result.study.baseline or _best(result)
     own = [one for one in parameters if one.part in result.study.bank]
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
-    if base is None or not (own or cars):
+    if base is None or not (own or cars or vehicles):
         return ()
     runs = _Runs(result, base, Path(folder) / "certainty", workers)
     corners = list(result.study.corners)
-    total, count = len(corners) * (1 + len(cars)), 0
+    total, count = len(corners) * (1 + len(cars) + len(vehicles)), 0
     nominal, shocks = _Table(), _Table()
     progress(0, total)
     for corner in corners:
@@ -122,12 +131,15 @@ def effects_of(
             (shocks if _CHANGED in key[1] else nominal)[key] = row
         progress(count := count + 1, total)
     found = [runs.shock_effect(one, nominal, shocks) for one in own]
-    for one in cars:
+    others = [(one.stated.name, one.stated.deviation, one.sign, runs.with_vehicle(one)) for one in cars]
+    share = (2.0 * len(vehicles)) ** -0.5 if vehicles else 0.0
+    others += [(path.name, 1.0, share, runs.with_other_vehicle(path)) for path in vehicles]
+    for name, deviation, factor, study in others:
         changed = _Table()
         for corner in corners:
-            changed |= runs.at(corner, runs.with_vehicle(one))
+            changed |= runs.at(corner, study)
             progress(count := count + 1, total)
-        found.append(runs.vehicle_effect(one, nominal, changed))
+        found.append(runs.vehicle_effect(name, deviation, factor, nominal, changed))
     return tuple(found)
 
 
@@ -196,15 +208,19 @@ class _Runs:
         copies = 0.0 if one.stated.copies is None else one.stated.copies / one.stated.deviation
         return Effect(one.part, one.stated.name, one.stated.deviation, copies, {}, changes)
 
-    def vehicle_effect(self, one: UncertainParameter, nominal: _Table, changed: _Table) -> Effect:
-        """Return the effect of a parameter of the vehicle: that at the baseline, and the change with each build."""
-        logarithms = {k: _logarithms(row, nominal[k], one.sign) for k, row in changed.items() if k in nominal}
+    def with_other_vehicle(self, fmu: Path) -> Study:
+        """Return the study with an equivalent vehicle."""
+        return replace(self.result.study, vehicle=replace(self.result.study.vehicle, fmu=fmu))
+
+    def vehicle_effect(self, name: str, deviation: float, factor: float, nominal: _Table, changed: _Table) -> Effect:
+        """Return the effect of a change of the vehicle: that at the baseline, and what each build changes in it."""
+        logarithms = {k: _logarithms(row, nominal[k], factor) for k, row in changed.items() if k in nominal}
         shared = logarithms.get(next(iter(self.base.items())), {})
         changes: dict[str, dict[str, dict[str, float]]] = {}
         for (corner, build), row in logarithms.items():
-            apart = {name: value - shared.get(name, 0.0) for name, value in row.items()}
+            apart = {measure: value - shared.get(measure, 0.0) for measure, value in row.items()}
             changes.setdefault(corner, {})[build] = apart
-        return Effect(one.part, one.stated.name, one.stated.deviation, 0.0, shared, changes)
+        return Effect(self.result.study.vehicle.name, name, deviation, 0.0, shared, changes)
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:

@@ -29,12 +29,14 @@ class Observations:
         measures: Positions of the measures (N,).
         changes: ln(measured / predicted) (N,).
         deviations: Standard deviations due to run-to-run noise and coupling (N,) [1].
+        files: Names of the records.
     """
 
     rows: Integers
     measures: Integers
     changes: Array
     deviations: Array
+    files: tuple[str, ...] = ()
 
     @classmethod
     def none(cls) -> Observations:
@@ -44,7 +46,8 @@ class Observations:
 
     def only(self, kept: Integers) -> Observations:
         """Return some of the levels."""
-        return Observations(self.rows[kept], self.measures[kept], self.changes[kept], self.deviations[kept])
+        files = tuple(self.files[k] for k in kept.tolist()) if self.files else ()
+        return Observations(self.rows[kept], self.measures[kept], self.changes[kept], self.deviations[kept], files)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,19 +149,6 @@ class Posterior:
         middle, student, normal = self.moments(weights)
         degrees = self.degrees(np.array(_used(weights), dtype=np.int64))
         return middle, np.stack([half_width(p, student, normal, degrees) for p in probabilities])
-
-    def predictive(self, position: int) -> tuple[float, float, float, float]:
-        """Return the prediction of a measured level from all others.
-
-        Returns:
-            Median, squared scale of Student's part, variance of the normal part with that of the measurement, and
-            degrees of freedom.
-        """
-        seen = self.observations
-        others = Posterior(self.sources, seen.only(np.flatnonzero(np.arange(seen.rows.size) != position)))
-        row, m = int(seen.rows[position]), int(seen.measures[position])
-        middle, student, normal = others.of_setup(row, m)
-        return middle, student, normal + float(self._deviations[position]) ** 2, others.degrees(np.array([m]))
 
     def of_setup(self, row: int, m: int) -> tuple[float, float, float]:
         """Return the moments of the error of one measure of one setup; see `moments`."""

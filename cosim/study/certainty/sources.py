@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.study.certainty.certainty import Effect
+from cosim.study.certainty.certainty import Effect, VehicleSource
 from cosim.study.certainty.vehicle_errors import (
+    FILE,
     UNKNOWN,
     plain_output,
     stated_uncertainty,
@@ -157,7 +158,10 @@ class ErrorSources:
 
 
 def error_sources(
-    result: StudyResult, effects: Sequence[Effect] = (), run_to_run: Mapping[str, float] | None = None
+    result: StudyResult,
+    effects: Sequence[Effect] = (),
+    run_to_run: Mapping[str, float] | None = None,
+    vehicle: VehicleSource = VehicleSource.MODEL,
 ) -> ErrorSources:
     """Return the sources of the errors of a study's measures.
 
@@ -165,6 +169,7 @@ def error_sources(
         result: Result of the study.
         effects: Effects of uncertain parameters of shocks and vehicle.
         run_to_run: Standard deviation of one rig run by measure, SI.
+        vehicle: Origin of the uncertainty of the vehicle.
 
     The relative error of a measure that is zero or negative for a setup is not known.
     """
@@ -173,6 +178,12 @@ def error_sources(
     positive = np.array([bool(np.all(predicted[result.done, m] > 0.0)) for m in range(len(names))])
     stated = vehicle_uncertainties(result)
     found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
+    bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
+    if vehicle is VehicleSource.REPLACED:
+        found = [None for _ in names]
+    if vehicle is not VehicleSource.MODEL:
+        kept = bases if vehicle is VehicleSource.ADDED else [UNKNOWN for _ in names]
+        bases = [FILE if base == UNKNOWN and positive[m] else base for m, base in enumerate(kept)]
     shared, changes = _effects(result, effects, names)
     noise = run_to_run or {}
     return ErrorSources(
@@ -180,7 +191,7 @@ def error_sources(
         predicted=predicted,
         common=np.array([0.0 if one is None else one.common for one in found]),
         own=np.array([0.0 if one is None else one.own for one in found]),
-        bases=tuple(UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)),
+        bases=tuple(bases),
         positions=_positions(result, predicted, positive),
         builds=_builds(result),
         shared=shared,

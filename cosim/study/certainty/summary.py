@@ -18,8 +18,11 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
         return
     leader = result.study.space.setup(certainty.leader)
     chance = percent(certainty.probability(leader.index))
-    condition = "" if certainty.is_known else " if nothing that is unknown matters (see below)"
-    yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}{condition}"
+    if certainty.is_known:
+        yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}"
+    else:
+        yield f"lowest by {certainty.criterion}: setup {leader.index} ({leader}); how sure this is, is not known"
+        yield f"from the known contributions alone, it is the best with a probability of {chance}"
     yield _ties(certainty)
     yield from _trade_offs(certainty)
     if certainty.tests:
@@ -29,7 +32,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     for one in certainty.contributions:
         if one.status is not Status.INCLUDED:
             yield f"{one.status.value}: {one.name}: {one.text}"
-    yield from (f"approximation: {text}" for text in certainty.notes)
+    yield from (f"approximation: {text}" for text in (*certainty.notes, *certainty.remarks))
 
 
 def percent(probability: float) -> str:

@@ -17,8 +17,8 @@ _LIKE_RMS = ("rms", "joint_rms", "peak", "range", "variation")
 #: Quantity whose sum over all wheels the vehicle states.
 _SUMMED = "tire_force"
 
-#: Origin of an uncertainty: stated for this measure, that of its outputs, or not known (Levels.basis).
-STATED, OUTPUT, UNKNOWN = "stated", "output", "unknown"
+#: Origin of an uncertainty: stated for this measure, that of its outputs, a file's, or not known (Levels.basis).
+STATED, OUTPUT, FILE, UNKNOWN = "stated", "output", "file", "unknown"
 
 
 def stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | None:

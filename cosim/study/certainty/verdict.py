@@ -32,7 +32,7 @@ NOT_ASSESSED = Rule(
     "certainty not computed", ABOUT, Grade.UNKNOWN,
     condition="the study has no certainty: it was switched off, or the study is of an older version",
     why="differences between the best setups may be smaller than their uncertainty",
-    remedy="run the study again without --no-certainty; completed runs are not repeated",
+    remedy="run `eightpost study` with the same folder, without --no-certainty; completed runs are not repeated",
 )  # fmt: skip
 CONTRADICTED = Rule(
     "rig runs contradict the prediction", "rig runs", Grade.LIMITED,

@@ -83,7 +83,7 @@ def shock_curve(build: Build) -> ShockCurve:
 
 
 def copy_shock_pages(study: Study, folder: Path) -> Mapping[str, str]:
-    """Copy the page that each FMU of the bank carries; return the paths of the pages relative to the folder, by build."""
+    """Copy the page that each FMU of a bank carries; return the pages' paths relative to the folder, by build."""
     pages = dict[str, str]()
     for name, build in study.bank.items():
         try:

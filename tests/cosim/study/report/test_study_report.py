@@ -11,6 +11,7 @@ import numpy as np
 import openpyxl
 import pytest
 
+from cosim.study.certainty import Certainty, Contribution, Status
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
@@ -152,11 +153,17 @@ def _with(result, **columns):
     return StudyResult(result.study, table, result.provenance)
 
 
-def test_the_verdict_is_usable_if_nothing_limits_it(few, certain):
+def test_the_verdict_is_usable_if_nothing_limits_it(few):
     done = StudyResult(few.study, few.table.filter(few.done), few.provenance)
     clean = _with(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
-    assert study_verdict(clean, certain(clean, ties=1)).grade is Grade.USABLE
-    assert study_verdict(clean, certain(clean, ties=2)).grade is not Grade.USABLE
+    assert study_verdict(clean).grade is Grade.UNKNOWN  # it is not known how sure the choice is
+    one, *others = clean.setups.tolist()
+    share = np.eye(len(clean))[0]
+    sure = Certainty("", FRONT, 1, clean.setups, share, share, np.ones(len(clean)), (one,), {})
+    assert study_verdict(clean, sure).grade is Grade.USABLE
+    assert study_verdict(clean, replace(sure, ties=(one, others[0]))).grade is Grade.LIMITED
+    unknown = Contribution("vehicle", Status.UNKNOWN, "it states none")
+    assert study_verdict(clean, replace(sure, contributions=(unknown,))).grade is Grade.UNKNOWN
 
 
 def test_a_coupling_error_of_the_best_setup_above_five_percent_is_not_usable(few):
