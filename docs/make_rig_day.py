@@ -34,8 +34,8 @@ BASELINE, ALTERNATE = "B/B", "AA/AA"
 #: Seeds of the identification's drive file and its runs, of the lap, of the recorded run of the lap, and of the tests.
 DRIVE, RUNS, LAP, DRIVE_RUN, TEST_RUNS = 11, 1100, 77, 2000, 3000
 
-#: Peak displacements of the two random dynamometer tests of each build, and the seeds of their first build. At 0.5 in the
-#: velocity reaches 0.5 m/s; the lap's shocks move 1 to 3 mm RMS and reach 0.2 to 0.45 m/s.
+#: Peak displacements of the two random dynamometer tests of each build, and the seeds of the tests of the first build.
+#: At 0.5 in the velocity reaches 0.5 m/s; the shocks of the lap move 1 to 3 mm (RMS) and reach 0.2 to 0.45 m/s.
 PEAKS, BENCH = ("0.5 in", "0.3 in"), (101, 151)
 
 #: Number of low setups, and of high setups, to select for each measure (twenty in Table 7.5).

@@ -31,7 +31,7 @@ _KINDS = {
     "LocalPolynomial": ("local polynomials, a regression on the inputs like H1", _ATTENUATED),
     "LocalRational": ("local rational functions, a regression on the inputs like H1", _ATTENUATED),
     "Sequential": ("sequential H1 (4.4.1)", _ATTENUATED),
-    "OutputError": ("output error, a simulation with the measured inputs, which regresses on them like H1", _ATTENUATED),
+    "OutputError": ("output error, a simulation with the measured inputs, a regression on them like H1", _ATTENUATED),
     "SameDrive": ("differences of two tests with the same drive, like H1", _ATTENUATED),
 }  # fmt: skip
 

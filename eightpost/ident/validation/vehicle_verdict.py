@@ -85,8 +85,8 @@ WRONG_LEVEL = Rule(
 COMMON_LEVEL = Rule(
     "level of an output wrong by the same factor on all records", ABOUT, Grade.LIMITED,
     condition=f"the RMS of an output is off by more than --level (5 %) and by at most {_COMMON:g} times that, on "
-    f"{_RANKED} or more random records that differ; their rank correlation is at least 0.9; and the records deviate "
-    f"from the common error by at most {100 * _ALIKE:g} % of it",
+    f"{_RANKED} or more random records that differ; they are ranked right; and they deviate from the common error by "
+    f"at most {100 * _ALIKE:g} % of it",
     why="an error that all setups share does not change which one is better, but the level itself is wrong",
     remedy="rank setups by this output, but do not rely on its level, nor on sums of it with other measures",
 )  # fmt: skip
@@ -98,7 +98,8 @@ LARGE_ERROR = Rule(
 )  # fmt: skip
 WRONG_RANK = Rule(
     "setups ranked otherwise than by the rig", ABOUT, Grade.NOT_USABLE,
-    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9",
+    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9, and two "
+    "records that differ by 1 % or more are predicted in the wrong order",
     why="a study exists to find the order of setups",
     remedy="do not choose setups by this output; identify again with more tests",
 )  # fmt: skip
@@ -194,11 +195,16 @@ def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
         return
     yield from _levels(study, limits)
     yield from _errors(study, limits)
-    wrong = [t for t in study.trends if len(t.measured) >= _RANKED and not t.is_flat and t.rank < limits.rank]
+    wrong = [t for t in study.trends if len(t.measured) >= _RANKED and _ranks_wrong(t, limits)]
     if wrong:
         figure = f"rank correlation {min(t.rank for t in wrong):.2f}; limit {limits.rank:g}"
         statement = "the car ranks setups differently from the rig"
         yield WRONG_RANK.reason(statement, figure=figure, origin=listed(trend.name for trend in wrong))
+
+
+def _ranks_wrong(trend: Trend, limits: Limits) -> bool:
+    """Return whether records are ranked wrong that differ enough to be ranked."""
+    return not trend.is_flat and trend.rank < limits.rank and trend.is_reversed
 
 
 def _levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
@@ -219,7 +225,7 @@ def _is_common(trend: Trend, limits: Limits) -> bool:
         len(levels) >= _RANKED
         and limits.level < levels.max() <= _COMMON * limits.level
         and not trend.is_flat
-        and trend.rank >= limits.rank
+        and not _ranks_wrong(trend, limits)
         and trend.remaining_error <= _ALIKE * abs(trend.bias)
     )
 
