@@ -198,7 +198,7 @@ class Trend:
     def is_reversed(self) -> bool:
         """Whether two records whose RMS differs by 1 % of the mean or more are predicted in the wrong order.
 
-        Records that are closer to each other exchange their ranks by chance, and which of them is better hardly matters.
+        Records that are closer to each other exchange their ranks by chance, and which one is better hardly matters.
         """
         measured, predicted = (np.subtract.outer(rms, rms) for rms in (self.measured, self.predicted))
         return bool(np.any((measured >= _FLAT * self.measured.mean()) & (predicted < 0.0)))
