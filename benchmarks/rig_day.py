@@ -16,14 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.identification_cases import truths_of
+from benchmarks.identification_measures import measures_of, truth_of
 from eightpost.corners import CORNERS
 from eightpost.rig import shim_build
-from eightpost.rig.post import Actuators, track_drive, truth_named
+from eightpost.rig.post import Actuators, Shock, simulate_setups, track_drive, truth_named
+from eightpost.rig.post.drivefiles import RATE
 from eightpost.shock.file import read_shock
 
-#: Seed of the lap in docs/make_rig_day.py.
-LAP = 77
+#: Seed of the lap in docs/make_rig_day.py, and the time that its study leaves out [s].
+LAP, SETTLING = 77, 2.0
 
 MEASURES = {
     "total tire force, RMS": "total_tire_force",
@@ -48,8 +49,13 @@ def main(folder: Path) -> None:
     car = truth_named("eight_post", None)
     lap = Actuators().follow(track_drive(car, LAP, duration=33.0).series, car)
     laws = {b: read_shock(folder / "bank" / f"{b.replace('/', '_')}.json").law for s in setups for b in s}
-    exact = list(truths_of(car, lap, [tuple(shim_build(build) for build in setup) for setup in setups]))
-    fitted = list(truths_of(car, lap, [tuple(laws[build] for build in setup) for setup in setups]))
+
+    def levels_of(shocks: list[tuple[Shock, ...]]) -> list[dict[str, float]]:
+        motions = simulate_setups(car, lap, shocks)
+        return [measures_of(*truth_of(car, motion), RATE, settling=SETTLING) for motion in motions]
+
+    exact = levels_of([tuple(shim_build(build) for build in setup) for setup in setups])
+    fitted = levels_of([tuple(laws[build] for build in setup) for setup in setups])
     print("| RMS | a run's sigma [%] | prediction | true car, fitted laws | true car, true dampers |")
     print("|---|---|---|---|---|")
     for measure, entry in found.items():

@@ -110,7 +110,7 @@ def _identify(folder: Path, duration: str) -> None:
 
 
 def _fit_bank(bank: Path) -> None:
-    """Test every build twice on the virtual dynamometer, and fit the law that suits it."""
+    """Test every build twice on the virtual dynamometer, and fit its law."""
     bank.mkdir(exist_ok=True)
     for number, build in enumerate(BUILDS):
         name = build.replace("/", "_")
@@ -120,8 +120,19 @@ def _fit_bank(bank: Path) -> None:
                 call("dyno", "--build", build, "--amplitude", peak, "--duration", "12 s", "--seed", first + number,
                      "-o", test)  # fmt: skip
         if not (bank / f"{name}.json").exists():
-            # The car's static loads and ride heights already include the gas force.
-            call("fit", *tests, "--gas", "included", "--name", f"build {build}", "-o", bank / f"{name}.json")
+            # auto chose this law for all builds; the car's static loads and ride heights already include the gas force.
+            call(
+                "fit",
+                *tests,
+                "--law",
+                "hysteresis",
+                "--gas",
+                "included",
+                "--name",
+                f"build {build}",
+                "-o",
+                bank / f"{name}.json",
+            )
 
 
 def _predict(folder: Path, bank: Path, workers: int | None) -> None:
