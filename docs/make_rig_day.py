@@ -18,12 +18,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty, setup_distance
 from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle import read_fit
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty, setup_distance
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
