@@ -16,14 +16,15 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import geometric_mean
 from typing import Any
 
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty, setup_distance
 from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle import read_fit
+from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
@@ -185,7 +186,7 @@ def intervals(car: Path, found: Sequence[Mapping[str, Any]]) -> dict[str, list[t
     stated: Mapping[str, MeasureUncertainty] = {} if trust is None else trust.measures
     known = {entry["measure"]: entry["predicted"] for entry in found if channel_of(entry["measure"]) in stated}
     setups = [dict(zip(known, levels, strict=True)) for levels in zip(*known.values(), strict=True)]
-    mean = {name: sum(levels) / len(levels) for name, levels in known.items()}
+    mean = {name: geometric_mean(levels) for name, levels in known.items()}
     distances = [setup_distance(setup, mean) for setup in setups]
     return {
         name: [stated[channel_of(name)].interval(p, distance=d) for p, d in zip(levels, distances, strict=True)]
