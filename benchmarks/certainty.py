@@ -2,7 +2,7 @@
 
     python -m benchmarks.certainty [--seeds FIRST:END] [--kinds NAMES] [--setups N] [--kept FOLDER] [--json FILE]
 
-The truths are those of benchmarks/vehicle_uncertainty.py: identified stand-ins and flexible cars, drawn at random.
+The truths are those of benchmarks/vehicle_uncertainty.py: stand-ins and flexible cars with random parameters.
 For each of them, N random setups of the seven builds of Table 7.3 are predicted, and simulated with the true car.
 Each measure is the criterion of a study of its own. A study is then repeated with the three rig runs that it proposes:
 the true levels of all measures with a run-to-run deviation of 0.3 %. The laws of the shocks are known.

@@ -97,7 +97,8 @@ def study(
     show_study(console, sweep)
     with running_workers(workers, scheduler, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
-        certainty = assess(console, result, output, pool, criterion=rank) if sure and result.done.any() else None
+        sure = sure and bool(result.done.any()) and not result.partial
+        certainty = assess(console, result, output, pool, criterion=rank) if sure else None
     show_result(console, result, certainty, rank=rank, top=top)
     for index, series in traces(result, traced).items():
         write_series(series, output / "traces" / f"{index}.parquet")

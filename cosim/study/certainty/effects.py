@@ -64,7 +64,7 @@ def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ..
         if stated is None:
             unknown.append(build)
             continue
-        values = _values(made.fmu, made.parameters, [one.name for one in stated.parameters])
+        values = parameter_values(made.fmu, made.parameters, [one.name for one in stated.parameters])
         missing = [one.name for one in stated.parameters if one.name not in values]
         unknown += [build] if missing else []
         for text in (*stated.held, *(f"the FMU has no parameter {name}" for name in missing)):
@@ -77,7 +77,7 @@ def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ..
     return tuple(found), tuple(unknown), tuple(f"{', '.join(builds)}: {text}" for text, builds in notes.items())
 
 
-def _values(fmu: Path, given: Mapping[str, float | bool | str], names: Sequence[str]) -> dict[str, float]:
+def parameter_values(fmu: Path, given: Mapping[str, float | bool | str], names: Sequence[str]) -> dict[str, float]:
     """Return the values of those parameters that an FMU has: the study's, or else the FMU's own."""
     variables = FmuComponent(fmu, "part").variables if names else {}
     found = {name: given.get(name, variables[name].start) for name in names if name in variables}
@@ -101,11 +101,11 @@ def effects_of(
     *,
     vehicles: Sequence[Path] = (),
 ) -> tuple[Effect, ...]:
-    """Return the effects of uncertain parameters, from runs of setups that differ from the baseline at one corner.
+    """Return the effects of uncertain parameters, from runs of setups that differ from the best one at one corner.
 
-    A parameter of a build is changed at one corner at a time, where the baseline (without one: the best setup) has this
-    build. A parameter of the vehicle is changed with every build at every corner. Runs that are in the folder are not
-    repeated.
+    The best predicted setup gets each build at one corner at a time, with each of the build's parameters changed; a
+    parameter of the vehicle is changed with every build at every corner. So the effects are most accurate near the
+    setups among which the choice is made. Runs that are in the folder are not repeated.
 
     Args:
         result: Result of the study.
@@ -116,7 +116,7 @@ def effects_of(
         vehicles: FMUs of equivalent vehicles, such as fits of other records. The error of the study's vehicle is taken
             to be as large as theirs, so that half of the square of the difference belongs to it.
     """
-    base = result.study.baseline or _best(result)
+    base = _best(result)
     own = [one for one in parameters if one.part in result.study.bank]
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
     if base is None or not (own or cars or vehicles):
@@ -149,17 +149,17 @@ def _best(result: StudyResult) -> Mapping[str, str] | None:
     return result.setup(int(rows[0])).builds if rows.size else None
 
 
-#: Measures of setups that differ from the baseline at one corner, by corner and build.
+#: Measures of setups that differ from the best one at one corner, by corner and build.
 _Table = dict[tuple[str, str], dict[str, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Runs:
-    """Runs about a baseline.
+    """Runs about the best setup.
 
     Attributes:
         result: Result of the study.
-        base: Builds of the baseline.
+        base: Builds of the best setup.
         folder: Folder of completed runs.
         workers: Workers that run the setups.
     """
@@ -170,7 +170,7 @@ class _Runs:
     workers: Workers
 
     def at(self, corner: str, study: Study, parameters: Sequence[UncertainParameter] = ()) -> _Table:
-        """Return the measures of the baseline with each build at a corner, and with each changed build."""
+        """Return the measures of the best setup with each build at a corner, and with each changed build."""
         builds = list(study.corners[corner])
         bank = {name: study.bank[name] for name in dict.fromkeys([*builds, *self.base.values()])}
         for one in parameters:
@@ -213,7 +213,7 @@ class _Runs:
         return replace(self.result.study, vehicle=replace(self.result.study.vehicle, fmu=fmu))
 
     def vehicle_effect(self, name: str, deviation: float, factor: float, nominal: _Table, changed: _Table) -> Effect:
-        """Return the effect of a change of the vehicle: that at the baseline, and what each build changes in it."""
+        """Return the effect of a change of the vehicle: that at the best setup, and what each build changes in it."""
         logarithms = {k: _logarithms(row, nominal[k], factor) for k, row in changed.items() if k in nominal}
         shared = logarithms.get(next(iter(self.base.items())), {})
         changes: dict[str, dict[str, dict[str, float]]] = {}

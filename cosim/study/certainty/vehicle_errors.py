@@ -39,7 +39,14 @@ def vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncerta
     """
     found = stated_uncertainty(result, result.study.vehicle.fmu)
     stated = {} if found is None else found.measures
-    return {measure.name: _of(measure, stated, result.study.vehicle.name) for measure in result.measures}
+    uncertainties = {measure.name: _of(measure, stated, result.study.vehicle.name) for measure in result.measures}
+    return {name: (_at_share(one, name, result), basis) for name, (one, basis) in uncertainties.items()}
+
+
+def _at_share(one: MeasureUncertainty | None, name: str, result: StudyResult) -> MeasureUncertainty | None:
+    """Return the uncertainty for the share of the measure's power above the band of the vehicle, if it is known."""
+    above = result.provenance.above_band.get(name)
+    return one if one is None or above is None else one.at_share(min(max(above.share, 0.0), 1.0))
 
 
 def plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:

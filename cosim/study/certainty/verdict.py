@@ -5,43 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim.study.certainty.certainty import TIE, Certainty, Status
-from eightpost.verdict import Grade, Reason, Rule, listed
+from eightpost.verdict import Grade, Reason, Rules, listed
 
 ABOUT = "choice"
 
-ONE_BEST = Rule(
-    "one setup is the best", ABOUT, Grade.USABLE,
+RULES = Rules()
+
+ONE_BEST = RULES.add("one setup is the best", ABOUT, Grade.USABLE,
     condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, and no contribution to the "
     "uncertainty is unknown",
     why="the probability contains the choice among all setups of the study",
     remedy="nothing; confirm it on the rig (eightpost confirm)",
 )  # fmt: skip
-TIED = Rule(
-    "setups tied", ABOUT, Grade.LIMITED,
+TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
     condition=f"no single setup is the best with a probability of {100 * TIE:g} %",
     why="the study does not tell which of the tied setups is the best",
     remedy="choose among the ties by other measures, or test the proposed setups (eightpost confirm)",
 )  # fmt: skip
-UNKNOWN = Rule(
-    "uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
+UNKNOWN = RULES.add("uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
     condition="a contribution to the uncertainty is unknown: of the vehicle, of a shock, or of rig runs",
     why="stated probabilities contain the known contributions only, so that they are too extreme",
     remedy="see the contributions: identify the car, fit the shocks, or state the uncertainty (eightpost robust)",
 )  # fmt: skip
-NOT_ASSESSED = Rule(
-    "certainty not computed", ABOUT, Grade.UNKNOWN,
+NOT_ASSESSED = RULES.add("certainty not computed", ABOUT, Grade.UNKNOWN,
     condition="the study has no certainty: it was switched off, or the study is of an older version",
     why="differences between the best setups may be smaller than their uncertainty",
     remedy="run `eightpost study` with the same folder, without --no-certainty; completed runs are not repeated",
 )  # fmt: skip
-CONTRADICTED = Rule(
-    "rig runs contradict the prediction", "rig runs", Grade.LIMITED,
+CONTRADICTED = RULES.add("rig runs contradict the prediction", "rig runs", Grade.LIMITED,
     condition="a measured level is improbable, given the prediction, its uncertainty and the other rig runs",
     why="the record, or the model, has an error that the stated uncertainty does not contain",
     remedy="check the record (setup, shocks, drive file, units); if it is right, identify the car again",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = (ONE_BEST, TIED, UNKNOWN, NOT_ASSESSED, CONTRADICTED)
 
 
 def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:

@@ -10,12 +10,13 @@ import numpy as np
 
 from cosim.study.certainty.assess import Knowledge
 from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.effects import Progress, UncertainParameter, effects_of, stated_parameters
+from cosim.study.certainty.effects import Progress, UncertainParameter, effects_of, parameter_values, stated_parameters
 from cosim.study.certainty.sources import error_sources
 from cosim.study.choice.robust import Draws, Spread, Uncertain
 from cosim.study.result import StudyResult
 from cosim.study.running.workers import Workers
 from eightpost.array_types import Array
+from eightpost.errors import InputError
 from eightpost.model_uncertainty import ParameterUncertainty
 
 #: Departure of a parameter's value in the file from that in the study, in standard deviations, that is reported.
@@ -64,18 +65,31 @@ def knowledge_of(
     return Knowledge(tuple(effects), left, run_to_run, notes=notes, vehicle=source)
 
 
-def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float | bool | str]:
+def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float]:
+    """Return the values of a part's parameters in the study.
+
+    Raises:
+        InputError: The part is neither a build nor the vehicle, or its FMU lacks a parameter.
+    """
     study = result.study
-    return (study.vehicle if part.part == study.vehicle.name else study.bank[part.part]).parameters
+    if part.part != study.vehicle.name and part.part not in study.bank:
+        raise InputError(
+            f"there is no part {part.part!r}; the parts are {', '.join((study.vehicle.name, *study.bank))}"
+        )
+    made = study.vehicle if part.part == study.vehicle.name else study.bank[part.part]
+    found = parameter_values(made.fmu, made.parameters, part.names)
+    if missing := [name for name in part.names if name not in found]:
+        raise InputError(f"{part.part}: {made.fmu} has no parameter {missing[0]!r}; remove it from the file")
+    return found
 
 
-def _parameters(part: Uncertain, given: Mapping[str, float | bool | str]) -> list[UncertainParameter]:
+def _parameters(part: Uncertain, values: Mapping[str, float]) -> list[UncertainParameter]:
     shape = (len(part.names),)
     low, high = (np.broadcast_to(limit, shape).tolist() for limit in (part.lowest, part.highest))
-    rows = zip(part.names, part.values.tolist(), part.deviations.tolist(), low, high, strict=True)
+    rows = zip(part.names, part.deviations.tolist(), low, high, strict=True)
     return [
-        UncertainParameter(part.part, float(given.get(name, value)), ParameterUncertainty(name, d, None, *limits))
-        for name, value, d, *limits in rows
+        UncertainParameter(part.part, values[name], ParameterUncertainty(name, deviation, None, *limits))
+        for name, deviation, *limits in rows
     ]
 
 
