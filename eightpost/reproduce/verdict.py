@@ -1,0 +1,70 @@
+"""Verdict on a reproduction: items that agree, that needed a stand-in, that differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from eightpost.reproduce.findings import Outcome, State
+from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
+
+_DIFFERS = Rule(
+    "printed-differs",
+    "reproduction",
+    Grade.NOT_USABLE,
+    "a value is farther from print than the tolerance in the inventory, or a judged statement does not hold",
+    "the tolerance of a value states what the printed digits, or the stand-in, allow",
+    "read the item on the page; the printed values are in eightpost/reproduce/printed",
+)
+_FAILED = Rule(
+    "printed-not-computed",
+    "reproduction",
+    Grade.NOT_USABLE,
+    "the computation of an item ended with an error",
+    "without a result there is nothing to compare",
+    "read the message of the item",
+)
+_STAND_IN = Rule(
+    "printed-on-stand-in",
+    "reproduction",
+    Grade.LIMITED,
+    "an item is based on measured data that were never published; the virtual rigs take their place",
+    "levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
+    "do not compare levels; trends and orders of magnitude can be compared",
+)
+_AGREES = Rule(
+    "printed-reproduced",
+    "reproduction",
+    Grade.USABLE,
+    "all judged values and statements of an item agree with print",
+    "its equations and parameters are printed",
+    "nothing",
+)
+_RULES = {
+    State.DIFFERS: _DIFFERS,
+    State.FAILED: _FAILED,
+    State.STAND_IN: _STAND_IN,
+    State.REPRODUCED: _AGREES,
+}
+_STATEMENTS = {
+    State.STAND_IN: "items are reproduced on the stand-in, because the measured data were never published",
+    State.REPRODUCED: "items are reproduced from the printed equations and parameters",
+}
+
+
+def reproduction_verdict(outcomes: Iterable[Outcome]) -> Verdict:
+    """Return the verdict on outcomes; items with nothing to compute have no part in it."""
+    found = list(outcomes)
+    return Verdict(reason for state, rule in _RULES.items() for reason in _reasons(found, state, rule))
+
+
+def _reasons(found: list[Outcome], state: State, rule: Rule) -> list[Reason]:
+    those = [one for one in found if one.state is state]
+    if state in (State.DIFFERS, State.FAILED):
+        return [
+            rule.reason(one.error or one.beyond[0], figure=f"{max(1, len(one.beyond))} found", origin=one.item.label)
+            for one in those
+        ]
+    if not those:
+        return []
+    names = listed([one.item.label for one in those], most=6)
+    return [rule.reason(_STATEMENTS[state], figure=f"{len(those)} of {len(found)} items", origin=names)]
