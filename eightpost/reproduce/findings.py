@@ -35,12 +35,14 @@ class Findings:
         claims: Whether each statement holds, and the finding behind it.
         blocks: Figures and tables to show.
         note: Remark, such as the reason for a difference.
+        is_partial: Whether values were left out to save time.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
     claims: Mapping[str, tuple[bool, str]] = field(default_factory=dict)
     blocks: Sequence[Block] = ()
     note: str = ""
+    is_partial: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +129,8 @@ class Comparison:
 
 def _in_words(excess: float, target: str) -> str:
     ratio = 1.0 + excess
+    if abs(ratio) < 1e-3:
+        return f"0 instead of {target or 'the printed value'}"
     if 1.0 / _IN_PERCENT <= ratio <= _IN_PERCENT:
         side = ("above" if excess > 0.0 else "below") if target else ("higher" if excess > 0.0 else "lower")
         return f"{plain(100.0 * abs(excess), 2)} % {side} {target}".rstrip()
@@ -179,7 +183,8 @@ class Outcome:
         if found is None:
             return
         expected = {printed.key for printed in self.item.values}, {claim.key for claim in self.item.claims}
-        if (set(found.values), set(found.claims)) != expected:
+        missing = expected[0] - set(found.values) if found.is_partial else set()
+        if (set(found.values) | missing, set(found.claims)) != expected:
             raise InputError(
                 f"{self.item.label}: computed {sorted(found.values)} and {sorted(found.claims)}, printed are "
                 f"{sorted(expected[0])} and {sorted(expected[1])}"
@@ -189,7 +194,9 @@ class Outcome:
     def comparisons(self) -> tuple[Comparison, ...]:
         """Printed values beside ours."""
         found = self.findings
-        return tuple(Comparison.of(one, found.values[one.key]) for one in self.item.values) if found else ()
+        if found is None:
+            return ()
+        return tuple(Comparison.of(one, found.values[one.key]) for one in self.item.values if one.key in found.values)
 
     @property
     def claims(self) -> tuple[CheckedClaim, ...]:

@@ -15,6 +15,7 @@ from eightpost.errors import InputError
 
 #: Chapters of the inventory.
 CHAPTERS = {
+    3: "Shock absorbers",
     4: "Quarter car",
     5: "Full vehicle",
 }
