@@ -18,6 +18,8 @@ CHAPTERS = {
     3: "Shock absorbers",
     4: "Quarter car",
     5: "Full vehicle",
+    6: "8-post rig",
+    7: "Setups",
 }
 
 
