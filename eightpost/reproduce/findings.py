@@ -67,7 +67,10 @@ class Comparison:
     def has_printed_digits(self) -> bool:
         """Whether our value has every printed digit after rounding."""
         text = self.printed.text
-        return len(self.printed.numbers) == 1 and text[0] not in "<>" and self._rounded(text) == text
+        if len(self.printed.numbers) > 1 or text[0] in "<>":
+            return False
+        half = 0.5 * 10.0 ** -len(text.partition(".")[2])
+        return abs(self.ours - float(text)) <= half * (1.0 + 1e-9)
 
     @property
     def is_equal(self) -> bool:
@@ -121,10 +124,6 @@ class Comparison:
         first = self.printed.text.lstrip("<>").partition("..")[0]
         digits = max(3, len(first.lstrip("-0.").replace(".", "")) + 1)
         return plain(self.ours, digits)
-
-    def _rounded(self, text: str) -> str:
-        decimals = len(text.partition(".")[2])
-        return f"{round(self.ours, decimals) + 0.0:.{decimals}f}"
 
 
 def _in_words(excess: float, target: str) -> str:

@@ -18,7 +18,7 @@ Computation = Callable[[Effort], Findings]
 #: Modules with the computations of each chapter, each with a table `COMPUTATIONS` by the name of the item.
 _MODULES = {
     3: ("chapter_3_theory", "chapter_3_tests", "chapter_3_fits"),
-    4: ("chapter_4_model", "chapter_4_identification"),
+    4: ("chapter_4_model", "chapter_4_identification", "chapter_4_rig"),
     5: ("chapter_5_model", "chapter_5_identification"),
     6: ("chapter_6_setup", "chapter_6_linearity", "chapter_6_identification", "chapter_6_validation"),
     7: ("chapter_7",),

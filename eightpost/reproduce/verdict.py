@@ -39,7 +39,10 @@ _AGREES = Rule(
     "its equations and parameters are printed",
     "nothing",
 )
-_RULES = {
+#: Rules of this module, for docs/verdict.md.
+RULES = (_DIFFERS, _FAILED, _STAND_IN, _AGREES)
+
+_RULE_OF = {
     State.DIFFERS: _DIFFERS,
     State.FAILED: _FAILED,
     State.STAND_IN: _STAND_IN,
@@ -54,7 +57,7 @@ _STATEMENTS = {
 def reproduction_verdict(outcomes: Iterable[Outcome]) -> Verdict:
     """Return the verdict on outcomes; items with nothing to compute have no part in it."""
     found = list(outcomes)
-    return Verdict(reason for state, rule in _RULES.items() for reason in _reasons(found, state, rule))
+    return Verdict(reason for state, rule in _RULE_OF.items() for reason in _reasons(found, state, rule))
 
 
 def _reasons(found: list[Outcome], state: State, rule: Rule) -> list[Reason]:
