@@ -23,7 +23,9 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
-_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_REGION = re.compile(
+    r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
+)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
 

@@ -89,9 +89,9 @@ def table_3_4(_: Effort) -> Findings:
         fit = fitted(1, law)
         values |= {f"{law}/rms": fit.rms, f"{law}/percent": _percent(law), f"{law}/fit": fit.seconds}
     values |= {f"{law}/reduction": _reduction(law) for law in ("lpf1", "lpnl2")}
-    law = fitted(1, "lpnl2").shock.law
-    assert isinstance(law, Lpnl2)
-    own = {"tau": law.time_constant, "low": law.lag_full_force, "high": law.lag_zero_force}
+    best = fitted(1, "lpnl2").shock.law
+    assert isinstance(best, Lpnl2)
+    own = {"tau": best.time_constant, "low": best.lag_full_force, "high": best.lag_zero_force}
     return Findings(values | {f"lpnl2/{name}": value for name, value in own.items()})
 
 
@@ -131,7 +131,7 @@ def figure_3_18(effort: Effort) -> Findings:
             ),
             "lpnl2": (
                 bool(less.min() > 0.0),
-                f"{less.min():.1f} to {less.max():.1f} % less (printed: 1 to 7 %, but 0 in Table 3.5 for configuration 1)",
+                f"{less.min():.1f} to {less.max():.1f} % less (printed: 1 to 7 %; 0 in Table 3.5 for configuration 1)",
             ),
             "largest": (bool(soft[int(np.argmax(static))]), f"the two largest errors are those of {names}"),
             "smallest": (bool(fourth[int(np.argmin(static))]), f"the smallest error is that of {best}"),
@@ -308,7 +308,7 @@ def figure_3_24(_: Effort) -> Findings:
 
 def figure_3_25(_: Effort) -> Findings:
     """Force over velocity of the bump."""
-    lines = []
+    lines: list[Line] = []
     for law in ("polylinear", "lpnl2"):
         _t, velocity, measured, predicted = _bump_lines(law)
         lines = lines or [Line(TRUTH, velocity, measured)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from eightpost.array_types import Array
@@ -25,7 +27,7 @@ _INNER = 0.9
 
 
 def moving(number: int) -> tuple[Array, Array]:
-    """Return velocity and force (N,) of a configuration's random record, from 1 to 10 s, through the low-pass of 3.3."""
+    """Return velocity and force (N,) of a configuration's random record from 1 to 10 s, after the low-pass of 3.3."""
     series = random_record(number, FITTED).series
     rows = (lowpass(series[name], series.sample_rate, 50.0) for name in ("velocity", "force"))
     velocity, force = (row[2000:20000] for row in rows)
@@ -41,9 +43,10 @@ def hysteresis(velocity: Array, force: Array, *, side: float = 0.0) -> float:
         side: 1 for compression alone, -1 for rebound alone, 0 for both.
     """
     inside = (side * velocity >= 0.0) & (np.abs(velocity) < _INNER * np.abs(velocity).max())
-    edges = np.linspace(*np.quantile(velocity[inside], (0.005, 0.995)), 41)
+    low, high = np.quantile(velocity[inside], (0.005, 0.995)).tolist()
+    edges = np.linspace(low, high, 41).tolist()
     widths = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         v, f = (row[inside][(velocity[inside] >= low) & (velocity[inside] < high)] for row in (velocity, force))
         if v.size > 50:
             slope = np.polyfit(v, f, 1)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.report.charts import Axis
@@ -37,19 +38,19 @@ class _Fluid(NamedTuple):
     def rod(self) -> float:
         return self.area_c - self.area_r
 
-    def force(self, s: Complex) -> Complex:
+    def force(self, s: NDArray[Any]) -> Complex:
         """Return F/V of the state equations (Eq 3.16) at points s (K,)."""
         kg, kr, C = self.k_g, self.k_r, self.resistance
         A = np.array([[-kg / C, kg / C], [kr / C, -kr / C]])
         B, out = np.array([kg * self.area_c, -kr * self.area_r]), np.array([self.area_c, -self.area_r])
-        return np.array([out @ np.linalg.solve(point * np.eye(2) - A, B) for point in s])
+        return np.array([out @ np.linalg.solve(point * np.eye(2) - A, B) for point in s], dtype=np.complex128)
 
-    def printed(self, s: Complex, sign: float) -> Complex:
+    def printed(self, s: NDArray[Any], sign: float) -> Complex:
         """Return Eq 3.17 with a sign of the last term in the brackets; print has +1."""
         both = self.k_g * self.k_r / (self.k_g + self.k_r)
         lag = self.resistance / (self.k_g + self.k_r)
         brackets = self.area_c**2 * self.k_g + self.area_r**2 * self.k_r + sign * self.rod**2 * both
-        return self.rod**2 * both / s + lag * brackets / (lag * s + 1.0)
+        return np.asarray(self.rod**2 * both / s + lag * brackets / (lag * s + 1.0), dtype=np.complex128)
 
 
 #: Plausible numbers of a race shock: piston 36 mm, rod 14 mm, 20 lbf/(in/s), lag 1.3 ms.

@@ -97,7 +97,8 @@ def _responses(effort: Effort, output: str, unit: str) -> tuple[dict[str, tuple[
     """Return the checked statements and the panels of an output: ideal, estimate and fit for each input."""
     found = _identified(effort.quarter_seconds)
     estimate = found.estimate.band(*_SHOWN_BAND)
-    f, plots, errors = estimate.frequency, [], {"estimate": [], "fit": []}
+    f, plots = estimate.frequency, []
+    errors: dict[str, list[float]] = {"estimate": [], "fit": []}
     for source in found.experiment.inputs:
         scale = si_factor(unit) / si_factor(_UNITS[source])
         rows = {
@@ -108,7 +109,7 @@ def _responses(effort: Effort, output: str, unit: str) -> tuple[dict[str, tuple[
         level = {name: decibels(row, scale) for name, row in rows.items()}
         large = level[TRUTH] > level[TRUTH].max() - _LARGE
         for name, own in errors.items():
-            own.append(np.sqrt(np.mean((level[name] - level[TRUTH])[large] ** 2)))
+            own.append(float(np.sqrt(np.mean((level[name] - level[TRUTH])[large] ** 2))))
         lines = [Line(name, f, row) for name, row in level.items()]
         axis = decibel_axis(f"{unit}/{_UNITS[source]}")
         plots.append(Plot(f"{output} over {source}", LINEAR_FREQUENCY, axis, lines))
@@ -165,9 +166,9 @@ def table_4_2(effort: Effort) -> Findings:
         },
         {"bias": (found[0][1] > ideal[0][1], f"identified {found[0][1]:.2f} %, ideal {ideal[0][1]:.2f} %")},
         note="The damping of mode 1 is too high because of leakage: a Hamming block of 9.5 s widens a resonance that "
-        "decays about as slowly. The error has the sign and the size of the printed one. Our identified modes are those of "
-        "road to shock velocity; the dissertation fits road to chassis position, in which the wheel hop is hardly "
-        f"visible: with our records that fit has modes at {position}.",
+        "decays about as slowly. The error has the sign and the size of the printed one. Our identified modes are "
+        "those of road to shock velocity; the dissertation fits road to chassis position, in which the wheel hop is "
+        f"hardly visible: with our records that fit has modes at {position}.",
     )  # fmt: skip
 
 
@@ -200,9 +201,11 @@ def figure_4_13(effort: Effort) -> Findings:
     plots = []
     for name, high in (("road", 30.0), ("aero_force", 6.0)):
         lines = np.abs(np.fft.rfft(lap[name][:period]))
-        f = np.fft.rfftfreq(period, 1.0 / RATE)
+        f = np.arange(lines.size) * (RATE / period)
         shown = (f > 0.0) & (f <= high)
-        line = Line("drive", f[shown], lines[shown] / lines.max())
+        line = Line(
+            "drive", np.asarray(f[shown], dtype=np.float64), np.asarray(lines[shown] / lines.max(), dtype=np.float64)
+        )
         plots.append(Plot(name, LINEAR_FREQUENCY, Axis("relative amplitude"), [line]))
     caption = "The figure prints no values; our drive has the spectra of Table 3.2 and, for the load, of Table 6.3."
     peaks = {"road": "road", "load": "aero_force"}

@@ -19,7 +19,7 @@ from eightpost.reproduce.plots import FREQUENCY, Line, Plot, decibel_axis, decib
 from eightpost.rig import CONFIGURATIONS
 from eightpost.rig.post.drivefiles import RATE, TABLE_4_4, quarter_random
 from eightpost.units import si_factor
-from eightpost.vehicle import QuarterCar, quarter_car, read_vehicle, shipped
+from eightpost.vehicle import QuarterCar, StructuralVehicle, quarter_car, read_vehicle, shipped
 
 _FREQUENCY = np.geomspace(0.5, 30.0, 1500)
 _INPUTS = ("road", "aero_force", "force")
@@ -37,9 +37,10 @@ _UNITS = {
 
 def parameters() -> QuarterCar:
     """Return Table 4.1 as printed."""
-    found = read_vehicle(shipped("quarter_car")).parameters
-    assert isinstance(found, QuarterCar)
-    return found
+    vehicle = read_vehicle(shipped("quarter_car"))
+    assert isinstance(vehicle, StructuralVehicle)
+    assert isinstance(vehicle.parameters, QuarterCar)
+    return vehicle.parameters
 
 
 def printed_ideal() -> QuarterCar:

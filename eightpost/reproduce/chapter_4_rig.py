@@ -125,8 +125,8 @@ def figure_4_18(effort: Effort) -> Findings:
     return Findings(
         values,
         blocks=[figure_of("Estimate and fit of fourth order.", plots, columns=4)],
-        note="Modes are those of a fourth-order fit of road to chassis position. Our dampers are steeper near zero velocity "
-        "than the dissertation's, so both masses move almost together, and the other poles are real.",
+        note="Modes are those of a fourth-order fit of road to chassis position. Our dampers are steeper near zero "
+        "velocity than the dissertation's, so both masses move almost together, and the other poles are real.",
         is_partial=True,
     )
 
@@ -137,7 +137,9 @@ def figure_4_19(effort: Effort) -> Findings:
     estimate = found.band(0.5, 15.0)
     assert estimate.coherence is not None
     rows = {name: estimate.coherence[found.output_names.index(name)] for name in ("chassis_position", "wheel_position")}
-    plots = [Plot(n, LINEAR_FREQUENCY, COHERENCE, [Line("coherence", estimate.frequency, row)]) for n, row in rows.items()]
+    plots = [
+        Plot(n, LINEAR_FREQUENCY, COHERENCE, [Line("coherence", estimate.frequency, row)]) for n, row in rows.items()
+    ]
     means = {name: float(row.mean()) for name, row in rows.items()}
     text = ", ".join(f"{name} {mean:.3f}" for name, mean in means.items())
     return Findings(
@@ -164,7 +166,13 @@ def figure_4_20(effort: Effort) -> Findings:
     lines = [Line(TRUTH, time, measured[part]), Line("simulated", time, found[part])]
     return Findings(
         claims={"good": (error < 0.2, f"error {100.0 * error:.1f} % of the standard deviation")},
-        blocks=[figure_of("Chassis position: virtual rig (truth) and simulated.", [Plot("", TIME, Axis("position", "m"), lines)], columns=1)],
+        blocks=[
+            figure_of(
+                "Chassis position: virtual rig (truth) and simulated.",
+                [Plot("", TIME, Axis("position", "m"), lines)],
+                columns=1,
+            )
+        ],
     )
 
 

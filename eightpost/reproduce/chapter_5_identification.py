@@ -77,7 +77,7 @@ class _Paths:
         """Return the partial coherence (K,) of a path."""
         partial, names = self.estimate.partial_coherence, self.estimate
         assert partial is not None
-        return partial[names.output_names.index(output), names.input_names.index(source)]
+        return np.asarray(partial[names.output_names.index(output), names.input_names.index(source)])
 
 
 def _unit(output: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.response import FrequencyResponse, ZeroPhaseSmoothing, response_of
-from eightpost.report.charts import Figure
+from eightpost.report.charts import Axis, Figure
 from eightpost.reproduce.chapter_6_setup import inputs_of_table, zeroed_table
 from eightpost.reproduce.effort import Effort
 from eightpost.reproduce.findings import Findings
@@ -127,7 +127,8 @@ def table_6_5(effort: Effort) -> Findings:
     """Levels of the stand-in's paths that are zeroed in print."""
     names, mask = zeroed_table()
     estimate, sources = _estimate(effort).band(0.5, 15.0), inputs_of_table()
-    zeroed, kept = [], []
+    zeroed: list[float] = []
+    kept: list[float] = []
     for i, output in enumerate(names):
         energy = {source: float(np.mean(np.abs(estimate.between(output, source)) ** 2)) for source in sources}
         for j, source in enumerate(sources):
@@ -137,23 +138,28 @@ def table_6_5(effort: Effort) -> Findings:
     medians = [float(np.median(row)) for row in (zeroed, kept)]
     return Findings(
         {"count": int((~mask).sum())},
-        {"low": (medians[0] < medians[1], f"zeroed {medians[0]:.0f} dB, others {medians[1]:.0f} dB below the largest of their kind")},
+        {
+            "low": (
+                medians[0] < medians[1],
+                f"zeroed {medians[0]:.0f} dB, others {medians[1]:.0f} dB below the largest of their kind",
+            )
+        },
         [_bars(zeroed, kept)],
-        "Levels are mean squares from 0.5 to 15 Hz relative to the output's largest path from the same kind of input. The "
-        "text prints no number of zeroed paths; ours counts the table.",
+        "Levels are mean squares from 0.5 to 15 Hz relative to the output's largest path from the same kind of input. "
+        "The text prints no number of zeroed paths; ours counts the table.",
     )
 
 
 def _bars(zeroed: list[float], kept: list[float]) -> Figure:
     """Return the levels in order."""
-    from eightpost.report.charts import Axis
-
     lines = [
         Line(name, np.linspace(0.0, 100.0, len(row)), np.sort(np.array(row)))
         for name, row in (("zeroed in print", zeroed), ("kept in print", kept))
     ]
     return figure_of(
-        "Levels of the stand-in's paths, sorted.", [Plot("", Axis("share of the paths [%]"), Axis("level [dB]"), lines)], columns=1
+        "Levels of the stand-in's paths, sorted.",
+        [Plot("", Axis("share of the paths [%]"), Axis("level [dB]"), lines)],
+        columns=1,
     )
 
 

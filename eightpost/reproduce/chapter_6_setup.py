@@ -67,8 +67,8 @@ def figure_6_8(_: Effort) -> Findings:
         rates,
         {"half": (ratio < 0.7, f"{ratio:.2g} of the baseline's damping")},
         [figure_of("Force at constant velocity.", [plot], columns=1)],
-        "Damping is the slope of the best line through the origin up to 24 in/s. The rig tests here have linear dampers "
-        "of 20.74 and 9 lb/(in/s) (6.3.1).",
+        "Damping is the slope of the best line through the origin up to 24 in/s. The rig tests here have linear "
+        "dampers of 20.74 and 9 lb/(in/s) (6.3.1).",
     )
 
 
@@ -93,7 +93,7 @@ def table_6_1(_: Effort) -> Findings:
             "heights": count("ride_height"),
             "velocities": count("velocity"),
         },
-        note=f"{len(names)} channels in all, 60 of them in the table: 24 of the rig, 20 of the vehicle (not 24), 18 computed, "
+        note=f"{len(names)} channels in all. The table has 24 of the rig, 20 of the vehicle (not 24) and 18 computed, "
         "of which the table lists twelve modes, two ride heights and four shock velocities.",
     )
 
@@ -111,8 +111,8 @@ def table_6_3(_: Effort) -> Findings:
     road = drive["lf.road"]
     return Findings(
         {f"{name}/{f:g} Hz": a for name, table in tables.items() for f, a in table},
-        note=f"Peak of the wheelloaders {np.abs(road).max() / _INCH:.2g} in with {road.std() / _INCH:.2g} in RMS; 6.1.3 "
-        "prints 0.4 in and approximately 0.11 in.",
+        note=f"Peak of the wheelloaders {np.abs(road).max() / _INCH:.2g} in with {road.std() / _INCH:.2g} in RMS; "
+        "6.1.3 prints 0.4 in and approximately 0.11 in.",
     )
 
 
@@ -138,16 +138,21 @@ def table_6_6(_: Effort) -> Findings:
     moved[names.index("lr.velocity"), [8, 10]] = [False, True]
     counts = _feedback(moved)
     wanted = tuple((output, corner) for output in names for corner in CORNERS)
-    values = {f"{output}/{corner}": float(counts[names.index(output), CORNERS.index(corner)]) for output, corner in wanted}
+    values = {
+        f"{output}/{corner}": float(counts[names.index(output), CORNERS.index(corner)]) for output, corner in wanted
+    }
     same = int(np.sum(printed == counts))
-    rows = [(output, *(f"{a} ({b})" for a, b in zip(row, own, strict=True))) for output, row, own in zip(names, counts, printed, strict=True)]
+    rows = [
+        (output, *(f"{a} ({b})" for a, b in zip(row, own, strict=True)))
+        for output, row, own in zip(names, counts, printed, strict=True)
+    ]
     return Findings(
         values,
         {"printed": (same == counts.size, f"{same} of {counts.size} values")},
         [ResultTable.of("With the cell moved (and as printed)", ("output", *CORNERS), rows)],
-        "Our copy of Table 6.5 zeroes the left rear shock velocity over its own shock force, its largest path. With that "
-        "zero under the left front shock, as for the other three corners (front and rear of one side), Eq 6.8 gives every "
-        "value of Table 6.6.",
+        "Our copy of Table 6.5 zeroes the left rear shock velocity over its own shock force, its largest path. With "
+        "that zero under the left front shock, as for the other three corners (front and rear of one side), Eq 6.8 "
+        "gives every value of Table 6.6.",
     )
 
 

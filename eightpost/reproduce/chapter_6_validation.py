@@ -12,6 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from eightpost.array_types import Array
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
+from eightpost.reproduce.checks import shown
 from eightpost.reproduce.effort import Effort
 from eightpost.reproduce.findings import Findings
 from eightpost.reproduce.plots import TIME, TRUTH, Line, Plot, figure_of
@@ -30,7 +31,17 @@ from eightpost.reproduce.rig_bench import (
     true_channels,
 )
 from eightpost.reproduce.true_cars import TOTAL, measures_of
-from eightpost.rig.post import NO_DRIFT, Car, LinearDamper, RigSensors, Tires, bump_drive, run_test, sine_drive, static_drive
+from eightpost.rig.post import (
+    NO_DRIFT,
+    Car,
+    LinearDamper,
+    RigSensors,
+    Tires,
+    bump_drive,
+    run_test,
+    sine_drive,
+    static_drive,
+)
 from eightpost.rig.post.drivefiles import HEAVE_SINES, RATE
 from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.signals import Drivefile
@@ -92,7 +103,11 @@ def figure_6_26(effort: Effort) -> Findings:
             "velocity": (errors["lr.velocity"] == min(errors.values()), f"errors: {text}"),
             "good": (max(errors.values()) < 0.6, f"errors: {text}"),
         },
-        blocks=[figure_of("Two seconds of a lap with the baseline shocks: stand-in (truth) and identified.", plots, columns=2)],
+        blocks=[
+            figure_of(
+                "Two seconds of a lap with the baseline shocks: stand-in (truth) and identified.", plots, columns=2
+            )
+        ],
     )
 
 
@@ -110,7 +125,12 @@ def figure_6_27(effort: Effort) -> Findings:
     x = Axis("setup: baseline, other shock at lf, rf, lr, rr")
     numbers = np.arange(len(FIVE_SETUPS), dtype=np.float64)
     plots = [
-        Plot(name, x, Axis("RMS", _TRENDS[name]), [Line(TRUTH, numbers, t, "marks"), Line("identified", numbers, y, "marks")])
+        Plot(
+            name,
+            x,
+            Axis("RMS", _TRENDS[name]),
+            [Line(TRUTH, numbers, t, "marks"), Line("identified", numbers, y, "marks")],
+        )
         for name, (t, y) in rows.items()
     ]
     likeness = {name: float(np.corrcoef(t, y)[0, 1]) for name, (t, y) in rows.items()}
@@ -122,8 +142,8 @@ def figure_6_27(effort: Effort) -> Findings:
             "hub": (likeness["lr.hub_acceleration"] > 0.9, f"correlation {likeness['lr.hub_acceleration']:.3f}"),
         },
         [figure_of("RMS levels of five setups: stand-in (truth) and identified.", plots, columns=4)],
-        f"Mean error of the levels: {text}. In the stand-in, levels are wrong because of friction, which a linear model "
-        "does not have (docs/linearity.md).",
+        f"Mean error of the levels: {text}. In the stand-in, levels are wrong because of friction, which a linear "
+        "model does not have (docs/linearity.md).",
     )
 
 
@@ -206,7 +226,10 @@ def figure_6_30(effort: Effort) -> Findings:
     for name, unit in _SIGNALS.items():
         levels = np.array([[row.std() for row in _steady(pair, name)] for _f, pair in _sines(effort)])
         errors += list(np.abs(levels[:, 1] / levels[:, 0] - 1.0))
-        lines = [Line(TRUTH, frequencies, levels[:, 0], "marks"), Line("identified", frequencies, levels[:, 1], "marks")]
+        lines = [
+            Line(TRUTH, frequencies, levels[:, 0], "marks"),
+            Line("identified", frequencies, levels[:, 1], "marks"),
+        ]
         plots.append(Plot(name, Axis("frequency [Hz]"), Axis("RMS", unit), lines))
     median = 100.0 * float(np.median(errors))
     return Findings(
@@ -277,10 +300,11 @@ def _static(has_friction: bool) -> tuple[_Levels, Array, Array]:
     x, force = (np.hstack([pair[k] for pair in levels.values()]) for k in range(2))
     factors = np.linalg.lstsq(np.vstack([x, np.ones(x.shape[1])]).T, force.T, rcond=None)[0].T
     left = [
-        np.sqrt(np.mean((levels[m][1] - factors[:, :4] @ levels[m][0] - factors[:, 4:])[k] ** 2)) / levels[m][1][k].std()
+        np.sqrt(np.mean((levels[m][1] - factors[:, :4] @ levels[m][0] - factors[:, 4:])[k] ** 2))
+        / levels[m][1][k].std()
         for k, m in enumerate(_MODES)
     ]
-    return levels, factors[:, :4], np.array(left)
+    return levels, np.asarray(factors[:, :4], dtype=np.float64), np.array(left, dtype=np.float64)
 
 
 def _units() -> Array:
@@ -303,7 +327,7 @@ def figure_6_32(_: Effort) -> Findings:
         title = "" if k == 0 else " [rad]"
         lines = [Line(TRUTH, x[k], force[k], "marks"), Line("Eq 6.10", x[k], predicted[k], "marks")]
         plots.append(Plot(f"static {mode}", Axis(f"displacement{title}", unit[0]), Axis("force", unit[1]), lines))
-    text = f"{', '.join(f'{100.0 * v:.1f}' for v in left)} %, without friction {', '.join(f'{100.0 * v:.1f}' for v in without)} %"
+    text = f"{shown(100.0 * left, '%')}, without friction {shown(100.0 * without, '%')}"
     return Findings(
         claims={"hysteresis": (bool(np.all(left > without)), f"unexplained share in heave, pitch, roll, warp: {text}")},
         blocks=[figure_of("Loading and unloading: stand-in (truth) and Eq 6.10.", plots, columns=4)],
@@ -312,13 +336,15 @@ def figure_6_32(_: Effort) -> Findings:
 
 def equation_6_11(_: Effort) -> Findings:
     """Spring matrix in modes, and that of the linear car."""
-    shown = _static(True)[1] * _units()
+    matrix = _static(True)[1] * _units()
     car = EIGHT_POST.car
     assert isinstance(car, Car)
     linear = _analytic(car) * _units()
-    values = {f"{row}/{column}": float(shown[i, j]) for i, row in enumerate(_MODES) for j, column in enumerate(_MODES)}
-    off = np.abs(np.diag(1.0 / np.sqrt(np.diag(shown))) @ shown @ np.diag(1.0 / np.sqrt(np.diag(shown))) - np.eye(4)).max()
-    error = float(np.abs(np.diag(shown) / np.diag(linear) - 1.0).max())
+    values = {f"{row}/{column}": float(matrix[i, j]) for i, row in enumerate(_MODES) for j, column in enumerate(_MODES)}
+    off = np.abs(
+        np.diag(1.0 / np.sqrt(np.diag(matrix))) @ matrix @ np.diag(1.0 / np.sqrt(np.diag(matrix))) - np.eye(4)
+    ).max()
+    error = float(np.abs(np.diag(matrix) / np.diag(linear) - 1.0).max())
     rows = [(row, *(f"{value:.2f}" for value in linear[i])) for i, row in enumerate(_MODES)]
     return Findings(
         values,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.vehicle import StateSpace
@@ -18,12 +20,12 @@ def holds(error: float, limit: float = ROUNDING) -> tuple[bool, str]:
     return bool(error <= limit), f"largest relative difference {error:.1e}"
 
 
-def difference(first: Array | Complex, second: Array | Complex) -> float:
+def difference(first: NDArray[Any], second: NDArray[Any]) -> float:
     """Return the largest difference relative to the largest magnitude of the second."""
     return float(np.max(np.abs(first - second)) / np.max(np.abs(second)))
 
 
-def difference_by_output(first: Complex, second: Complex) -> float:
+def difference_by_output(first: NDArray[Any], second: NDArray[Any]) -> float:
     """Return the largest difference of responses (p, ...) relative to the largest magnitude of each output."""
     scale = np.abs(second).max(axis=tuple(range(1, second.ndim)), keepdims=True)
     return float(np.max(np.abs(first - second) / scale))
@@ -31,7 +33,8 @@ def difference_by_output(first: Complex, second: Complex) -> float:
 
 def response(model: StateSpace, output: str, source: str, frequency: Array) -> Complex:
     """Return the response (K,) of one path."""
-    return model.select(inputs=[source], outputs=[output]).frequency_response(frequency)[0, 0]
+    path = model.select(inputs=[source], outputs=[output]).frequency_response(frequency)[0, 0]
+    return np.asarray(path, dtype=np.complex128)
 
 
 def falls(values: Iterable[float]) -> bool:

@@ -48,7 +48,7 @@ class PrintedValue:
         what: Description of the value.
         text: Digits as printed: `3.04`, a range `45..75`, or a limit `<25` or `>30`.
         unit: Unit in print; empty for a plain number, `%` and `dB` are kept.
-        within: Tolerance: `digits`, a share such as `2 %`, a factor such as `x 3`, or empty if the value is reported only.
+        within: Tolerance: `digits`, a share such as `2 %`, a factor such as `x 3`, or empty if it is reported only.
     """
 
     key: str

@@ -136,11 +136,15 @@ def true_channels(rig: Rig, drive: TimeSeries, setups: Sequence[Sequence[TrueSho
 
 
 def identified_channels(
-    fit: VehicleFit, drive: TimeSeries, bank: Sequence[ShockLaw], setups: Sequence[Sequence[int]]
+    fit: VehicleFit,
+    drive: TimeSeries,
+    bank: Sequence[ShockLaw],
+    setups: Sequence[Sequence[int]],
+    every: int = EVERY,
 ) -> tuple[Channels, ...]:
-    """Return the channels (N / 5,) of the identified car with setups, at 250 Hz."""
+    """Return the channels of the identified car with setups; each `every`-th sample of the drive."""
     names = fit.vehicle.state_space.output_names
-    found = ManySetups(fit.vehicle, bank, drive, EVERY).run(setups)
+    found = ManySetups(fit.vehicle, bank, drive, every).run(setups)
     return tuple(dict(zip(names, outputs, strict=True)) for outputs in found)
 
 

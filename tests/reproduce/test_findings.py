@@ -99,9 +99,9 @@ def test_a_judged_statement_that_does_not_hold_differs(judged, state):
 
 
 def test_a_computation_must_return_every_printed_value():
-    with pytest.raises(InputError, match="Table 4.1"):
+    with pytest.raises(InputError, match=r"Table 4\.1"):
         Outcome(ITEM, Findings({"b": 1.0}))
-    with pytest.raises(InputError, match="Table 4.1"):
+    with pytest.raises(InputError, match=r"Table 4\.1"):
         Outcome(ITEM, Findings())
     assert Outcome(ITEM, Findings(is_partial=True)).comparisons == ()
 

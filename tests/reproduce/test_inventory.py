@@ -65,7 +65,7 @@ def test_a_number_names_all_its_items_and_a_kind_only_one():
 def test_an_unknown_number_is_an_error_with_the_nearest_items():
     with pytest.raises(InputError, match=r"no item '4\.22'; the nearest are Figure 4\.21, Eq 4\.21, .*--list"):
         chosen(["4.22"])
-    with pytest.raises(InputError, match="Table 7.5"):
+    with pytest.raises(InputError, match=r"Table 7\.5"):
         chosen(["table 7.9"])
 
 

@@ -7,7 +7,9 @@ import pytest
 from eightpost.reproduce import QUICK, Basis, State, chosen, inventory, reproduce
 
 #: Items based on printed equations and parameters only, without those that simulate the rig first.
-QUICK_ITEMS = [item for item in inventory() if item.basis is Basis.PRINTED and item.name not in ("table-6.1", "table-6.3")]
+QUICK_ITEMS = [
+    item for item in inventory() if item.basis is Basis.PRINTED and item.name not in ("table-6.1", "table-6.3")
+]
 
 
 @pytest.mark.parametrize("item", QUICK_ITEMS, ids=lambda item: item.name)
