@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
+from eightpost.report.numbers import plain
 from eightpost.vehicle import StateSpace
 
 #: Relative difference up to which two sides of an equation are equal, as rounding errors grow with the condition [1].
@@ -44,4 +45,4 @@ def falls(values: Iterable[float]) -> bool:
 
 def shown(values: Iterable[float], unit: str = "") -> str:
     """Return numbers with three significant digits, and their unit."""
-    return ", ".join(f"{value:.3g}" for value in values) + f" {unit}".rstrip()
+    return ", ".join(plain(value, 3) for value in values) + f" {unit}".rstrip()

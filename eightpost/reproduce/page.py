@@ -71,7 +71,7 @@ def _counts(outcomes: Sequence[Outcome]) -> ResultTable:
 def _index(outcomes: Sequence[Outcome]) -> ResultTable:
     rows = (
         (
-            Markup('<a href="#{}">{}</a>').format(one.item.name, one.item.label),
+            Markup('<a href="#{}">{}</a>').format(one.item.name, one.item.label.replace(" ", "\N{NO-BREAK SPACE}")),
             one.item.title,
             _state(one.state),
             one.words,
@@ -110,14 +110,19 @@ def _compared(found: Sequence[Comparison]) -> ResultTable:
     rows = (
         (
             each.printed.what,
-            f"{_printed(each)} {each.printed.unit}".rstrip(),
-            f"{each.shown} {each.printed.unit}".rstrip(),
+            _with_unit(_printed(each), each.printed.unit),
+            _with_unit(each.shown, each.printed.unit),
             each.words,
             f"{each.printed.within}: {_TOLERANCE[each.is_within]}" if each.printed.within else "not judged",
         )
         for each in found
     )
     return ResultTable.of("", ("value", "printed", "ours", "difference", "tolerance"), rows)
+
+
+def _with_unit(number: str, unit: str) -> str:
+    """Return a number and its unit on one line."""
+    return f"{number} {unit}".rstrip().replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _printed(one: Comparison) -> str:
