@@ -11,28 +11,25 @@ from eightpost.errors import InputError
 from eightpost.shock import Shock
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import StructuralVehicle, Vehicle
-from eightpost.verdict import Grade, Rule, Verdict
+from eightpost.verdict import Grade, Rule, Rules, Verdict
 
-SHOCK_UNKNOWN = Rule(
-    "fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
+RULES = Rules()
+
+SHOCK_UNKNOWN = RULES.add("fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
     condition="the shock file contains no verdict: it is from an older version, or was not fitted",
     why="how well it describes a shock was not recorded",
     remedy="fit the record again (eightpost fit), and build again",
 )  # fmt: skip
-VEHICLE_UNKNOWN = Rule(
-    "fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
+VEHICLE_UNKNOWN = RULES.add("fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
     condition="the vehicle file contains no verdict: it is from an older version, or was not identified",
     why="how well it describes a car was not recorded",
     remedy="identify it again (eightpost identify), and build again",
 )  # fmt: skip
-PARAMETERS_STATED = Rule(
-    "vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
+PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
     condition="the vehicle is defined by masses, springs and dampers",
     why="the model represents these parameters; whether they match the real car was not examined",
     remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = (SHOCK_UNKNOWN, VEHICLE_UNKNOWN, PARAMETERS_STATED)
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:

@@ -19,7 +19,7 @@ from cosim.study.study import Parameters, Study
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
-from eightpost.verdict import Grade, Rule, Verdict
+from eightpost.verdict import Grade, Rules, Verdict
 
 # ---- Robust choice --------------------------------------------------------------------------------------------------
 
@@ -275,20 +275,18 @@ _LEFT_OUT = (
     "unless run_to_run is given, and it is not corrected for the choice among many setups"
 )
 
-LEADS = Rule(
-    "one setup leads", ABOUT, Grade.LIMITED,
+RULES = Rules()
+
+LEADS = RULES.add("one setup leads", ABOUT, Grade.LIMITED,
     condition=f"every other setup is worse by more than {REACH:g} standard deviations of the difference, pair by pair",
     why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
     remedy="confirm the setup on the rig or on the track, together with the next ones (eightpost select)",
 )  # fmt: skip
-TIED = Rule(
-    "setups tied", ABOUT, Grade.LIMITED,
+TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
     condition=f"other setups are within {REACH:g} standard deviations of the difference from the best",
     why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
     remedy="choose among them by other measures, or test them on the rig (eightpost select)",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = (LEADS, TIED)
 
 
 def robust_verdict(spread: Spread, setups: int) -> Verdict:

@@ -116,6 +116,9 @@ class Preparation:
             synchronise. Recipes that need the same drive sample by sample require it.
         settling: Time omitted at the start of every record [s].
         mass: Mass of the car [kg], by which the forces are checked; None if it is unknown.
+
+    Raises:
+        ParameterError: A value is outside its range.
     """
 
     decimation: Decimation = field(default_factory=Decimation)

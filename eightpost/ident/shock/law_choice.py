@@ -1,14 +1,14 @@
 """Choice of the law for a shock: every law is fitted, cross-validated, and compared.
 
-The choice is the simplest law whose held-out error is within one standard error of the best. If there are several runs,
-each run is left out once; if there is one, each quarter of it.
+The choice is the simplest law whose held-out error is within one standard error of the best. If every run has another
+one of its speed, each run is left out once; otherwise each quarter of the runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -29,6 +29,9 @@ from eightpost.shock import LAWS, law_title, own_parameters, step_cost
 _SAME_FIT = (3e-3, 2e-2)
 
 
+#: Parts of the records that are left out.
+LeftOutParts = Literal["runs", "quarters"]
+
 #: A fitted law with the comparison of its curves.
 _Fitted = tuple[CrossValidation, CurveComparison]
 
@@ -47,6 +50,8 @@ class LawScore:
         step_cost: Cost of a step of the native FMU relative to Polylinear [1], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
         curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
+        decides: Parts whose errors decide: `runs` (quarters if there is only one), or `quarters` if a run has a speed
+            that no other has. Leaving that run out would be an extrapolation, which the fit to all runs is not.
     """
 
     law: str
@@ -58,11 +63,12 @@ class LawScore:
     step_cost: float | None
     trouble: str = ""
     curve: CurveComparison | None = None
+    decides: LeftOutParts = "runs"
 
     @property
     def held_out(self) -> HeldOut:
-        """Errors that decide: on whole runs if there are several, else on quarters of the record."""
-        found = self.runs or self.blocks
+        """Errors that decide."""
+        found = (self.runs if self.decides == "runs" else None) or self.blocks
         assert found is not None, "a law that was not cross-validated has no errors"
         return found
 
@@ -89,9 +95,9 @@ class LawChoice:
         return self[self.law]
 
     @property
-    def left_out(self) -> str:
-        """What was left out: `runs`, or `quarters` of the only one."""
-        return "runs" if self.chosen.runs is not None else "quarters"
+    def left_out(self) -> LeftOutParts:
+        """What was left out for the errors that decide: `runs`, or `quarters` of them."""
+        return self.chosen.decides if self.chosen.runs is not None else "quarters"
 
     def __getitem__(self, law: str) -> LawScore:
         return next(score for score in self.scores if score.law == law)
@@ -253,7 +259,8 @@ def _cross_validated(found: CrossValidation, score: LawScore, counted: Array) ->
         blocks, runs = found.blocks(counted), found.runs(counted)
     except ValueError as error:  # raised by laws and fits that reject a part of the data
         return replace(score, trouble=f"a part of the record cannot be fitted: {error}")
-    return replace(score, blocks=blocks, runs=runs)
+    decides: LeftOutParts = "runs" if found.fit.runs.has_repeated_speeds else "quarters"
+    return replace(score, blocks=blocks, runs=runs, decides=decides)
 
 
 def _excluded(law: str, trouble: str) -> LawScore:

@@ -86,9 +86,24 @@ class Runs:
         return min(p.rate for p in self.prepared)
 
     @property
+    def peak_speeds(self) -> list[float]:
+        """Peak speed of each run [m/s]."""
+        return [float(np.abs(p.record["velocity"][p.inside]).max()) for p in self.prepared]
+
+    @property
+    def has_repeated_speeds(self) -> bool:
+        """Whether every run has another one with nearly the same peak speed, from which it can be predicted."""
+        speeds = self.peak_speeds
+        others = (speeds[:place] + speeds[place + 1 :] for place in range(len(speeds)))
+        return all(
+            any(max(speed, one) <= ONE_SPEED * min(speed, one) for one in other)
+            for speed, other in zip(speeds, others, strict=True)
+        )
+
+    @property
     def has_one_speed(self) -> bool:
         """Whether every run is one sine, and their peak speeds are nearly equal."""
-        speeds = [float(np.abs(p.record["velocity"][p.inside]).max()) for p in self.prepared]
+        speeds = self.peak_speeds
         is_sine = all(p.single_frequency is not None for p in self.prepared)
         return is_sine and max(speeds) <= ONE_SPEED * min(speeds)
 

@@ -13,7 +13,7 @@ from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
 from eightpost.vehicle import Friction
 from eightpost.vehicle.statespace import StateSpace
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 # ---- Console tables on an identified vehicle ------------------------------------------------------------------------
 
@@ -113,46 +113,40 @@ ABOUT = "fit of the vehicle"
 #: Limits of the misfit of an output, weighted by frequency as in the fit [1].
 GOOD_FIT, POOR_FIT = 0.1, 0.3
 
-UNSTABLE = Rule(
-    "vehicle not stable", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
     condition="the car is unstable with at least one of the linear dampers that were tried",
     why="a simulation with such shocks may diverge",
     remedy="identify with more tests of other shocks, or without the channels that fit worst",
 )  # fmt: skip
-MISFIT = Rule(
-    "large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
+MISFIT = RULES.add("large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
     condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
     why="the model does not reproduce a third of the output's response",
     remedy="check the plots of the fit; leave the output out (--output-channels), or repeat the tests",
 )  # fmt: skip
-DOUBTFUL_FIT = Rule(
-    "notable misfit of the vehicle", ABOUT, Grade.LIMITED,
+DOUBTFUL_FIT = RULES.add("notable misfit of the vehicle", ABOUT, Grade.LIMITED,
     condition=f"misfit of an output above {100 * GOOD_FIT:g} %",
     why="differences between setups are of similar size",
     remedy="compare setups by the other outputs, and validate on other records (eightpost validate)",
 )  # fmt: skip
-GOOD = Rule(
-    "small misfit of the vehicle", ABOUT, Grade.USABLE,
+GOOD = RULES.add("small misfit of the vehicle", ABOUT, Grade.USABLE,
     condition=f"misfit of every output at most {100 * GOOD_FIT:g} %",
     why="differences between setups are larger",
-    remedy="nothing",
 )  # fmt: skip
-FLAG = Rule(
-    "flag of the identification", ABOUT, Grade.LIMITED,
+FLAG = RULES.add("flag of the identification", ABOUT, Grade.LIMITED,
     condition="the tests show effects that a linear model does not have: nonlinear springs, tires that lift off, a "
     "misfit larger than noise, an output that no input explains",
     why="the model is accurate only near the amplitudes of the tests",
     remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
 )  # fmt: skip
 
-CHOSEN = Rule(
-    "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
+CHOSEN = RULES.add("recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
     condition="the recipe was chosen by the error of its free-running simulation of a test that it left out",
     why="the error is that of a prediction, not of a fit",
     remedy="nothing; --recipe names another one",
 )  # fmt: skip
 
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 #: Flags that need no reason, because the model includes the effect.
 _MODELLED = ("friction", "port springs")

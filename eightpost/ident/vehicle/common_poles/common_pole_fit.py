@@ -201,6 +201,9 @@ class CommonPoleFit:
         max_states: Highest order that may be suggested.
         lags: Whether roads may act through fast lags, which represent tire damping.
         refinement: Settings of the likelihood maximisation.
+
+    Raises:
+        ParameterError: The order is odd or below 2, or another value is outside its range.
     """
 
     order: int | None = None
