@@ -109,7 +109,7 @@ def _estimate_figure(paths: _Paths, output: str) -> Figure:
 
 
 def _own_and_others(effort: Effort, output: str, good: Sequence[str]) -> tuple[dict[str, tuple[bool, str]], _Paths]:
-    """Return the accuracy at the good corners, and the coherence of all other corners' forces below theirs."""
+    """Return the accuracy at the good corners, and the coherence of all other corners' forces below that."""
     paths = _paths(effort.car_seconds)
     errors = [paths.error(paths.estimate, output, f"{corner}.force") for corner in good]
     means = {corner: float(paths.coherence(output, f"{corner}.force").mean()) for corner in CORNERS}

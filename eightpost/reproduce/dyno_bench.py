@@ -1,4 +1,4 @@
-"""Records and fits of the virtual dynamometer, which takes the place of the dynamometer records of chapter 3."""
+"""Records and fits of the virtual dynamometer, which replaces the dynamometer records of chapter 3."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ class Comparison:
         """Our value with one digit more than printed, at least three significant ones."""
         first = self.printed.text.lstrip("<>").partition("..")[0]
         digits = max(3, len(first.lstrip("-0.").replace(".", "")) + 1)
-        return plain(self.ours, digits)
+        return plain(self.ours, digits if self.has_printed_digits else min(digits, 4))
 
 
 def _in_words(excess: float, target: str) -> str:
@@ -241,7 +241,7 @@ def _of_values(found: Sequence[Comparison]) -> str:
         return f"{found[0].printed.what}: {found[0].words}"
     exact = sum(one.is_equal for one in found)
     if exact == len(found):
-        return f"all {len(found)} values equal in every printed digit"
+        return f"{'both' if len(found) == 2 else f'all {len(found)}'} values equal in every printed digit"
     judged = [one for one in found if one.is_within is not None]
     inside = f"{sum(bool(one.is_within) for one in judged)} of {len(judged)} values within tolerance" if judged else ""
     farthest = max(found, key=lambda one: abs(_logarithm(one)))

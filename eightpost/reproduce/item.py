@@ -35,7 +35,7 @@ class Basis(StrEnum):
     """What a reproduction of an item can be based on."""
 
     PRINTED = "printed"  # all equations and parameters are printed
-    STAND_IN = "stand-in"  # measured data that were never published: the virtual rigs take their place
+    STAND_IN = "stand-in"  # measured data that were never published: the virtual rigs replace them
     NOTHING = "nothing"  # a photograph or a drawing: nothing to compute
 
 
@@ -99,7 +99,7 @@ class Item:
         title: Content, in our words.
         section: Section that states the values.
         page: Printed page; 0 if it is unknown.
-        basis: What the reproduction is based on.
+        basis: Source of the data of the reproduction.
         reason: Reason for the basis, if it is not the printed text alone.
         values: Printed numbers.
         claims: Statements to check.

@@ -1,4 +1,4 @@
-"""Rig tests and identified cars, which take the place of the records of chapters 5 and 6."""
+"""Rig tests and identified cars, which replace the records of chapters 5 and 6."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _STAND_IN = Rule(
     "printed-on-stand-in",
     "reproduction",
     Grade.LIMITED,
-    "an item is based on measured data that were never published; the virtual rigs take their place",
+    "an item is based on measured data that were never published; the virtual rigs replaces them",
     "levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
     "do not compare levels; trends and orders of magnitude can be compared",
 )
