@@ -109,5 +109,5 @@ def _range(row: dict) -> str:
 
 
 if __name__ == "__main__":
-    for path in (DOCS / "ports.md", DOCS / "verdict.md"):
+    for path in (DOCS / "ports.md", DOCS / "verdict.md", DOCS / "equations.md"):
         path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -156,6 +156,8 @@ class State(StrEnum):
 
     REPRODUCED = "reproduced"
     STAND_IN = "reproduced on the stand-in"
+    PARTLY = "partly reproduced on the stand-in"
+    SHOWN = "shown on the stand-in"
     DIFFERS = "differs"
     FAILED = "failed"
     NOTHING = "nothing to compute"
@@ -221,7 +223,19 @@ class Outcome:
             return State.NOTHING
         if self.beyond:
             return State.DIFFERS
-        return State.STAND_IN if self.item.basis is Basis.STAND_IN else State.REPRODUCED
+        return self._on_stand_in() if self.item.basis is Basis.STAND_IN else State.REPRODUCED
+
+    def _on_stand_in(self) -> State:
+        """Return how much of an item without differences beyond tolerance the stand-in reproduces.
+
+        It is shown only if nothing is judged and no statement holds, and partly reproduced if a reported statement does
+        not hold.
+        """
+        held = [one.holds for one in self.claims]
+        is_judged = any(one.is_within is not None for one in self.comparisons)
+        if not is_judged and not any(held):
+            return State.SHOWN
+        return State.STAND_IN if all(held) else State.PARTLY
 
     @property
     def words(self) -> str:

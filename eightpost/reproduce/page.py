@@ -24,6 +24,8 @@ _LEAD = (
 _COLORS = {
     State.REPRODUCED: "#2f7d4f",
     State.STAND_IN: "#0072b2",
+    State.PARTLY: "#8a6100",
+    State.SHOWN: "#8a6100",
     State.DIFFERS: "#b3261e",
     State.FAILED: "#b3261e",
     State.NOTHING: "#6b7280",

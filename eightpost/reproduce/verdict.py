@@ -27,9 +27,18 @@ _STAND_IN = Rule(
     "printed-on-stand-in",
     "reproduction",
     Grade.LIMITED,
-    "an item is based on measured data that were never published; the virtual rigs replaces them",
+    "an item is based on measured data that were never published; the virtual rigs replace them",
     "levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
     "do not compare levels; trends and orders of magnitude can be compared",
+)
+_PARTLY = Rule(
+    "printed-partly-on-stand-in",
+    "reproduction",
+    Grade.LIMITED,
+    "a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an item has "
+    "nothing to judge",
+    "such statements are properties of the dissertation's data, not of its method",
+    "read which statements hold; do not expect them of another car",
 )
 _AGREES = Rule(
     "printed-reproduced",
@@ -40,16 +49,20 @@ _AGREES = Rule(
     "nothing",
 )
 #: Rules of this module, for docs/verdict.md.
-RULES = (_DIFFERS, _FAILED, _STAND_IN, _AGREES)
+RULES = (_DIFFERS, _FAILED, _STAND_IN, _PARTLY, _AGREES)
 
 _RULE_OF = {
     State.DIFFERS: _DIFFERS,
     State.FAILED: _FAILED,
     State.STAND_IN: _STAND_IN,
+    State.PARTLY: _PARTLY,
+    State.SHOWN: _PARTLY,
     State.REPRODUCED: _AGREES,
 }
 _STATEMENTS = {
     State.STAND_IN: "items are reproduced on the stand-in, because the measured data were never published",
+    State.PARTLY: "items are partly reproduced on the stand-in: some statements of the text do not hold there",
+    State.SHOWN: "items are shown on the stand-in, without anything that agrees or can be judged",
     State.REPRODUCED: "items are reproduced from the printed equations and parameters",
 }
 

@@ -90,6 +90,17 @@ def test_the_state_of_an_item_follows_from_its_values_and_its_basis():
     assert Outcome(ITEM, error="no record").state is State.FAILED
 
 
+@pytest.mark.parametrize(
+    ("holds", "state"),
+    [((True, True), State.STAND_IN), ((True, False), State.PARTLY), ((False, False), State.SHOWN)],
+)
+def test_a_stand_in_item_states_how_much_of_it_agrees(holds, state):
+    claims = tuple(Claim(str(k), "it is so", is_judged=False) for k in range(2))
+    item = replace(ITEM, basis=Basis.STAND_IN, values=(), claims=claims)
+    outcome = Outcome(item, Findings(claims={str(k): (one, "") for k, one in enumerate(holds)}))
+    assert outcome.state is state
+
+
 @pytest.mark.parametrize(("judged", "state"), [(True, State.DIFFERS), (False, State.REPRODUCED)])
 def test_a_judged_statement_that_does_not_hold_differs(judged, state):
     item = replace(ITEM, values=(), claims=(Claim("low", "it is low", judged),))
