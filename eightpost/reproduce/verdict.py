@@ -5,51 +5,37 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from eightpost.reproduce.findings import Outcome, State
-from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
+from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
 
-_DIFFERS = Rule(
-    "printed-differs",
-    "reproduction",
-    Grade.NOT_USABLE,
-    "a value is farther from print than the tolerance in the inventory, or a judged statement does not hold",
-    "the tolerance of a value states what the printed digits, or the stand-in, allow",
-    "read the item on the page; the printed values are in eightpost/reproduce/printed",
-)
-_FAILED = Rule(
-    "printed-not-computed",
-    "reproduction",
-    Grade.NOT_USABLE,
-    "the computation of an item ended with an error",
-    "without a result there is nothing to compare",
-    "read the message of the item",
-)
-_STAND_IN = Rule(
-    "printed-on-stand-in",
-    "reproduction",
-    Grade.LIMITED,
-    "an item is based on measured data that were never published; the virtual rigs replace them",
-    "levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
-    "do not compare levels; trends and orders of magnitude can be compared",
-)
-_PARTLY = Rule(
-    "printed-partly-on-stand-in",
-    "reproduction",
-    Grade.LIMITED,
-    "a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an item has "
-    "nothing to judge",
-    "such statements are properties of the dissertation's data, not of its method",
-    "read which statements hold; do not expect them of another car",
-)
-_AGREES = Rule(
-    "printed-reproduced",
-    "reproduction",
-    Grade.USABLE,
-    "all judged values and statements of an item agree with print",
-    "its equations and parameters are printed",
-    "nothing",
-)
-#: Rules of this module, for docs/verdict.md.
-RULES = (_DIFFERS, _FAILED, _STAND_IN, _PARTLY, _AGREES)
+_ABOUT = "reproduction"
+
+RULES = Rules()
+
+_DIFFERS = RULES.add("printed value differs", _ABOUT, Grade.NOT_USABLE,
+    condition="a value is farther from print than the tolerance in the inventory, or a judged statement does not hold",
+    why="the tolerance of a value states what the printed digits, or the stand-in, allow",
+    remedy="read the item on the page; the printed values are in eightpost/reproduce/printed",
+)  # fmt: skip
+_FAILED = RULES.add("item not computed", _ABOUT, Grade.NOT_USABLE,
+    condition="the computation of an item ended with an error",
+    why="without a result there is nothing to compare",
+    remedy="read the message of the item",
+)  # fmt: skip
+_STAND_IN = RULES.add("reproduced on the stand-in", _ABOUT, Grade.LIMITED,
+    condition="an item is based on measured data that were never published; the virtual rigs replace them",
+    why="levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
+    remedy="do not compare levels; trends and orders of magnitude can be compared",
+)  # fmt: skip
+_PARTLY = RULES.add("partly reproduced", _ABOUT, Grade.LIMITED,
+    condition="a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an item "
+    "has nothing to judge",
+    why="such statements are properties of the dissertation's data, not of its method",
+    remedy="read which statements hold; do not expect them of another car",
+)  # fmt: skip
+_AGREES = RULES.add("reproduced from print", _ABOUT, Grade.USABLE,
+    condition="all judged values and statements of an item agree with print",
+    why="its equations and parameters are printed",
+)  # fmt: skip
 
 _RULE_OF = {
     State.DIFFERS: _DIFFERS,
