@@ -27,8 +27,8 @@ _STAND_IN = RULES.add("reproduced on the stand-in", _ABOUT, Grade.LIMITED,
     remedy="do not compare levels; trends and orders of magnitude can be compared",
 )  # fmt: skip
 _PARTLY = RULES.add("partly reproduced", _ABOUT, Grade.LIMITED,
-    condition="a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an item "
-    "has nothing to judge",
+    condition="a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an "
+    "item has nothing to judge",
     why="such statements are properties of the dissertation's data, not of its method",
     remedy="read which statements hold; do not expect them of another car",
 )  # fmt: skip
