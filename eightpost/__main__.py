@@ -47,6 +47,7 @@ VERBS = {
     "robust": "Show which of a study's best setups differ by more than the stated uncertainty.",
     "select": "Select setups of a study to confirm on the rig.",
     "compare": "Compare runs, or a study's prediction with rig measurements.",
+    "reproduce": "Reproduce the dissertation's figures, tables and equations.",
     "demo": "Run the whole workflow on shipped data.",
 }
 
