@@ -48,6 +48,7 @@ VERBS = {
     "confirm": "Update how sure a study's choice is with rig runs of some of its setups.",
     "select": "Select setups of a study to confirm on the rig.",
     "compare": "Compare runs, or a study's prediction with rig measurements.",
+    "reproduce": "Reproduce the dissertation's figures, tables and equations.",
     "demo": "Run the whole workflow on shipped data.",
 }
 
