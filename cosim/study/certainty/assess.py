@@ -86,7 +86,7 @@ def certainty_of(
 
     Args:
         result: Result of the study.
-        known: What is known beyond its table; None: nothing.
+        known: Knowledge beyond its table; None: nothing is known.
         criterion: Measure to rank by; None: the objective, or the first measure if the study has none.
         top: Number k of the best setups.
         tests: Number of next tests.

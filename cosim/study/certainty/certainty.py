@@ -204,7 +204,7 @@ class Certainty:
 
     Attributes:
         digest: Digest of the study's result.
-        criterion: What setups are ranked by, lowest first: `OBJECTIVE` or the name of a measure.
+        criterion: Quantity by which setups are ranked, lowest first: `OBJECTIVE` or the name of a measure.
         top: Number k of `among`.
         setups: Numbers of the setups (R,), as in the table of the study.
         best: Probability of being the best feasible setup by the criterion (R,).

@@ -209,7 +209,7 @@ def draw_choice(
 
     Args:
         posterior: Distribution of the errors.
-        criterion: What setups are ranked by.
+        criterion: Quantity by which setups are ranked.
         limits: Constraints, which hold for the drawn levels.
         rows: Rows of the setups (K,).
         top: Number k of the best setups.

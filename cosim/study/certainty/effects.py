@@ -33,7 +33,7 @@ class UncertainParameter:
     Attributes:
         part: Name of the build, or of the vehicle's component.
         value: Value in the study.
-        stated: Its uncertainty.
+        stated: Uncertainty of the parameter.
     """
 
     part: str

@@ -22,7 +22,7 @@ class _Confirmed:
     """Knowledge with new rig runs.
 
     Attributes:
-        known: What is known with them.
+        known: Knowledge with the new runs.
         new: The new runs.
         notes: Sentences about records and measures that are left out.
     """
@@ -80,7 +80,7 @@ def with_rig_runs(
 
     Args:
         result: Result of the study.
-        known: What is known so far.
+        known: Knowledge without the new runs.
         runs: Rig runs.
         read: Function that returns the channels of a record.
         measures: Measures to take into account. By default, all that do not depend on a mean, because the zero of the
