@@ -272,8 +272,8 @@ class _Design:
     The normal equations are sums over tables of counts, so that no matrix has a row per setup.
 
     Attributes:
-        cells: For each term the cell of every setup, e.g. the level of a factor (N,).
-        codes: For each term the effects of its cells for each coefficient (cells, columns); they sum to zero.
+        cells: Cell of every setup in each term, e.g. the level of a factor (N,).
+        codes: Effects of the cells for each coefficient of a term (cells, columns); they sum to zero.
         factor: Cholesky factor of the normal equations.
     """
 
