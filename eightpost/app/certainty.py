@@ -65,7 +65,7 @@ def with_runs(known: Knowledge, result: StudyResult, folder: Path) -> Knowledge:
 
 
 def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
-    """Return the certainty in a study's folder; None if there is none, or one of another study."""
+    """Return the certainty in a study's folder; None if it does not exist or belongs to another study."""
     from cosim.study.certainty import read_certainty
     from cosim.study.folder import CERTAINTY
 

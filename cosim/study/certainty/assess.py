@@ -254,7 +254,7 @@ def _reference(result: StudyResult, chosen: Criterion, sources: ErrorSources) ->
 def _contradictions(
     result: StudyResult, sources: ErrorSources, seen: Observations, surprises: Sequence[Surprise]
 ) -> Iterator[Contradiction]:
-    """Yield the measured levels that are improbable, the least probable first."""
+    """Yield the measured levels that are improbable, most improbable first."""
     for one in sorted(surprises, key=lambda one: one.probability):
         row, m = int(seen.rows[one.position]), int(seen.measures[one.position])
         predicted = float(sources.predicted[row, m])

@@ -89,7 +89,7 @@ class Levels:
         """Return the lower and upper ends (R,) of the intervals that contain the true level with a probability.
 
         Raises:
-            InputError: The probability is none of `PROBABILITIES`.
+            InputError: The probability is not in `PROBABILITIES`.
         """
         if probability not in PROBABILITIES:
             raise InputError(f"there are intervals of {PROBABILITIES}, not of {probability!r}")

@@ -328,7 +328,7 @@ def _spread(covariance: Array, weight: Array) -> float:
 
 
 def _gains(covariance: Array, weight: Array, noise: float, size: float) -> Array:
-    """Return by how much each test reduces the spread (K,); a setup that is known exactly gives nothing."""
+    """Return the reduction of the spread by each test (K,); a setup that is known exactly gives nothing."""
     variance = covariance.diagonal() + noise
     reduced = weight @ covariance**2 - (weight @ covariance) ** 2
     return np.divide(reduced, variance, out=np.zeros_like(variance), where=variance > _NOTHING * size)

@@ -113,8 +113,8 @@ def effects_of(
         folder: Folder of the study.
         workers: Workers that run the setups.
         progress: Called after each part of the runs.
-        vehicles: FMUs of equivalent vehicles, such as fits of other records. The error of the study's vehicle is taken
-            to be as large as theirs, so that half of the square of the difference belongs to it.
+        vehicles: FMUs of equivalent vehicles, such as fits of other records. All vehicles are taken to have
+            errors of the same size, so that half of the square of a difference belongs to the study's.
     """
     base = _best(result)
     own = [one for one in parameters if one.part in result.study.bank]

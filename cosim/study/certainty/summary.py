@@ -56,7 +56,7 @@ def _ties(certainty: Certainty) -> str:
 
 
 def _trade_offs(certainty: Certainty) -> Iterator[str]:
-    """Yield by how much other measures of the leading setup differ from the baseline, the worst ones first."""
+    """Yield the changes of other measures of the leading setup from the baseline, the largest first."""
     worse = sorted((one for one in certainty.trade_offs if one.low > 0.0), key=lambda one: -one.change)
     better = sorted((one for one in certainty.trade_offs if one.high < 0.0), key=lambda one: one.change)
     for words, found in (("worse", worse), ("better", better)):

@@ -14,7 +14,7 @@ from eightpost.array_types import Integers
 #: Probability of a deviation below which a measured level contradicts the prediction.
 SURPRISING = 0.005
 
-#: Fewest levels of a measure among which one that contradicts the others can be told from them.
+#: Fewest levels of a measure of which one can contradict the others.
 _FEWEST = 3
 
 
