@@ -55,7 +55,9 @@ def test_the_fmu_of_a_fitted_shock_states_the_standard_errors_of_its_fit():
     assert set(found) == {"time_constant", "lag_zero_force", "compression_scale", "rebound_scale"}
     assert found["time_constant"].deviation == pytest.approx(shock.fit["parameters"]["time_constant"]["standard_error"])
     assert found["time_constant"].copies is None
-    pooled = replace(shock, fit={**shock.fit, "build_to_build": {"time_constant": 2e-4}})
+    pooled = replace(
+        shock, fit={**shock.fit, "between_builds": {"parameters": {"time_constant": {"standard_deviation": 2e-4}}}}
+    )
     again = validity_of(pooled).uncertainty
     assert again is not None and {one.name: one.copies for one in again.parameters}["time_constant"] == 2e-4
 

@@ -66,8 +66,8 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
 def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
     """Return the same as parameters that an FMU states; None if the shock states no uncertainty or cannot be read.
 
-    The standard deviation from one copy of the build to another is the shock's entry `fit.build_to_build`, an object of
-    standard deviations by parameter; without it, it is not known.
+    The standard deviation from one copy of the shock to another is that of the builds that were fitted together
+    (`fit.between_builds`); without it, it is not known.
     """
     try:
         found = fitted_parameters(shock)
@@ -77,8 +77,8 @@ def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
 
 
 def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
-    stated = shock.fit.get("build_to_build")
-    copies = stated if isinstance(stated, dict) else {}
+    builds = shock.fit.get("between_builds") or {}
+    copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
     deviations = np.sqrt(found.covariance.diagonal())
     rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
     parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
