@@ -1,0 +1,194 @@
+/* A shock at one corner in several setups at once, with the operations of common/shock.c and the curve of its FMU. */
+#include "port.h"
+
+#include "elementary_lanes.h"
+#include "rest.h"
+
+#include "curve.h"
+
+
+/* Largest change of damper velocity [m/s] over which F_s is treated as linear, as in common/shock.c. */
+static const double STRAIGHT = 0.01;
+
+/* ---- Laws that run setup by setup ----------------------------------------------------------------------------------------- */
+
+static void read_law(const Parameters *p, int setup, double *parameters)
+{
+    const double *first = (const double *)p;
+    for (int k = 0; k < PARAMETERS; k++) {
+        parameters[k] = first[k * SETUPS + setup];
+    }
+}
+
+static void start_singles(Port *port, real velocity, real f)
+{
+    port->some_lag = in_any(port->law == WITH_LAG);
+    port->all_lag = in_every(port->law == WITH_LAG);
+    port->some_single = in_any(port->law >= MAXWELL);
+    for (int i = 0; i < SETUPS && port->some_single; i++) {
+        Law *law = &port->single[i];
+        memset(law, 0, sizeof *law);
+        read_law(&port->parameters, i, law->parameters);
+        if (port->law[i] == MAXWELL) {
+            maxwell_start(law, velocity[i], f[i]);
+        } else if (port->law[i] == HYSTERESIS) {
+            hysteresis_start(law, velocity[i], f[i]);
+        }
+    }
+}
+
+/* A piece of the step in every setup. */
+typedef struct {
+    real velocity_start, static_start, velocity_end, static_end, step;
+} Pieces;
+
+static void advance_singles(Port *port, const Pieces *p, Index count, truth active)
+{
+    for (int i = 0; i < SETUPS; i++) {
+        const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], p->step[i], (int)count[i]};
+        if (active[i] && port->law[i] == MAXWELL) {
+            maxwell_advance(&port->single[i], &span);
+        } else if (active[i] && port->law[i] == HYSTERESIS) {
+            hysteresis_advance(&port->single[i], &span);
+        }
+    }
+}
+
+static real force_of_law(const Port *port, real velocity, real f)
+{
+    real lagged = port->lagged;
+    for (int i = 0; i < SETUPS && port->some_single; i++) {
+        if (port->law[i] == MAXWELL) {
+            lagged[i] = maxwell_force(&port->single[i], velocity[i], f[i]);
+        } else if (port->law[i] == HYSTERESIS) {
+            lagged[i] = hysteresis_force(&port->single[i], velocity[i], f[i]);
+        }
+    }
+    return lagged;
+}
+
+/* ---- The lag ---------------------------------------------------------------------------------------------------------------- */
+
+/* The factors of a lag over one of `count` pieces of a step of h [s], as in common/lag.h. */
+static void find_lag(Port *port, int count, double h)
+{
+    const double part = count == 1 ? h : h / (double)count;
+    for (int i = 0; i < SETUPS; i++) {
+        const double ratio = part / port->parameters.time_constant[i];
+        const double rise = -exponential_minus_1_of(-ratio);
+        port->rise[count][i] = rise;
+        port->ramp[count][i] = 1.0 - rise / ratio;
+    }
+    port->is_known[count] = 1;
+}
+
+static void know_lags(Port *port, Index count, double h)
+{
+    if (port->step[0] != h) {
+        memset(port->is_known, 0, sizeof port->is_known);
+        port->step = uniform(h);
+    }
+    for (int i = 0; i < SETUPS; i++) {
+        if (!port->is_known[count[i]]) {
+            find_lag(port, (int)count[i], h);
+        }
+    }
+}
+
+/* ---- The port ----------------------------------------------------------------------------------------------------------------- */
+
+/* alpha = 1 up to lag_full_force, 0 from lag_zero_force, linear between, as in shock_lpnl2/model.c. */
+static real lag_weight(const Parameters *p, real f)
+{
+    const real left = p->lag_zero_force - size_of(f), whole = p->lag_zero_force - p->lag_full_force;
+    return either(left <= 0.0, uniform(0.0), either(left >= whole, uniform(1.0), left / whole));
+}
+
+static real seal_force(const Parameters *p, real v)
+{
+    const truth is_free = p->seal_friction == 0.0;
+    return in_every(is_free) ? uniform(0.0)
+                             : either(is_free, uniform(0.0), p->seal_friction * hyperbolic_tangent(v / p->friction_velocity));
+}
+
+static void respond(Port *port, real velocity, real displacement, real f)
+{
+    const Parameters *p = &port->parameters;
+    const real v = p->motion_ratio * velocity, lagged = force_of_law(port, v, f), alpha = lag_weight(p, f);
+    const real dissipative = alpha * lagged + (1.0 - alpha) * f + seal_force(p, v);
+    const real gas = p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
+    port->now.force = p->motion_ratio * (dissipative + gas);
+    port->now.static_force = f;
+    port->now.lagged_force = lagged;
+    port->now.lag_weight = alpha;
+    port->now.dissipated_power = dissipative * v;
+    port->now.beyond_fit = either(is_beyond_fit(p, v), uniform(1.0), uniform(0.0));
+}
+
+void start_port(Port *port, real velocity, real displacement)
+{
+    const real v = port->parameters.motion_ratio * velocity, f = valve_force(&port->parameters, v);
+    port->lagged = f;
+    port->step = uniform(0.0);
+    start_singles(port, v, f);
+    respond(port, velocity, displacement, f);
+}
+
+/* The number of linear pieces of F_s while the port velocity goes from start to end. */
+static Index pieces(const Parameters *p, real from, real to)
+{
+    const real change = size_of(p->motion_ratio * (to - from)), count = change / STRAIGHT;
+    const truth is_short = ~(change >= STRAIGHT), is_long = ~(count < (double)MOST_PIECES);
+    const Short whole = __builtin_convertvector(either(is_short | is_long, uniform(0.0), count), Short);
+    const Index found = __builtin_convertvector(whole, Index) + 1;
+    const Index most = (Index){0} + MOST_PIECES;
+    return (found & ~is_long) | (is_short & 1) | (most & is_long & ~is_short);
+}
+
+static int largest(Index count)
+{
+    int64_t most = 1;
+    for (int i = 0; i < SETUPS; i++) {
+        most = count[i] > most ? count[i] : most;
+    }
+    return (int)most;
+}
+
+/* Piece k of the step in the setups that have so many. Returns F_s at its end. */
+static real follow_piece(Port *port, const Pieces *piece, Index count, truth active)
+{
+    const real end = piece->static_end;
+    if (port->some_lag) {
+        const real rise = chosen(port->rise, count), ramp = chosen(port->ramp, count);
+        const real lagged = port->lagged + (piece->static_start - port->lagged) * rise + (end - piece->static_start) * ramp;
+        const truth lags = active & (port->law == WITH_LAG);
+        port->lagged = either(lags, lagged, either(active, end, port->lagged));
+    } else {
+        port->lagged = either(active, end, port->lagged);
+    }
+    if (port->some_single) {
+        advance_singles(port, piece, count, active);
+    }
+    return end;
+}
+
+void step_port(Port *port, real from, real to, real displacement, double h, truth active)
+{
+    const Parameters *p = &port->parameters;
+    const Index count = pieces(p, from, to);
+    const int most = largest(count);
+    const real counts = __builtin_convertvector(count, real), part = either(count == 1, uniform(h), h / counts);
+    real before = from, f = valve_force(p, p->motion_ratio * from);
+    if (port->some_lag) {
+        know_lags(port, count, h);
+    }
+    for (int k = 1; k <= most; k++) {
+        const truth follows = k <= count;
+        const real velocity = either(k < count, from + (to - from) * ((double)k / counts), to);
+        const real v = p->motion_ratio * velocity;
+        const Pieces piece = {p->motion_ratio * before, f, v, either(velocity == before, f, valve_force(p, v)), part};
+        f = either(follows, follow_piece(port, &piece, count, follows & active), f);
+        before = velocity;
+    }
+    respond(port, to, displacement, f);
+}
