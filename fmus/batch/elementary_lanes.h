@@ -16,8 +16,6 @@ static const double EXPONENTIAL[] = {
 };
 enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0] };
 
-typedef int32_t Short __attribute__((vector_size(4 * SETUPS)));
-
 /* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= 709. */
 typedef struct {
     real power, rest;

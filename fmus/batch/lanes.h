@@ -9,12 +9,21 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { SETUPS = 8 };
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
 
-typedef double real __attribute__((vector_size(64)));
-typedef int64_t truth __attribute__((vector_size(64)));
-/* Indices, one for each setup. */
-typedef int64_t Index __attribute__((vector_size(64)));
+/* Eight, or the width of the processor for a compiler that handles wider vectors badly (gcc). */
+#ifndef EIGHTPOST_SETUPS
+#define EIGHTPOST_SETUPS 8
+#endif
+enum { SETUPS = EIGHTPOST_SETUPS };
+
+typedef double real __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int64_t truth __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+/* Indices, one for each setup, and the same in half the space. */
+typedef int64_t Index __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 
 /* Sums of a block of a matrix's rows that are kept in registers. */
 #ifdef __AVX512F__
@@ -28,7 +37,11 @@ typedef int64_t Index __attribute__((vector_size(64)));
 
 static inline real uniform(double value)
 {
-    return (real){value, value, value, value, value, value, value, value};
+    real same;
+    for (int i = 0; i < SETUPS; i++) {
+        same[i] = value;
+    }
+    return same;
 }
 
 static inline real either(truth condition, real a, real b)
@@ -36,10 +49,31 @@ static inline real either(truth condition, real a, real b)
     return (real)(((truth)a & condition) | ((truth)b & ~condition));
 }
 
+/* A condition is all ones or all zeros, so its parts can be joined. */
 static inline int in_any(truth condition)
 {
-    const truth c = condition;
-    return ((c[0] | c[1]) | (c[2] | c[3]) | (c[4] | c[5]) | (c[6] | c[7])) != 0;
+#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+    return _mm512_test_epi64_mask((__m512i)condition, (__m512i)condition) != 0;
+#elif defined(__AVX__) && EIGHTPOST_SETUPS == 8
+    __m256i half[2];
+    memcpy(half, &condition, sizeof half);
+    return !(_mm256_testz_si256(half[0], half[0]) & _mm256_testz_si256(half[1], half[1]));
+#elif defined(__AVX__) && EIGHTPOST_SETUPS == 4
+    return !_mm256_testz_si256((__m256i)condition, (__m256i)condition);
+#elif defined(__SSE2__)
+    __m128i part[EIGHTPOST_SETUPS / 2], whole = _mm_setzero_si128();
+    memcpy(part, &condition, sizeof part);
+    for (int k = 0; k < EIGHTPOST_SETUPS / 2; k++) {
+        whole = _mm_or_si128(whole, part[k]);
+    }
+    return _mm_movemask_epi8(whole) != 0;
+#else
+    int64_t whole = 0;
+    for (int i = 0; i < SETUPS; i++) {
+        whole |= condition[i];
+    }
+    return whole != 0;
+#endif
 }
 
 static inline int in_every(truth condition)

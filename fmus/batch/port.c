@@ -154,12 +154,28 @@ static int largest(Index count)
     return (int)most;
 }
 
+/* The factors of the lag over a piece. */
+typedef struct {
+    real rise, ramp;
+} Lag;
+
+static Lag lag_over_piece(Port *port, Index count, int most, double h)
+{
+    know_lags(port, count, h);
+    const int is_same = in_every(count == most);
+    const Lag lag = {
+        is_same ? port->rise[most] : chosen(port->rise, count),
+        is_same ? port->ramp[most] : chosen(port->ramp, count),
+    };
+    return lag;
+}
+
 /* Piece k of the step in the setups that have so many. Returns F_s at its end. */
-static real follow_piece(Port *port, const Pieces *piece, Index count, truth active)
+static real follow_piece(Port *port, const Pieces *piece, const Lag *lag, Index count, truth active)
 {
     const real end = piece->static_end;
     if (port->some_lag) {
-        const real rise = chosen(port->rise, count), ramp = chosen(port->ramp, count);
+        const real rise = lag->rise, ramp = lag->ramp;
         const real lagged = port->lagged + (piece->static_start - port->lagged) * rise + (end - piece->static_start) * ramp;
         const truth lags = active & (port->law == WITH_LAG);
         port->lagged = either(lags, lagged, either(active, end, port->lagged));
@@ -179,15 +195,16 @@ void step_port(Port *port, real from, real to, real displacement, double h, trut
     const int most = largest(count);
     const real counts = __builtin_convertvector(count, real), part = either(count == 1, uniform(h), h / counts);
     real before = from, f = valve_force(p, p->motion_ratio * from);
+    Lag lag = {uniform(0.0), uniform(0.0)};
     if (port->some_lag) {
-        know_lags(port, count, h);
+        lag = lag_over_piece(port, count, most, h);
     }
     for (int k = 1; k <= most; k++) {
         const truth follows = k <= count;
         const real velocity = either(k < count, from + (to - from) * ((double)k / counts), to);
         const real v = p->motion_ratio * velocity;
         const Pieces piece = {p->motion_ratio * before, f, v, either(velocity == before, f, valve_force(p, v)), part};
-        f = either(follows, follow_piece(port, &piece, count, follows & active), f);
+        f = either(follows, follow_piece(port, &piece, &lag, count, follows & active), f);
         before = velocity;
     }
     respond(port, to, displacement, f);

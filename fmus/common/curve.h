@@ -32,7 +32,11 @@ static inline real size_of(real value)
 static inline real outer_share(const Parameters *p, real speed)
 {
     const real apart = speed - p->curve_transition_speed, half = 0.5 * p->curve_transition_width;
-    return either(apart >= half, uniform(1.0), either(apart <= -half, uniform(0.0), apart / p->curve_transition_width + 0.5));
+    const truth is_outer = apart >= half, is_inner = apart <= -half;
+    if (in_every(is_outer | is_inner)) {
+        return either(is_outer, uniform(1.0), uniform(0.0));
+    }
+    return either(is_outer, uniform(1.0), either(is_inner, uniform(0.0), apart / p->curve_transition_width + 0.5));
 }
 
 static inline real inner_force(const Parameters *p, real v)

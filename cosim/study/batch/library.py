@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib.util
+import os
 import platform
+import shutil
 import subprocess
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,16 +23,19 @@ from eightpost.errors import FmuError
 
 # ---- Sources --------------------------------------------------------------------------------------------------------
 
-_FLAGS = ("-std=gnu11", "-O2", "-w", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-math-errno")
+_FLAGS = ("-std=gnu11", "-O3", "-w", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-math-errno")
 
 #: Exact: the operations of the FMUs. Fast: fused multiply-add.
 _EXACT, _FAST = ("-ffp-contract=off",), ("-ffp-contract=fast", "-DEIGHTPOST_FAST")
 
 #: Compiler options of the instruction sets by the processor features that they need, widest first.
 _WIDTHS: Mapping[str, tuple[str, ...]] = {
-    "avx512dq": ("-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma"),
+    "avx512dq": ("-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma", "-mprefer-vector-width=512"),
     "avx2": ("-mavx2", "-mfma"),
 }
+
+#: Numbers of setups in a batch with gcc, which handles vectors badly that are wider than those of the processor.
+_SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
 
 #: Sources from the folders of the FMUs: name in the compiler's folder, and path in fmus/.
 _SHARED = {
@@ -84,33 +91,56 @@ def compiled(sizes: str, *, fast: bool = False, width: str | None = None) -> byt
     """
     files = {**sources(), "sizes.h": sizes.encode()}
     chosen = instruction_set() if width is None else width
-    options = (*_FLAGS, *(_FAST if fast else _EXACT), *_WIDTHS.get(chosen, ()))
-    key = _key(files, options)
+    compiler = _compiler()
+    options = [*_FLAGS, *(_FAST if fast else _EXACT), *_WIDTHS.get(chosen, ())]
+    if _is_gcc(compiler[0]):
+        options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
+    if "ziglang" in compiler:  # which compiles for this processor, and checks, if it is not told otherwise
+        options += ["-fno-sanitize=undefined", *([] if chosen else ["-mcpu=baseline"])]
+    key = _key(files, [*compiler, *options])
     library = recall("batch", key)
     if library is None:
-        library = _compile(files, options)
+        library = _compile(files, compiler, options)
         keep("batch", key, library)
     return library
 
 
-def _key(files: Mapping[str, bytes], options: tuple[str, ...]) -> str:
-    digest = hashlib.sha256("\0".join((platform.platform(), *options)).encode())
+def _compiler() -> list[str]:
+    """Return the command of a C compiler, preferably clang or zig, whose code for vectors is faster than that of gcc.
+
+    Raises:
+        FmuError: There is none.
+    """
+    if not os.environ.get("CC"):
+        if clang := shutil.which("clang"):
+            return [clang]
+        if importlib.util.find_spec("ziglang"):
+            return [sys.executable, "-P", "-m", "ziglang", "cc"]
+    return find_compiler()
+
+
+@cache
+def _is_gcc(compiler: str) -> bool:
+    ran = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+    return "Free Software Foundation" in ran.stdout
+
+
+def _key(files: Mapping[str, bytes], command: Sequence[str]) -> str:
+    digest = hashlib.sha256("\0".join((platform.platform(), *command)).encode())
     for name, content in sorted(files.items()):
         digest.update(name.encode() + b"\0" + content)
     return digest.hexdigest()
 
 
-def _compile(files: Mapping[str, bytes], options: tuple[str, ...]) -> bytes:
-    compiler = find_compiler()
+def _compile(files: Mapping[str, bytes], compiler: Sequence[str], options: Sequence[str]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="batch_") as name:
         folder = Path(name)
         for file, content in files.items():
             (folder / file).write_bytes(content)
         product = folder / "batch.so"
         units = sorted(file for file in files if file.endswith(".c"))
-        extra = ("-fno-sanitize=undefined",) if "ziglang" in compiler else ()
         ran = subprocess.run(
-            [*compiler, *options, *extra, "-I.", *units, "-o", str(product)],
+            [*compiler, *options, "-I.", *units, "-o", str(product)],
             cwd=folder, capture_output=True, text=True, errors="replace", check=False,
         )  # fmt: skip
         if ran.returncode != 0 or not product.is_file():
