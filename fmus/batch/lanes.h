@@ -49,36 +49,40 @@ static inline real either(truth condition, real a, real b)
     return (real)(((truth)a & condition) | ((truth)b & ~condition));
 }
 
-/* A condition is all ones or all zeros, so its parts can be joined. */
-static inline int in_any(truth condition)
+/* One bit for each setup. */
+static inline unsigned bits_of(truth condition)
 {
+    unsigned bits = 0;
 #if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
-    return _mm512_test_epi64_mask((__m512i)condition, (__m512i)condition) != 0;
-#elif defined(__AVX__) && EIGHTPOST_SETUPS == 8
-    __m256i half[2];
-    memcpy(half, &condition, sizeof half);
-    return !(_mm256_testz_si256(half[0], half[0]) & _mm256_testz_si256(half[1], half[1]));
-#elif defined(__AVX__) && EIGHTPOST_SETUPS == 4
-    return !_mm256_testz_si256((__m256i)condition, (__m256i)condition);
+    bits = _mm512_test_epi64_mask((__m512i)condition, (__m512i)condition);
+#elif defined(__AVX__) && EIGHTPOST_SETUPS >= 4
+    __m256d part[EIGHTPOST_SETUPS / 4];
+    memcpy(part, &condition, sizeof part);
+    for (int k = 0; k < EIGHTPOST_SETUPS / 4; k++) {
+        bits |= (unsigned)_mm256_movemask_pd(part[k]) << 4 * k;
+    }
 #elif defined(__SSE2__)
-    __m128i part[EIGHTPOST_SETUPS / 2], whole = _mm_setzero_si128();
+    __m128d part[EIGHTPOST_SETUPS / 2];
     memcpy(part, &condition, sizeof part);
     for (int k = 0; k < EIGHTPOST_SETUPS / 2; k++) {
-        whole = _mm_or_si128(whole, part[k]);
+        bits |= (unsigned)_mm_movemask_pd(part[k]) << 2 * k;
     }
-    return _mm_movemask_epi8(whole) != 0;
 #else
-    int64_t whole = 0;
     for (int i = 0; i < SETUPS; i++) {
-        whole |= condition[i];
+        bits |= (unsigned)(condition[i] & 1) << i;
     }
-    return whole != 0;
 #endif
+    return bits;
+}
+
+static inline int in_any(truth condition)
+{
+    return bits_of(condition) != 0;
 }
 
 static inline int in_every(truth condition)
 {
-    return !in_any(~condition);
+    return bits_of(condition) == (1U << SETUPS) - 1U;
 }
 
 /* The number of each setup's index. */

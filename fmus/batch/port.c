@@ -145,13 +145,19 @@ static Index pieces(const Parameters *p, real from, real to)
     return (found & ~is_long) | (is_short & 1) | (most & is_long & ~is_short);
 }
 
-static int largest(Index count)
+typedef struct {
+    int least, most;
+} Range;
+
+static Range range_of(Index count)
 {
-    int64_t most = 1;
-    for (int i = 0; i < SETUPS; i++) {
+    int64_t least = count[0], most = count[0];
+    for (int i = 1; i < SETUPS; i++) {
+        least = count[i] < least ? count[i] : least;
         most = count[i] > most ? count[i] : most;
     }
-    return (int)most;
+    const Range range = {(int)least, (int)most};
+    return range;
 }
 
 /* The factors of the lag over a piece. */
@@ -159,53 +165,57 @@ typedef struct {
     real rise, ramp;
 } Lag;
 
-static Lag lag_over_piece(Port *port, Index count, int most, double h)
+static Lag lag_over_piece(Port *port, Index count, Range range, double h)
 {
-    know_lags(port, count, h);
-    const int is_same = in_every(count == most);
-    const Lag lag = {
-        is_same ? port->rise[most] : chosen(port->rise, count),
-        is_same ? port->ramp[most] : chosen(port->ramp, count),
-    };
+    Lag lag = {uniform(0.0), uniform(0.0)};
+    if (port->some_lag) {
+        know_lags(port, count, h);
+        if (range.least == range.most) {
+            lag.rise = port->rise[range.most];
+            lag.ramp = port->ramp[range.most];
+        } else {
+            lag.rise = chosen(port->rise, count);
+            lag.ramp = chosen(port->ramp, count);
+        }
+    }
     return lag;
 }
 
-/* Piece k of the step in the setups that have so many. Returns F_s at its end. */
-static real follow_piece(Port *port, const Pieces *piece, const Lag *lag, Index count, truth active)
+static inline real lagged_after(const Port *port, const Pieces *piece, const Lag *lag)
 {
-    const real end = piece->static_end;
-    if (port->some_lag) {
-        const real rise = lag->rise, ramp = lag->ramp;
-        const real lagged = port->lagged + (piece->static_start - port->lagged) * rise + (end - piece->static_start) * ramp;
-        const truth lags = active & (port->law == WITH_LAG);
-        port->lagged = either(lags, lagged, either(active, end, port->lagged));
-    } else {
-        port->lagged = either(active, end, port->lagged);
+    const real start = piece->static_start, end = piece->static_end;
+    if (!port->some_lag) {
+        return end;
     }
-    if (port->some_single) {
-        advance_singles(port, piece, count, active);
-    }
-    return end;
+    const real lagged = port->lagged + (start - port->lagged) * lag->rise + (end - start) * lag->ramp;
+    return port->all_lag ? lagged : either(port->law == WITH_LAG, lagged, end);
 }
 
 void step_port(Port *port, real from, real to, real displacement, double h, truth active)
 {
     const Parameters *p = &port->parameters;
     const Index count = pieces(p, from, to);
-    const int most = largest(count);
+    const Range range = range_of(count);
+    const Lag lag = lag_over_piece(port, count, range, h);
     const real counts = __builtin_convertvector(count, real), part = either(count == 1, uniform(h), h / counts);
-    real before = from, f = valve_force(p, p->motion_ratio * from);
-    Lag lag = {uniform(0.0), uniform(0.0)};
-    if (port->some_lag) {
-        lag = lag_over_piece(port, count, most, h);
-    }
-    for (int k = 1; k <= most; k++) {
-        const truth follows = k <= count;
-        const real velocity = either(k < count, from + (to - from) * ((double)k / counts), to);
-        const real v = p->motion_ratio * velocity;
-        const Pieces piece = {p->motion_ratio * before, f, v, either(velocity == before, f, valve_force(p, v)), part};
-        f = either(follows, follow_piece(port, &piece, &lag, count, follows & active), f);
-        before = velocity;
+    real v = p->motion_ratio * from, f = valve_force(p, v);
+    for (int k = 1; k <= range.most; k++) {
+        const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */
+        real velocity = to;
+        if (range.most > 1) {
+            const real between = from + (to - from) * ((double)k / counts);
+            velocity = is_inside ? between : either((double)k < counts, between, to);
+        }
+        const real end = p->motion_ratio * velocity;
+        const Pieces piece = {v, f, end, valve_force(p, end), part};
+        const real lagged = lagged_after(port, &piece, &lag);
+        const truth follows = (double)k <= counts;
+        if (port->some_single) {
+            advance_singles(port, &piece, count, follows & active);
+        }
+        port->lagged = is_inside ? lagged : either(follows, lagged, port->lagged);
+        f = is_inside ? piece.static_end : either(follows, piece.static_end, f);
+        v = end;
     }
     respond(port, to, displacement, f);
 }

@@ -34,15 +34,19 @@ typedef struct {
  * order everywhere. Inputs that are zero are skipped. */
 static inline void load(const real *u, Modal *w)
 {
+    int moving[INPUTS], count = 0;
+    for (int c = 0; c < INPUTS; c++) {
+        moving[count] = c;
+        count += in_any(u[c] != 0.0);
+    }
     for (int b = 0; b < STATE_BLOCKS; b++) {
         for (int first = 0; first < BLOCK; first += TILE) {
             real sum[TILE] = {ZERO};
-            for (int c = 0; c < INPUTS; c++) {
-                if (!in_any(u[c] != 0.0)) {
-                    continue;
-                }
+            for (int k = 0; k < count; k++) {
+                const real input = u[moving[k]];
+                const double *column = &B[b][moving[k]][first];
                 for (int r = 0; r < TILE; r++) {
-                    sum[r] += B[b][c][first + r] * u[c];
+                    sum[r] += column[r] * input;
                 }
             }
             memcpy(w->at + b * BLOCK + first, sum, sizeof sum);

@@ -34,6 +34,9 @@ _WIDTHS: Mapping[str, tuple[str, ...]] = {
     "avx2": ("-mavx2", "-mfma"),
 }
 
+#: Processors of zig by instruction set.
+_ZIG = {"avx512dq": "x86_64_v4", "avx2": "x86_64_v3", "": "baseline"}
+
 #: Numbers of setups in a batch with gcc, which handles vectors badly that are wider than those of the processor.
 _SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
 
@@ -96,7 +99,7 @@ def compiled(sizes: str, *, fast: bool = False, width: str | None = None) -> byt
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
     if "ziglang" in compiler:  # which compiles for this processor, and checks, if it is not told otherwise
-        options += ["-fno-sanitize=undefined", *([] if chosen else ["-mcpu=baseline"])]
+        options += ["-fno-sanitize=undefined", f"-mcpu={_ZIG[chosen]}"]
     key = _key(files, [*compiler, *options])
     library = recall("batch", key)
     if library is None:
