@@ -79,7 +79,7 @@ def _data(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, o
     modes, ports, outputs = sizes["MODES"], sizes["PORTS"], sizes["OUTPUTS"]
     block = sizes["STATE_BLOCKS"] * sizes["INPUTS"] * sizes["BLOCK"]
     own = {name: _own(values, name) for name in (*_PORT, _SPRING)}
-    rest = [float(v) for n, v in values.items() if _is_offset(n, v)]  # type: ignore[arg-type]
+    rest = [float(v) for n, v in values.items() if _is_offset(n)]  # type: ignore[arg-type]
     places = constants.integers("OFFSET_OF", outputs)
     numbers = [
         constants.filled("SIGMA", modes),
@@ -100,7 +100,7 @@ def _data(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, o
         constants.integers("PORT_OUTPUT", ports),
         constants.integers("SPRING_PORT", sizes["SPRINGS"]),
         constants.integers("SPRING_OUTPUT", sizes["SPRINGS"]),
-        np.array([int(bool(values.get(_AT_EQUILIBRIUM, True))), constants.sizes["HAS_EQUILIBRIUM"]]),
+        np.array([int(_is_true(values.get(_AT_EQUILIBRIUM, True))), constants.sizes["HAS_EQUILIBRIUM"]]),
         (places >= 0).astype(np.int64),
     ]
     return np.concatenate(numbers).tobytes() + np.concatenate(integers).astype(np.int32).tobytes()
@@ -110,8 +110,12 @@ def _own(values: Mapping[str, object], name: str) -> list[float]:
     return [float(v) for n, v in values.items() if n.rpartition(".")[2] == name]  # type: ignore[arg-type]
 
 
-def _is_offset(name: str, value: object) -> bool:
-    return not isinstance(value, bool) and name.rpartition(".")[2] not in (*_PORT, _SPRING, _AT_EQUILIBRIUM)
+def _is_offset(name: str) -> bool:
+    return name.rpartition(".")[2] not in (*_PORT, _SPRING, _AT_EQUILIBRIUM)
+
+
+def _is_true(value: object) -> bool:
+    return value in (True, "true", "1")
 
 
 def _filled(values: list[float], count: int) -> Array:

@@ -40,6 +40,10 @@ class ErrorModel:
         squares = self._squares(result)
         return max((_error(gains, squares) for gains in self.channels.values()), default=0.0)
 
+    def of_measure(self, name: str, result: CoupledRun) -> float | None:
+        """Return the estimated error of a measure, in its SI unit; None if the pilots did not have the measure."""
+        return self.of_measures(result).get(name)
+
     def of_measures(self, result: CoupledRun) -> dict[str, float]:
         """Return the estimated error of every measure that the pilots had, in its SI unit."""
         squares = self._squares(result)

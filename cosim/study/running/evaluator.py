@@ -22,7 +22,7 @@ from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
-from cosim.study.running.batches import Batches, BatchRun, RunSummary
+from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
@@ -103,6 +103,10 @@ class Coupling:
     notes: tuple[str, ...] = ()
     batch: str = ""
     batch_difference: float | None = None
+
+    def in_fast_batches(self) -> Coupling:
+        """Return the coupling with fast batches if it has batches: for values of which the last bits do not matter."""
+        return replace(self, batch=FAST) if self.batch else self
 
     @classmethod
     def from_json(cls, found: object) -> Coupling:

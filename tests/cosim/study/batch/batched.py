@@ -37,7 +37,7 @@ LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell", "hysteresis")
 def knots_of(component) -> dict[str, float]:
     """Return the curve of an FMU that has knots, as parameter values for another one."""
     names = [v.name for v in component.variables.values() if v.name.startswith("curve.") and "lagged" not in v.name]
-    return {name: component.variables[name].start for name in names}
+    return {name: float(component.variables[name].start) for name in names}
 
 
 def random_builds(fmus: Mapping[str, Path], laws: Sequence[str], count: int, seed: int) -> dict[str, Build]:
