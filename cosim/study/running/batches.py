@@ -25,7 +25,7 @@ from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.batch.shocks import ShockData, read_shock
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
-from cosim.study.study import Drive, Study
+from cosim.study.study import Build, Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, FmuError
@@ -209,16 +209,34 @@ class Batches:
         while several := list(islice(left, self.lanes)):
             heartbeat()
             began = clock.perf_counter()
-            shocks = [[self._shocks[build] for build in setup.builds.values()] for setup in several]
-            found = {name: batch.runs(shocks) for name, batch in self._drives.items()}
+            shocks = {setup.index: self._shocks_of(setup) for setup in several}
+            lanes = [own for own in shocks.values() if own is not None]
+            places = [index for index, own in shocks.items() if own is not None]
+            runs = {n: dict(zip(places, b.runs(lanes), strict=True)) for n, b in self._drives.items()} if lanes else {}
             seconds = (clock.perf_counter() - began) / len(several)
-            for k, setup in enumerate(several):
-                own = {name: run for name, runs in found.items() if (run := runs[k]) is not None}
-                yield setup, own if len(own) == len(found) else None, seconds
+            for setup in several:
+                own = {name: run for name, found in runs.items() if (run := found.get(setup.index)) is not None}
+                yield setup, own if own and len(own) == len(self._drives) else None, seconds
+
+    def _shocks_of(self, setup: Setup) -> list[ShockData] | None:
+        """Return the shocks of a setup; None if an FMU refuses the parameters of one."""
+        found = [self._shocks[build] for build in setup.builds.values()]
+        return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
-def _shocks(models: Models) -> dict[str, ShockData]:
+def _shocks(models: Models) -> dict[str, ShockData | None]:
     fmus = models.fmus
-    return {
-        name: read_shock(fmus[str(build.fmu)], build.fmu, build.parameters) for name, build in models.study.bank.items()
-    }
+    return {name: _accepted(fmus[str(build.fmu)], build) for name, build in models.study.bank.items()}
+
+
+def _accepted(component: FmuComponent, build: Build) -> ShockData | None:
+    """Return the data of a shock; None if its FMU refuses its parameters, which every run of it then reports."""
+    found = read_shock(component, build.fmu, build.parameters)
+    try:
+        component.begin(0.0, 1.0, build.parameters)
+        component.end_initialization()
+    except EightpostError:
+        return None
+    finally:
+        component.finish()
+    return found
