@@ -24,6 +24,7 @@ typedef struct {
     int first, count; /* terms */
     int is_product;
     int begin, end;
+    int has_limits; /* whether the smallest and the largest value and the share inside are needed */
     double low, high; /* of the share of rows with low <= value < high */
 } Quantity;
 
@@ -60,6 +61,13 @@ typedef struct {
     double settling;
     int64_t steps_count, drive_channels, follows, channel_count, quantity_count, limit_count, series_count;
 } Run;
+
+/* A filter of second-order sections: rows of six coefficients, the state of each for a unit step, and the rows of odd reflection at
+ * each end. */
+typedef struct {
+    const double *rows, *rest;
+    int64_t sections, pad;
+} Filter;
 
 /* Sums over a run, for each setup. */
 typedef struct {

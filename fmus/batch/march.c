@@ -339,7 +339,6 @@ EXPORTED void run_batch(const Run *run, const double *parameters, const int64_t 
         Port *port = &m->ports[c];
         memcpy(&port->parameters, parameters + (size_t)c * PARAMETERS * SETUPS, sizeof port->parameters);
         memcpy(&port->law, laws + (size_t)c * SETUPS, sizeof port->law);
-        memset(port->is_known, 0, sizeof port->is_known);
     }
     for (int k = 0; k < SETUPS; k++) {
         sums->ended[k] = -1;

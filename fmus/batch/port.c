@@ -42,7 +42,7 @@ typedef struct {
     real velocity_start, static_start, velocity_end, static_end, step;
 } Pieces;
 
-static void advance_singles(Port *port, const Pieces *p, Index count, truth active)
+static void advance_singles(Port *port, const Pieces *p, real count, truth active)
 {
     for (int i = 0; i < SETUPS; i++) {
         const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], p->step[i], (int)count[i]};
@@ -79,19 +79,16 @@ static void find_lag(Port *port, int count, double h)
         port->rise[count][i] = rise;
         port->ramp[count][i] = 1.0 - rise / ratio;
     }
-    port->is_known[count] = 1;
 }
 
-static void know_lags(Port *port, Index count, double h)
+static void know_lags(Port *port, int most, double h)
 {
-    if (port->step[0] != h) {
-        memset(port->is_known, 0, sizeof port->is_known);
-        port->step = uniform(h);
+    if (port->step != h) {
+        port->step = h;
+        port->known = 0;
     }
-    for (int i = 0; i < SETUPS; i++) {
-        if (!port->is_known[count[i]]) {
-            find_lag(port, (int)count[i], h);
-        }
+    while (port->known < most) {
+        find_lag(port, ++port->known, h);
     }
 }
 
@@ -101,7 +98,11 @@ static void know_lags(Port *port, Index count, double h)
 static real lag_weight(const Parameters *p, real f)
 {
     const real left = p->lag_zero_force - size_of(f), whole = p->lag_zero_force - p->lag_full_force;
-    return either(left <= 0.0, uniform(0.0), either(left >= whole, uniform(1.0), left / whole));
+    const truth none = left <= 0.0, all = left >= whole;
+    if (in_every(none | all)) {
+        return either(none, uniform(0.0), uniform(1.0));
+    }
+    return either(none, uniform(0.0), either(all, uniform(1.0), left / whole));
 }
 
 static real seal_force(const Parameters *p, real v)
@@ -129,34 +130,41 @@ void start_port(Port *port, real velocity, real displacement)
 {
     const real v = port->parameters.motion_ratio * velocity, f = valve_force(&port->parameters, v);
     port->lagged = f;
-    port->step = uniform(0.0);
+    port->step = 0.0;
     start_singles(port, v, f);
     respond(port, velocity, displacement, f);
 }
 
 /* The number of linear pieces of F_s while the port velocity goes from start to end. */
-static Index pieces(const Parameters *p, real from, real to)
+static real pieces(const Parameters *p, real from, real to)
 {
-    const real change = size_of(p->motion_ratio * (to - from)), count = change / STRAIGHT;
-    const truth is_short = ~(change >= STRAIGHT), is_long = ~(count < (double)MOST_PIECES);
-    const Short whole = __builtin_convertvector(either(is_short | is_long, uniform(0.0), count), Short);
-    const Index found = __builtin_convertvector(whole, Index) + 1;
-    const Index most = (Index){0} + MOST_PIECES;
-    return (found & ~is_long) | (is_short & 1) | (most & is_long & ~is_short);
+    const real change = size_of(p->motion_ratio * (to - from)), one = uniform(1.0);
+    const truth is_long = change >= STRAIGHT;
+    if (!in_any(is_long)) {
+        return one;
+    }
+    const real count = change / STRAIGHT, most = uniform((double)MOST_PIECES);
+    const truth is_few = count < most;
+    const Short whole = __builtin_convertvector(either(is_few & is_long, count, uniform(0.0)), Short);
+    return either(is_long, either(is_few, __builtin_convertvector(whole, real) + 1.0, most), one);
 }
 
 typedef struct {
     int least, most;
 } Range;
 
-static Range range_of(Index count)
+static Range range_of(real count)
 {
-    int64_t least = count[0], most = count[0];
-    for (int i = 1; i < SETUPS; i++) {
-        least = count[i] < least ? count[i] : least;
-        most = count[i] > most ? count[i] : most;
+    Range range = {1, 1};
+    if (in_any(count > 1.0)) {
+        double least = count[0], most = count[0];
+        for (int i = 1; i < SETUPS; i++) {
+            least = count[i] < least ? count[i] : least;
+            most = count[i] > most ? count[i] : most;
+        }
+        range.least = (int)least;
+        range.most = (int)most;
     }
-    const Range range = {(int)least, (int)most};
     return range;
 }
 
@@ -165,17 +173,18 @@ typedef struct {
     real rise, ramp;
 } Lag;
 
-static Lag lag_over_piece(Port *port, Index count, Range range, double h)
+static Lag lag_over_piece(Port *port, real count, Range range, double h)
 {
     Lag lag = {uniform(0.0), uniform(0.0)};
     if (port->some_lag) {
-        know_lags(port, count, h);
+        know_lags(port, range.most, h);
         if (range.least == range.most) {
             lag.rise = port->rise[range.most];
             lag.ramp = port->ramp[range.most];
         } else {
-            lag.rise = chosen(port->rise, count);
-            lag.ramp = chosen(port->ramp, count);
+            const Index index = __builtin_convertvector(__builtin_convertvector(count, Short), Index);
+            lag.rise = chosen(port->rise, index);
+            lag.ramp = chosen(port->ramp, index);
         }
     }
     return lag;
@@ -194,22 +203,22 @@ static inline real lagged_after(const Port *port, const Pieces *piece, const Lag
 void step_port(Port *port, real from, real to, real displacement, double h, truth active)
 {
     const Parameters *p = &port->parameters;
-    const Index count = pieces(p, from, to);
+    const real count = pieces(p, from, to);
     const Range range = range_of(count);
     const Lag lag = lag_over_piece(port, count, range, h);
-    const real counts = __builtin_convertvector(count, real), part = either(count == 1, uniform(h), h / counts);
+    const real part = range.most == 1 ? uniform(h) : either(count == 1.0, uniform(h), h / count);
     real v = p->motion_ratio * from, f = valve_force(p, v);
     for (int k = 1; k <= range.most; k++) {
         const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */
         real velocity = to;
         if (range.most > 1) {
-            const real between = from + (to - from) * ((double)k / counts);
-            velocity = is_inside ? between : either((double)k < counts, between, to);
+            const real between = from + (to - from) * ((double)k / count);
+            velocity = is_inside ? between : either((double)k < count, between, to);
         }
         const real end = p->motion_ratio * velocity;
         const Pieces piece = {v, f, end, valve_force(p, end), part};
         const real lagged = lagged_after(port, &piece, &lag);
-        const truth follows = (double)k <= counts;
+        const truth follows = (double)k <= count;
         if (port->some_single) {
             advance_singles(port, &piece, count, follows & active);
         }

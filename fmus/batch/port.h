@@ -23,10 +23,10 @@ typedef struct {
     Index law;
     PortSignals now;
     real lagged;
-    real step; /* for which factors are known */
+    double step; /* for which factors are known */
     int some_lag, all_lag, some_single;
     Law single[SETUPS];
-    unsigned char is_known[MOST_PIECES + 1];
+    int known; /* piece counts with known factors: 1 to this one */
     real rise[MOST_PIECES + 1], ramp[MOST_PIECES + 1];
 } Port;
 

@@ -65,9 +65,11 @@ static void add_row(real *to, const Quantity *q, real value, int is_first)
     const real apart = value - to[SHIFT];
     to[SUM] += apart;
     to[SQUARES] += apart * apart;
-    to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
-    to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
-    to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
+    if (q->has_limits) {
+        to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
+        to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
+        to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
+    }
     to[LAST_VALUE] = value;
 }
 

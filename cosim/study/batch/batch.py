@@ -13,6 +13,7 @@ from cosim.study.batch import library
 from cosim.study.batch.library import Library
 from cosim.study.batch.plan import Plan
 from cosim.study.batch.shocks import ShockData
+from cosim.study.statistics import Sections
 from eightpost.array_types import Array, Integers
 
 #: Names of the statistics of a quantity, in the order of fmus/batch/batch.h.
@@ -82,6 +83,21 @@ class Batch:
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
         self._ended, self._sweeps = np.zeros(self.lanes, np.int64), np.zeros(self.lanes, np.int64)
         self._times, self._rows = np.zeros(2), np.zeros(1, np.int64)
+
+    def filtered(self, name: str, sections: Sections) -> Array:
+        """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
+
+        The array is overwritten by the next call.
+        """
+        rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
+        given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
+        series, count = self._sums["series"], self._plan.rows.size
+        space = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
+        column = self._plan.series.index(name)
+        self._library.filter(
+            given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data
+        )
+        return space[sections.pad : sections.pad + count]
 
     def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
         """Run up to as many setups as there are lanes; each is a shock per corner, in the plan's order.

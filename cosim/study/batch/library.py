@@ -98,6 +98,8 @@ def compiled(sizes: str, *, fast: bool = False, width: str | None = None) -> byt
     options = [*_FLAGS, *(_FAST if fast else _EXACT), *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
+    else:
+        options.append("-flto")
     if "ziglang" in compiler:  # which compiles for this processor, and checks, if it is not told otherwise
         options += ["-fno-sanitize=undefined", f"-mcpu={_ZIG[chosen]}"]
     key = _key(files, [*compiler, *options])
@@ -162,7 +164,10 @@ def _structure(name: str, **fields: Any) -> type[ctypes.Structure]:
 
 
 Channel = _structure("Channel", corner=_INT, number=_INT)
-Quantity = _structure("Quantity", first=_INT, count=_INT, is_product=_INT, begin=_INT, end=_INT, low=_REAL, high=_REAL)
+Quantity = _structure(
+    "Quantity", first=_INT, count=_INT, is_product=_INT, begin=_INT, end=_INT, has_limits=_INT, low=_REAL, high=_REAL
+)
+Filter = _structure("Filter", rows=_POINTER, rest=_POINTER, sections=_LONG, pad=_LONG)
 Input = _structure("Input", constant=_REAL, factor=_REAL, offset=_REAL, corner=_INT, channel=_INT)
 Limit = _structure("Limit", sign=_REAL, limit=_REAL, output=_INT)
 _RUN_POINTERS = (
@@ -200,6 +205,12 @@ class Library:
         self.parameters = int(self._library.number_of_parameters())
         self.setups = int(self._library.number_of_setups())
         self.size_of_car = int(self._library.size_of_car())
+
+    def filter(self, given: Any, series: int, columns: int, column: int, count: int, space: int) -> None:
+        """Filter a column of a batch's series; the arguments are those of filter_series in fmus/batch/filter.c."""
+        function = self._library.filter_series
+        function.restype, function.argtypes = None, [_POINTER, _POINTER, _LONG, _LONG, _LONG, _POINTER]
+        function(ctypes.addressof(given), series, columns, column, count, space)
 
     def run(self, run: Any, parameters: int, laws: int, space: int, sums: Any) -> None:
         """Run a batch; the arguments are addresses and structures of fmus/batch/batch.h."""

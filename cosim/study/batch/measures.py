@@ -70,6 +70,10 @@ _STREAMED: Mapping[str, Callable[[_Summed], Array]] = {
 }
 
 
+#: Statistics that need the smallest or the largest value, or the share inside limits.
+_WITH_LIMITS = ("peak", "range", "maximum", "minimum", "share")
+
+
 # ---- Measures of a run ----------------------------------------------------------------------------------------------
 
 
@@ -116,7 +120,8 @@ class BatchMeasures:
         if measure.statistic == "joint_rms":
             return [Quantity((c,), (w,), rows) for c, w in zip(measure.channels, weights, strict=True)]
         inside = (measure.options["from"], measure.options["to"]) if measure.statistic == "share" else (-np.inf, np.inf)
-        return [Quantity(measure.channels, weights, rows, measure.statistic == "work", inside)]
+        limits = measure.statistic in _WITH_LIMITS
+        return [Quantity(measure.channels, weights, rows, measure.statistic == "work", inside, limits)]
 
 
 def _is_summed(measure: Measure, window: tuple[int, int]) -> bool:

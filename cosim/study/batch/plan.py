@@ -37,6 +37,7 @@ class Quantity:
         rows: First recorded row, and the one after the last.
         product: Whether the channels are multiplied.
         inside: Limits of the values that are counted: from the first up to, but not including, the second.
+        limits: Whether the smallest and the largest value and the number inside are needed.
     """
 
     channels: tuple[str, ...]
@@ -44,6 +45,7 @@ class Quantity:
     rows: tuple[int, int]
     product: bool = False
     inside: tuple[float, float] = (-np.inf, np.inf)
+    limits: bool = False
 
 
 class Plan:
@@ -153,7 +155,7 @@ class Plan:
     def _quantities(self) -> Iterable[Any]:
         first = 0
         for q in self.quantities:
-            yield library.Quantity(first, len(q.channels), int(q.product), *q.rows, *q.inside)
+            yield library.Quantity(first, len(q.channels), int(q.product), *q.rows, int(q.limits), *q.inside)
             first += len(q.channels)
 
     def _first_drive(self) -> NDArray[np.float64]:

@@ -24,16 +24,24 @@ from cosim.study.batch.plan import Plan
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.batch.shocks import ShockData, read_shock
 from cosim.study.setup import Setup
-from cosim.study.statistics import Filtered
+from cosim.study.statistics import Filtered, sections_of
 from cosim.study.study import Build, Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
+from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
 #: Modes of a batch: the operations of the FMUs, or fused ones, which change the last bits.
 EXACT, FAST = "exact", "fast"
+
+
+#: Largest number of sections of a filter of fmus/batch/filter.c.
+_MOST_SECTIONS = 16
+
+#: Filtered channels (n, R) by name and band [Hz].
+_Filtered = dict[tuple[str, tuple[float, float]], Array]
 
 
 class Models(Protocol):
@@ -109,19 +117,32 @@ class _DriveBatch:
                 ends = self._ends(result)
         except EightpostError:
             return [None] * len(shocks)
-        return [self._run(result, values, ends, k) if result.ended[k] < 0 else None for k in range(len(shocks))]
+        filtered = self._filtered(result)
+        return [self._run(result, values, ends, filtered, k) if result.ended[k] < 0 else None for k in range(len(shocks))]
 
-    def _run(self, result: BatchResult, values: Mapping[str, Any], ends: Mapping[str, Any], k: int) -> BatchRun | None:
+    def _run(
+        self, result: BatchResult, values: Mapping[str, Any], ends: Mapping[str, Any], filtered: _Filtered, k: int
+    ) -> BatchRun | None:
         found = {name: float(several[k]) for name, several in values.items()}
         try:
-            found |= self._from_series(result, k)
+            found |= self._from_series(result, filtered, k)
         except EightpostError:
             return None
         if not all(map(np.isfinite, found.values())):
             return None
         return BatchRun(found, self._summary(result, ends, k))
 
-    def _from_series(self, result: BatchResult, k: int) -> dict[str, float]:
+    def _filtered(self, result: BatchResult) -> _Filtered:
+        """Return the channels of measures with a band, filtered (n, R)."""
+        rate = TimeSeries(self._plan.rows, np.zeros((0, self._plan.rows.size)), (), ()).sample_rate
+        found: _Filtered = {}
+        for name, band in {(c, m.band) for m in self._measures.others for c in m.channels if m.band is not None}:
+            sections = sections_of(*band, rate)
+            if sections is not None and self._plan.rows.size > sections.pad and sections.rows.shape[0] <= _MOST_SECTIONS:
+                found[name, band] = np.ascontiguousarray(self._batch.filtered(name, sections).T)
+        return found
+
+    def _from_series(self, result: BatchResult, filtered: _Filtered, k: int) -> dict[str, float]:
         if not self._measures.others:
             return {}
         series = TimeSeries(
@@ -131,6 +152,8 @@ class _DriveBatch:
             self._units,
         )
         run = Filtered(series)
+        for (name, band), several in filtered.items():
+            run.keep(name, band, several[k])
         return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
 
     def _ends(self, result: BatchResult) -> dict[str, Any]:
