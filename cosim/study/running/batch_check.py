@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -14,11 +15,11 @@ from cosim.study.running.batches import EXACT, Batches, BatchRun
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
-from cosim.study.study import Drive
+from cosim.study.study import Drive, Study
 from eightpost.errors import EightpostError
 
-#: Number of random setups that are compared, and their seed.
-_COMPARED, _SEED = 5, 60221
+#: Number of random setups that are compared, number among which they are searched, and seed.
+_COMPARED, _SEARCHED, _SEED = 5, 500, 60221
 
 #: Largest difference between batch and FMUs, relative to a measure's scale.
 LARGEST_DIFFERENCE = 1e-12
@@ -35,7 +36,7 @@ def with_batch(evaluator: Evaluator, coupling: Coupling) -> Coupling:
         batches = Batches(evaluator, coupling.scheme, coupling.step, EXACT)
     except NotInBatchError as reason:
         return _with_note(coupling, f"every setup runs through the FMUs: {reason}")
-    setups = random_setups(evaluator)
+    setups = random_setups(evaluator.study, batches)
     worst, compared = largest_difference(evaluator, coupling, batches, setups)
     if compared == 0:
         return _with_note(coupling, "every setup runs through the FMUs: no random setup could be compared with a batch")
@@ -45,14 +46,17 @@ def with_batch(evaluator: Evaluator, coupling: Coupling) -> Coupling:
         return replace(_with_note(coupling, note), batch_difference=worst)
     width = instruction_set() or "the instructions of every processor"
     note = f"setups run in batches of {batches.lanes} ({width}); {found}"
+    if batches.left_out:
+        note += f"; setups with these builds run through the FMUs: {'; '.join(batches.left_out)}"
     return replace(_with_note(coupling, note), batch=EXACT, batch_difference=worst)
 
 
-def random_setups(evaluator: Evaluator) -> list[Setup]:
-    """Return the random setups of a study that are compared; they are the same for every call."""
-    space = evaluator.study.space
-    chosen = np.random.default_rng(_SEED).choice(space.indices, min(_COMPARED, len(space)), replace=False)
-    return [space.setup(int(index)) for index in chosen]
+def random_setups(study: Study, batches: Batches) -> list[Setup]:
+    """Return random setups of a study that batches can run; they are the same for every call."""
+    space = study.space
+    chosen = np.random.default_rng(_SEED).choice(space.indices, min(_SEARCHED, len(space)), replace=False)
+    setups = (space.setup(int(index)) for index in chosen)
+    return list(islice(filter(batches.has, setups), _COMPARED))
 
 
 def largest_difference(

@@ -206,13 +206,16 @@ class Batches:
         step: Coupling step [s].
         mode: EXACT or FAST.
 
+    Attributes:
+        left_out: Builds whose setups run through the FMUs, each with the reason.
+
     Raises:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
     def __init__(self, models: Models, scheme: str, step: float, mode: str = EXACT) -> None:
         self._study = study = models.study
-        self._shocks = _shocks(models)
+        self._shocks, self.left_out = _shocks(models)
         fmus, vehicle = models.fmus, study.vehicle
         car = read_car(fmus[str(vehicle.fmu)], vehicle.fmu, vehicle.parameters, len(study.corners))
         try:
@@ -241,15 +244,33 @@ class Batches:
                 own = {name: run for name, found in runs.items() if (run := found.get(setup.index)) is not None}
                 yield setup, own if own and len(own) == len(self._drives) else None, seconds
 
+    def has(self, setup: Setup) -> bool:
+        """Whether the FMUs of a setup can run in a batch."""
+        return self._shocks_of(setup) is not None
+
     def _shocks_of(self, setup: Setup) -> list[ShockData] | None:
         """Return the shocks of a setup; None if an FMU refuses the parameters of one."""
         found = [self._shocks[build] for build in setup.builds.values()]
         return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
-def _shocks(models: Models) -> dict[str, ShockData | None]:
-    fmus = models.fmus
-    return {name: _accepted(fmus[str(build.fmu)], build) for name, build in models.study.bank.items()}
+def _shocks(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
+    """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch.
+
+    Raises:
+        NotInBatchError: No build has a batch.
+    """
+    fmus, bank = models.fmus, models.study.bank
+    found: dict[str, ShockData | None] = {}
+    reasons: dict[str, None] = {}
+    for name, build in bank.items():
+        try:
+            found[name] = _accepted(fmus[str(build.fmu)], build)
+        except NotInBatchError as reason:
+            found[name], reasons[f"{name}: {reason}"] = None, None
+    if len(reasons) == len(bank):
+        raise NotInBatchError("; ".join(reasons))
+    return found, tuple(reasons)
 
 
 def _accepted(component: FmuComponent, build: Build) -> ShockData | None:
