@@ -94,9 +94,7 @@ class Batch:
         series, count = self._sums["series"], self._plan.rows.size
         space = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
         column = self._plan.series.index(name)
-        self._library.filter(
-            given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data
-        )
+        self._library.filter(given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data)
         return space[sections.pad : sections.pad + count]
 
     def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
@@ -119,9 +117,7 @@ class Batch:
             settled=self._times.ctypes.data + ctypes.sizeof(ctypes.c_double),
             rows=self._rows.ctypes.data,
         )
-        self._library.run(
-            self._plan.run, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums
-        )
+        self._library.run(self._plan.run, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums)
         return BatchResult(
             **{name: array[..., :count] for name, array in self._sums.items()},
             ended=self._ended[:count],

@@ -35,17 +35,17 @@ class _Summed:
     def variances(self) -> Array:
         """Variance of every quantity (Q, n)."""
         apart = self.of[:, _SUM] / self.count
-        return np.maximum(self.of[:, _SQUARES] / self.count - apart**2, 0.0)
+        return np.asarray(np.maximum(self.of[:, _SQUARES] / self.count - apart**2, 0.0))
 
     @property
     def rms(self) -> Array:
         """Root mean square about the mean of the first quantity (n,)."""
-        return np.sqrt(self.variances[0])
+        return np.asarray(np.sqrt(self.variances[0]))
 
     @property
     def peak(self) -> Array:
         """Largest distance from the mean (n,)."""
-        return np.maximum(self.of[0, _LARGEST] - self.mean, self.mean - self.of[0, _LEAST])
+        return np.asarray(np.maximum(self.of[0, _LARGEST] - self.mean, self.mean - self.of[0, _LEAST]))
 
     @property
     def integral(self) -> Array:

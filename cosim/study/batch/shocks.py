@@ -59,8 +59,9 @@ def read_shock(component: FmuComponent, path: Path, given: Parameters) -> ShockD
         raise NotInBatchError(f"{path.name} is {sources.kind}, a law that has no batch")
     if "settings_data.h" in sources.files:
         raise NotInBatchError(f"{path.name} has settings")
-    values = {v.name: v.start for v in component.variables.values() if v.causality == "parameter"} | dict(given)
-    return ShockData(_LAWS[sources.kind], _parameters(sources.kind, values))
+    own = component.variables.values()
+    starts = {v.name: v.start for v in own if v.causality == "parameter" and v.start is not None}
+    return ShockData(_LAWS[sources.kind], _parameters(sources.kind, starts | dict(given)))
 
 
 def _parameters(kind: str, values: Parameters) -> Array:

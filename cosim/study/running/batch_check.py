@@ -72,7 +72,10 @@ def largest_difference(
         if runs is None:
             continue
         try:
-            worst = max(worst, *(_apart(evaluator, setup, drive, coupling, runs[drive.name]) for drive in evaluator.study.drives))
+            worst = max(
+                worst,
+                *(_apart(evaluator, setup, drive, coupling, runs[drive.name]) for drive in evaluator.study.drives),
+            )
         except EightpostError:
             continue
         compared += 1
@@ -85,7 +88,7 @@ def _apart(evaluator: Evaluator, setup: Setup, drive: Drive, coupling: Coupling,
     for measure in evaluator.study.measures_of(drive):
         value = measure.drawn_from(run, start=settling)
         apart = abs(found.values[measure.name] - value) / max(abs(value), _scale(measure, run, settling), 1e-300)
-        worst = apart if apart > worst or apart != apart else worst
+        worst = apart if apart > worst or np.isnan(apart) else worst
     return worst
 
 

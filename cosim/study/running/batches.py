@@ -118,7 +118,9 @@ class _DriveBatch:
         except EightpostError:
             return [None] * len(shocks)
         filtered = self._filtered(result)
-        return [self._run(result, values, ends, filtered, k) if result.ended[k] < 0 else None for k in range(len(shocks))]
+        return [
+            self._run(result, values, ends, filtered, k) if result.ended[k] < 0 else None for k in range(len(shocks))
+        ]
 
     def _run(
         self, result: BatchResult, values: Mapping[str, Any], ends: Mapping[str, Any], filtered: _Filtered, k: int
@@ -138,7 +140,11 @@ class _DriveBatch:
         found: _Filtered = {}
         for name, band in {(c, m.band) for m in self._measures.others for c in m.channels if m.band is not None}:
             sections = sections_of(*band, rate)
-            if sections is not None and self._plan.rows.size > sections.pad and sections.rows.shape[0] <= _MOST_SECTIONS:
+            if (
+                sections is not None
+                and self._plan.rows.size > sections.pad
+                and sections.rows.shape[0] <= _MOST_SECTIONS
+            ):
                 found[name, band] = np.ascontiguousarray(self._batch.filtered(name, sections).T)
         return found
 

@@ -86,7 +86,9 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize("defect", ["lag", *(pytest.param(d, marks=pytest.mark.nightly) for d in DEFECTS if d != "lag")])
+@pytest.mark.parametrize(
+    "defect", ["lag", *(pytest.param(d, marks=pytest.mark.nightly) for d in DEFECTS if d != "lag")]
+)
 def test_a_batch_that_differs_from_the_fmus_is_not_used(study, defect, monkeypatch):
     name, old, new = DEFECTS[defect]
     right = library.sources()
