@@ -61,12 +61,19 @@ def read_car(component: FmuComponent, path: Path, given: Parameters, corners: in
     sources = Sources.of(component, path)
     if sources.kind != "vehicle_ss":
         raise NotInBatchError(f"{path.name} is not a vehicle but {sources.kind}")
-    constants = Constants.of(sources.files["vehicle_data.h"])
+    try:
+        return _car(component, sources.files["vehicle_data.h"], given, corners)
+    except (KeyError, ValueError) as error:
+        raise NotInBatchError(f"{path.name} has other constants than this version knows: {error}") from error
+
+
+def _car(component: FmuComponent, text: str, given: Parameters, corners: int) -> CarData:
+    constants = Constants.of(text)
     inputs, outputs = _names(component, "input"), _names(component, "output")
     sizes = {name: constants.sizes[name] for name in _SIZES}
     sizes |= {"INPUTS": len(inputs), "OUTPUTS": len(outputs), "CORNERS": corners}
-    text = ", ".join(f"{name} = {size}" for name, size in sizes.items())
-    header = f"#ifndef EIGHTPOST_SIZES_H\n#define EIGHTPOST_SIZES_H\n\nenum {{ {text} }};\n\n#endif\n"
+    names = ", ".join(f"{name} = {size}" for name, size in sizes.items())
+    header = f"#ifndef EIGHTPOST_SIZES_H\n#define EIGHTPOST_SIZES_H\n\nenum {{ {names} }};\n\n#endif\n"
     values = {v.name: v.start for v in component.variables.values() if v.causality == "parameter"} | dict(given)
     return CarData(header, _data(constants, sizes, values), inputs, outputs)
 

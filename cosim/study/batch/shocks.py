@@ -61,7 +61,10 @@ def read_shock(component: FmuComponent, path: Path, given: Parameters) -> ShockD
         raise NotInBatchError(f"{path.name} has settings")
     own = component.variables.values()
     starts = {v.name: v.start for v in own if v.causality == "parameter" and v.start is not None}
-    return ShockData(_LAWS[sources.kind], _parameters(sources.kind, starts | dict(given)))
+    try:
+        return ShockData(_LAWS[sources.kind], _parameters(sources.kind, starts | dict(given)))
+    except (KeyError, ValueError) as error:
+        raise NotInBatchError(f"{path.name} has other parameters than this version knows: {error}") from error
 
 
 def _parameters(kind: str, values: Parameters) -> Array:

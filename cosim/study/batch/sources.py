@@ -76,15 +76,13 @@ class Sources:
         """
         if not component.is_ours:
             raise NotInBatchError(f"{path.name} was not built by eightpost")
-        with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if name.startswith("sources/") and name.endswith(".h")]
-            files = {name.removeprefix("sources/"): archive.read(name).decode() for name in names}
-        found = _KIND.search(files.get("interface.h", "")) or _KIND.search(_source(path))
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = [name for name in archive.namelist() if name.startswith("sources/") and name.endswith(".h")]
+                files = {name.removeprefix("sources/"): archive.read(name).decode() for name in names}
+        except (OSError, UnicodeDecodeError, zipfile.BadZipFile) as error:
+            raise NotInBatchError(f"{path.name} cannot be read: {error}") from error
+        found = _KIND.search(files.get("interface.h", ""))
         if found is None:
             raise NotInBatchError(f"{path.name} contains no sources (it is confidential)")
         return cls(found[1], files)
-
-
-def _source(path: Path) -> str:
-    with zipfile.ZipFile(path) as archive:
-        return archive.read("sources/interface.c").decode() if "sources/interface.c" in archive.namelist() else ""

@@ -34,7 +34,7 @@ def with_batch(evaluator: Evaluator, coupling: Coupling) -> Coupling:
     """
     try:
         batches = Batches(evaluator, coupling.scheme, coupling.step, EXACT)
-    except NotInBatchError as reason:
+    except (NotInBatchError, EightpostError) as reason:
         return _with_note(coupling, f"every setup runs through the FMUs: {reason}")
     setups = random_setups(evaluator.study, batches)
     worst, compared = largest_difference(evaluator, coupling, batches, setups)

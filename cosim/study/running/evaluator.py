@@ -207,7 +207,7 @@ class Evaluator:
         if key not in self._batches:
             try:
                 self._batches[key] = Batches(self, *key)
-            except NotInBatchError:
+            except (NotInBatchError, EightpostError):  # the rows state the reason
                 self._batches[key] = None
         return self._batches[key]
 

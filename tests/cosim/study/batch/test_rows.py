@@ -1,10 +1,11 @@
 """A study has the same rows from batches and from FMUs, and uses batches only where they agree."""
 
+import zipfile
 from dataclasses import asdict, replace
 
 import pytest
 
-from cosim.study import Build, Measure
+from cosim.study import Build, Measure, Vehicle
 from cosim.study.batch import library
 from cosim.study.running.batch_check import LARGEST_DIFFERENCE, with_batch
 from cosim.study.running.batch_check import random_setups as random_setups_of_study
@@ -120,6 +121,16 @@ def test_another_scheme_and_other_fmus_run_through_the_fmus(study, evaluator, py
     alone = replace(mixed, bank={"in Python": bank["in Python"]}, corners=dict.fromkeys(CORNERS, ("in Python",)))
     found = with_batch(Evaluator(alone), COUPLING)
     assert found.batch == "" and "every setup runs through the FMUs: in Python" in found.notes[-1]
+
+
+def test_an_fmu_without_sources_runs_through_the_fmus(fmus, study, tmp_path):
+    secret = tmp_path / "car.fmu"
+    with zipfile.ZipFile(fmus["seven_dof"]) as archive, zipfile.ZipFile(secret, "w") as copy:
+        for name in archive.namelist():
+            if not name.startswith("sources/"):
+                copy.writestr(name, archive.read(name))
+    found = with_batch(Evaluator(replace(study, vehicle=Vehicle(secret))), COUPLING)
+    assert found.batch == "" and "car.fmu contains no sources" in found.notes[-1]
 
 
 def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
