@@ -10,7 +10,7 @@ void find_factors(const Car *car, void *factors, double h);
 int count_sub_steps(const Car *car, double h);
 /* e^x - 1 of one number, where exponential_minus_1 is that of lanes. */
 double exponential_minus_1_of(double x);
-/* The state (STATE_COUNT) at which constant inputs (INPUTS) start; 0 if there is none. */
+/* The state (STATE_COUNT) at which constant inputs (INPUTS) start; 0 if no such state exists. */
 int find_rest(const Car *car, const double *inputs, double *z);
 
 #endif

@@ -29,7 +29,7 @@ class BatchResult:
         transferred: Energy through each bond [J] (C, n).
         defect: Squared differences of assumed and actual velocities and forces, over time (2, C, n).
         total: Velocities and forces over time (2, C, n).
-        squares: Their squares over time (2, C, n).
+        squares: Squares of velocities and forces over time (2, C, n).
         beyond: Time beyond the fit of each shock [s] (C, n).
         watched: Time beyond each limit [s] (W, n).
         statistics: Statistics of each quantity (Q, 8, n).
