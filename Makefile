@@ -14,12 +14,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types contracts unit nightly fuzz hosts mutants docs clean
+.PHONY: demo test lint types contracts loops unit nightly fuzz hosts mutants docs clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m eightpost demo -o demo
 
-test: lint types contracts unit
+# While one core checks the types, another compiles loops that both workers of the tests would otherwise compile.
+test: lint
+	$(MAKE) -j 2 types contracts loops
+	$(MAKE) unit
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -30,6 +33,10 @@ types: $(INSTALLED)
 
 contracts: $(INSTALLED)
 	$(BIN)/lint-imports
+
+loops: $(INSTALLED)
+	$(BIN)/python -m eightpost rig --car quarter_car --test random --duration '2 s' -o out/loops/quarter_car.parquet
+	$(BIN)/python -m eightpost rig --car flexible --test random --duration '2 s' -o out/loops/flexible.parquet
 
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.engine import force_law as engine
 from cosim.force_loop import ForceLoop
-from eightpost.errors import FmuError
+from cosim.force_ports import Parameters, PortName
+from eightpost.errors import FmuError, InputError
 
 
 class ForceLaw(ForceLoop):
@@ -53,6 +57,21 @@ class ForceLaw(ForceLoop):
         WiringError: A port does not fit the FMU's variables.
         InputError: An argument cannot be used.
     """
+
+    def __init__(
+        self,
+        fmu: str | Path | Sequence[str | Path],
+        *,
+        corners: Sequence[str] | None = None,
+        ports: Mapping[str, PortName] | None = None,
+        parameters: Parameters | None = None,
+        engine: str = "auto",
+        difference: float = 1e-6,
+    ) -> None:
+        if not (math.isfinite(difference) and difference > 0.0):
+            raise InputError(f"difference is {difference!r}; give a positive change of velocity [m/s]")
+        super().__init__(fmu, corners=corners, ports=ports, parameters=parameters, engine=engine)
+        self._corners.difference = float(difference)
 
     def _check(self, component: FmuComponent) -> None:
         if not component.capabilities.state:

@@ -12,7 +12,7 @@ from cosim.force_ports import Corners, Parameters, PortName
 
 
 class ForceLoop:
-    """Shock FMUs at the corners of a host's vehicle; see `ForceLaw` for the arguments (it alone uses `difference`)."""
+    """Shock FMUs at the corners of a host's vehicle; see `ForceLaw` for the arguments and errors."""
 
     def __init__(
         self,
@@ -22,12 +22,9 @@ class ForceLoop:
         ports: Mapping[str, PortName] | None = None,
         parameters: Parameters | None = None,
         engine: str = "auto",
-        difference: float = 1e-6,
     ) -> None:
         self._scalar = corners is None and isinstance(fmu, (str, Path))
-        self._corners = Corners(
-            fmu, corners=corners, ports=ports or {}, parameters=parameters or {}, engine=engine, difference=difference
-        )
+        self._corners = Corners(fmu, corners=corners, ports=ports or {}, parameters=parameters or {}, engine=engine)
         for component in self._corners.components:
             self._check(component)
         motion = self._corners.motion

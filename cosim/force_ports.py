@@ -118,7 +118,9 @@ class Corners:
         ports: Names of the FMU's variables by port.
         parameters: Parameters of all corners, or by the corner's name.
         engine: `auto` or `compiled`: the compiled loop; `python`: the same loop interpreted.
-        difference: Change of an input for the Jacobian [m/s], [m].
+
+    Attributes:
+        difference: Change of an input for the Jacobian [m/s], [m]; read at the start.
     """
 
     #: Largest time difference that counts as none [s]; and the step over which inputs jump if no time passes.
@@ -132,18 +134,15 @@ class Corners:
         ports: Mapping[str, PortName],
         parameters: Parameters,
         engine: str,
-        difference: float = 1e-6,
     ) -> None:
         if engine not in ("auto", "compiled", "python"):
             raise InputError(f"engine is {engine!r}; give auto, compiled or python")
-        if not (math.isfinite(difference) and difference > 0.0):
-            raise InputError(f"difference is {difference!r}; give a positive change of velocity [m/s]")
         self.components = components_of(fmus, corners)
         self.names = [component._name for component in self.components]
         self.ports = [find_ports(component, ports) for component in self.components]
         self.parameters = [_own_parameters(parameters, name, self.names) for name in self.names]
         self._bind = bound if engine == "python" else partial(compiled, instead={})
-        self._difference = float(difference)
+        self.difference = 1e-6
         self.motion = _blank_motion(len(self.components))
         self._tables: list[FunctionTable] = []
         self._keep: Any = None
@@ -322,6 +321,6 @@ def _plan(corners: Corners, tables: Sequence[FunctionTable]) -> tuple[force_law.
         scale=scale,
         offset=offset,
         shortest=corners.SHORTEST,
-        difference=corners._difference,
+        difference=corners.difference,
     )
     return plan, (references, orders)

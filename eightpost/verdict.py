@@ -45,6 +45,10 @@ class Reason:
         figure: Value that was found, with its unit and its limit.
         origin: File, component or step from which the figure comes.
         remedy: Advice on what to do.
+
+    Raises:
+        InputError: A text is empty.
+        ValueError: The grade is unknown.
     """
 
     rule: str
@@ -89,6 +93,15 @@ class Rule:
     def reason(self, statement: str, *, figure: str, origin: str, remedy: str | None = None) -> Reason:
         """Return a reason; `remedy` replaces the rule's own advice if more specific advice is possible."""
         return Reason(self.name, self.about, self.grade, statement, figure, origin, remedy or self.remedy)
+
+
+class Rules(list[Rule]):
+    """Table of the rules of one area, in the order of their definition; docs/verdict.md lists them."""
+
+    def add(self, name: str, about: str, grade: Grade, *, condition: str, why: str, remedy: str = "nothing") -> Rule:
+        """Add a rule to the table and return it; see `Rule` for the arguments."""
+        self.append(Rule(name, about, grade, condition, why, remedy))
+        return self[-1]
 
 
 @dataclass(frozen=True)

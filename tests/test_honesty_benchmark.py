@@ -94,7 +94,13 @@ def _shock_of(module: Any, shock: DrawnShock) -> Any:
     return module.Shock(force, weight, tau, port.gas_stiffness, port.gas_preload)
 
 
-@pytest.mark.parametrize("laws", [["lpnl2"] * 4, ["polylinear", "lpf1", "lpnl2", "polylinear"]], ids=["one", "mixed"])
+@pytest.mark.parametrize(
+    "laws",
+    [
+        pytest.param(["lpnl2"] * 4, marks=pytest.mark.nightly, id="one"),
+        pytest.param(["polylinear", "lpf1", "lpnl2", "polylinear"], id="mixed"),
+    ],
+)
 def test_the_reference_is_that_of_scipy_on_a_seven_dof_car(monolithic: Any, laws: list[str]) -> None:
     random = np.random.default_rng(11)
     shocks = {corner: _plain(draw_shock(random, law)) for corner, law in zip(CORNERS, laws, strict=True)}
@@ -237,10 +243,11 @@ def test_a_campaign_goes_on_where_it_was_and_measures_between_recorded_points(tm
 
 
 @pytest.mark.slow
-def test_what_the_default_states_of_forty_systems_holds() -> None:
+@pytest.mark.parametrize("systems", [FIXED[::4], pytest.param(FIXED, marks=pytest.mark.nightly)], ids=["ten", "forty"])
+def test_what_the_default_states_of_systems_holds(systems: Any) -> None:
     """The bounds of docs/coupling.md."""
-    rows = run_campaign(FIXED, "default", quiet=True)
-    assert len(summary.compared(rows)) == len(FIXED), [row for row in rows if not row.get("channels")]
+    rows = run_campaign(systems, "default", quiet=True)
+    assert len(summary.compared(rows)) == len(systems), [row for row in rows if not row.get("channels")]
     assert not summary.unsettled(rows)
     for found in (summary.wrongly_accepted(rows), summary.understated(rows, 0.1), summary.wrongly_met(rows)):
         assert not found, "\n".join(summary.lines(found))

@@ -9,41 +9,42 @@ from dataclasses import fields, replace
 from builder.documents.reference import Disclosure
 from eightpost.errors import InputError
 from eightpost.shock import Shock
+from eightpost.shock.fit_uncertainty import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import StructuralVehicle, Vehicle
-from eightpost.verdict import Grade, Rule, Verdict
+from eightpost.verdict import Grade, Rule, Rules, Verdict
 
-SHOCK_UNKNOWN = Rule(
-    "fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
+RULES = Rules()
+
+SHOCK_UNKNOWN = RULES.add("fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
     condition="the shock file contains no verdict: it is from an older version, or was not fitted",
     why="how well it describes a shock was not recorded",
     remedy="fit the record again (eightpost fit), and build again",
 )  # fmt: skip
-VEHICLE_UNKNOWN = Rule(
-    "fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
+VEHICLE_UNKNOWN = RULES.add("fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
     condition="the vehicle file contains no verdict: it is from an older version, or was not identified",
     why="how well it describes a car was not recorded",
     remedy="identify it again (eightpost identify), and build again",
 )  # fmt: skip
-PARAMETERS_STATED = Rule(
-    "vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
+PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
     condition="the vehicle is defined by masses, springs and dampers",
     why="the model represents these parameters; whether they match the real car was not examined",
     remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
 )  # fmt: skip
 
-RULES: tuple[Rule, ...] = (SHOCK_UNKNOWN, VEHICLE_UNKNOWN, PARAMETERS_STATED)
-
 
 def validity_of(source: Shock | Vehicle) -> Validity:
-    """Return the validity of a shock or vehicle."""
+    """Return the validity of a shock or vehicle; that of a shock contains the uncertainty of its fit."""
+    if isinstance(source, Shock):
+        known = source.validity or _unknown(SHOCK_UNKNOWN, source.name)
+        return replace(known, uncertainty=shock_uncertainty(source))
     if isinstance(source, StructuralVehicle):
         figure = f"{len(fields(source.parameters))} parameters"
         summary = "the car's parameters were stated, not identified"
         return Validity(Verdict([PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)]))
     if source.validity is not None:
         return source.validity
-    return _unknown(SHOCK_UNKNOWN if isinstance(source, Shock) else VEHICLE_UNKNOWN, source.name)
+    return _unknown(VEHICLE_UNKNOWN, source.name)
 
 
 def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:

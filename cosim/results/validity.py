@@ -11,7 +11,7 @@ import numpy as np
 from cosim.systems.system import System
 from eightpost.signals import TimeSeries
 from eightpost.validity import Range, Validity
-from eightpost.verdict import Grade, Reason, Rule
+from eightpost.verdict import Grade, Reason, Rules
 
 ABOUT = "range of the models"
 
@@ -28,47 +28,40 @@ _FEWEST = 10
 #: Share of the power outside the frequencies of the records above which it is reported.
 NOTABLE_POWER = 0.10
 
-MODEL_UNKNOWN = Rule(
-    "validity of a model unknown", "validity of the models", Grade.UNKNOWN,
+RULES = Rules()
+
+MODEL_UNKNOWN = RULES.add("validity of a model unknown", "validity of the models", Grade.UNKNOWN,
     condition="a component does not state the range of validity of its model: an FMU of another tool, or of an older "
     "version of eightpost",
     why="the amplitudes and frequencies for which it is valid, and the quality of its fit, are not known here",
     remedy="ask its maker, and judge its range yourself; rebuild an FMU of eightpost",
 )  # fmt: skip
-MOSTLY_BEYOND = Rule(
-    "mostly beyond the fitted amplitudes", ABOUT, Grade.NOT_USABLE,
+MOSTLY_BEYOND = RULES.add("mostly beyond the fitted amplitudes", ABOUT, Grade.NOT_USABLE,
     condition=f"a variable is beyond the amplitudes of its model's records by more than {100 * MARGIN:g} % for more "
     f"than {100 * LARGEST_SHARE:g} % of the time",
     why="the model is not supported by any measurement there",
     remedy="test at the amplitudes of this drive and fit or identify again, or use a smaller drive",
 )  # fmt: skip
-BEYOND = Rule(
-    "beyond the fitted amplitudes", ABOUT, Grade.LIMITED,
+BEYOND = RULES.add("beyond the fitted amplitudes", ABOUT, Grade.LIMITED,
     condition=f"the same, for more than {100 * NOTABLE_SHARE:g} % of the time",
     why="peaks depend on an extrapolation",
     remedy="do not use peaks; test at the amplitudes of this drive for more",
 )  # fmt: skip
-BEYOND_FREQUENCY = Rule(
-    "beyond the fitted frequencies", ABOUT, Grade.LIMITED,
+BEYOND_FREQUENCY = RULES.add("beyond the fitted frequencies", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * NOTABLE_POWER:g} % of a variable's power is outside the frequencies of its model's "
     "records",
     why="phase and gain there depend only on the form of the model; the rest of the power is covered",
     remedy="judge setups by measures within the covered band; test at the frequencies of this drive for more",
 )  # fmt: skip
-COVERED = Rule(
-    "within the fitted ranges", ABOUT, Grade.USABLE,
+COVERED = RULES.add("within the fitted ranges", ABOUT, Grade.USABLE,
     condition="the recorded variables stay within the amplitudes and frequencies of their models' records",
     why="each share is below the limits above",
-    remedy="nothing",
 )  # fmt: skip
-CONDITION = Rule(
-    "conditions of the measurement", "conditions of the models", Grade.USABLE,
+CONDITION = RULES.add("conditions of the measurement", "conditions of the models", Grade.USABLE,
     condition="a model states the temperature or the gas pressure of its records",
     why="the model does not depend on them: the result is valid for these conditions",
     remedy="compare with the conditions on the track",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
 @runtime_checkable

@@ -10,100 +10,90 @@ import numpy as np
 
 from cosim.results.rules import LARGEST_ERROR
 from cosim.results.validity import MODEL_UNKNOWN, NOTABLE_POWER
+from cosim.study.certainty import Certainty
+from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 from eightpost.validity import Validity
-from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
+from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
 
-NOTHING_RAN = Rule(
-    "no setup ran", "setups", Grade.NOT_USABLE,
+RULES = Rules()
+
+NOTHING_RAN = RULES.add("no setup ran", "setups", Grade.NOT_USABLE,
     condition="every setup failed",
     why="there is nothing to rank",
     remedy="see the reason in the column message of the table",
 )  # fmt: skip
-NONE_FEASIBLE = Rule(
-    "no setup keeps all constraints", "setups", Grade.NOT_USABLE,
+NONE_FEASIBLE = RULES.add("no setup keeps all constraints", "setups", Grade.NOT_USABLE,
     condition="every setup that ran breaks a constraint",
     why="no setup of the study can be chosen",
     remedy="relax the constraints, or allow other builds",
 )  # fmt: skip
-FAILED = Rule(
-    "setups failed", "setups", Grade.LIMITED,
+FAILED = RULES.add("setups failed", "setups", Grade.LIMITED,
     condition="a setup failed",
     why="the best setup may be among them",
     remedy="see the reason in the column message of the table",
 )  # fmt: skip
-PARTIAL = Rule(
-    "study not complete", "setups", Grade.LIMITED,
+PARTIAL = RULES.add("study not complete", "setups", Grade.LIMITED,
     condition="the study was stopped before all setups had run",
     why="levels and ranks cover only the setups that ran",
     remedy="run it again with the same output folder; it resumes where it stopped",
 )  # fmt: skip
-MARKED = Rule(
-    "setups marked", "marks", Grade.LIMITED,
+MARKED = RULES.add("setups marked", "marks", Grade.LIMITED,
     condition="a setup is marked: a shock beyond its fitted velocities, a tire off the ground, a coupling error above "
     "the tolerance",
     why="its values are less reliable than those of the others",
     remedy="see the column marks; choose among setups without a mark, or run the marked ones separately",
 )  # fmt: skip
-UNMARKED = Rule(
-    "no setup marked", "marks", Grade.USABLE,
+UNMARKED = RULES.add("no setup marked", "marks", Grade.USABLE,
     condition="no setup is marked",
     why="no setup has one of the defects that a mark states; other errors are judged by the other rules",
-    remedy="nothing",
 )  # fmt: skip
-LARGE_ERROR = Rule(
-    "coupling error of a setup too large", "coupling", Grade.NOT_USABLE,
+LARGE_ERROR = RULES.add("coupling error of a setup too large", "coupling", Grade.NOT_USABLE,
     condition=f"the coupling error of the best setup is above {LARGEST_ERROR:g} %",
     why="the same limit applies to a single run",
     remedy="set a smaller accuracy in the study file",
 )  # fmt: skip
-NOTABLE_ERROR = Rule(
-    "coupling error of a setup above the tolerance", "coupling", Grade.LIMITED,
+NOTABLE_ERROR = RULES.add("coupling error of a setup above the tolerance", "coupling", Grade.LIMITED,
     condition="the coupling error of a setup is above the accuracy of the study file",
     why="differences between this setup and others are less certain than requested",
     remedy="run these setups separately (eightpost run), or set a smaller accuracy in the study file",
 )  # fmt: skip
-UNKNOWN_ERROR = Rule(
-    "coupling error of setups not stated", "coupling", Grade.UNKNOWN,
+UNKNOWN_ERROR = RULES.add("coupling error of setups not stated", "coupling", Grade.UNKNOWN,
     condition="no setup has a coupling error in the table",
     why="differences between setups may be due to the coupling",
     remedy="run the study again with this version",
 )  # fmt: skip
-SMALL_ERROR = Rule(
-    "coupling errors of all setups small", "coupling", Grade.USABLE,
+SMALL_ERROR = RULES.add("coupling errors of all setups small", "coupling", Grade.USABLE,
     condition="the coupling error of every setup is within the accuracy of the study file",
     why="the differences between setups are larger",
-    remedy="nothing",
 )  # fmt: skip
-NO_MEANS = Rule(
-    "means not trusted", "vehicle", Grade.LIMITED,
+NO_MEANS = RULES.add("means not trusted", "vehicle", Grade.LIMITED,
     condition="the vehicle's response to constant inputs is not trusted (means in the study file)",
     why="measures that depend on a mean are omitted",
     remedy="compare setups by the other measures",
 )  # fmt: skip
-ABOVE_BAND = Rule(
-    "measures above the identified band", "band of the vehicle", Grade.LIMITED,
+ABOVE_BAND = RULES.add("measures above the identified band", "band of the vehicle", Grade.LIMITED,
     condition=f"more than {100 * NOTABLE_POWER:g} % of a measure's power is above the frequencies for which the "
     "vehicle was identified, in the run of the baseline or else of the first setup",
     why="there, the vehicle is an extrapolation, and the study ranks setups by it",
     remedy="end the measure's band there (band in the study file), or identify from tests with more power above",
 )  # fmt: skip
-WITHIN_BAND = Rule(
-    "measures within the identified band", "band of the vehicle", Grade.USABLE,
+WITHIN_BAND = RULES.add("measures within the identified band", "band of the vehicle", Grade.USABLE,
     condition="the power of every measure above these frequencies is within that limit",
     why="the ranking depends on the identified band",
-    remedy="nothing",
 )  # fmt: skip
 
-RULES: tuple[Rule, ...] = tuple(
-    value for value in list(globals().values()) if isinstance(value, Rule) and value is not MODEL_UNKNOWN
-)
 
+def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Verdict:
+    """Return the verdict on a study.
 
-def study_verdict(result: StudyResult) -> Verdict:
-    """Return the verdict on a study."""
-    return Verdict((*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result)))
+    Args:
+        result: Result of the study.
+        certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
+    """
+    own = (*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result))
+    return Verdict((*own, *certainty_reasons(certainty)))
 
 
 def _setups(result: StudyResult) -> Iterator[Reason]:

@@ -28,6 +28,9 @@ class ActuatorBands:
     Attributes:
         wheelloader: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
         aeroloader: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
+
+    Raises:
+        ParameterError: A bandwidth is not above 0 Hz.
     """
 
     wheelloader: float = 125.0

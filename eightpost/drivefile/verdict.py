@@ -6,56 +6,51 @@ from collections.abc import Iterator, Sequence
 
 from eightpost.drivefile.iteration import PATIENCE, REJECTED, Outcome, Problem, Status
 from eightpost.drivefile.pass_errors import PassErrors
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 ABOUT = "drive file"
 
 #: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
 _MEAN = 0.5
 
-REPRODUCED = Rule(
-    "target reproduced", ABOUT, Grade.USABLE,
+RULES = Rules()
+
+REPRODUCED = RULES.add("target reproduced", ABOUT, Grade.USABLE,
     condition="the best pass has errors within the accepted ones (default: accelerations 2.5 %, displacements 1 % of "
     "their RMS)",
     why="two runs of the same drive file on the virtual rig differ by about 1 %, because friction drifts",
     remedy="use best_drive for all setups; repeat it once to see how far two runs of it differ",
 )  # fmt: skip
-RUNNING = Rule(
-    "not finished", ABOUT, Grade.UNKNOWN,
+RUNNING = RULES.add("not finished", ABOUT, Grade.UNKNOWN,
     condition="the best pass has larger errors than the accepted ones, and the last passes reduced the error",
     why="the error still decreases from pass to pass",
     remedy="play the next drive file and give its record (eightpost drivefile next --record)",
 )  # fmt: skip
-STALLED = Rule(
-    "no progress", ABOUT, Grade.NOT_USABLE,
+STALLED = RULES.add("no progress", ABOUT, Grade.NOT_USABLE,
     condition="the last three passes reduced the smallest error by less than 5 %, and it is above the accepted one",
     why="further passes will not help: a limit, noise, drift or an unreachable channel determines the error",
     remedy="see the bands with the largest errors; remove unreachable channels (--channels), lower --high, or accept a "
     "larger error",
 )  # fmt: skip
-DIVERGED = Rule(
-    "divergence", ABOUT, Grade.NOT_USABLE,
+DIVERGED = RULES.add("divergence", ABOUT, Grade.NOT_USABLE,
     condition=f"{PATIENCE} passes in a row have more than {REJECTED:g} times the smallest error, although the gain was "
     "halved after each",
     why="the response of the car differs too much from the model for any gain",
     remedy="check sensors, signs and channel map; identify the car on this rig with these shocks; start with a lower "
     "--gain",
 )  # fmt: skip
-AT_LIMIT = Rule(
-    "limit of an actuator", ABOUT, Grade.LIMITED,
+AT_LIMIT = RULES.add("limit of an actuator", ABOUT, Grade.LIMITED,
     condition="a limit of stroke, velocity or force changed the drive of the best pass or the next drive",
     why="the target is not reachable at these times",
     remedy="check the limits (--stroke, --velocity, --force), slow trends of the track record, and --high",
 )  # fmt: skip
-MEANS = Rule(
-    "mean displacement", ABOUT, Grade.LIMITED,
+MEANS = RULES.add("mean displacement", ABOUT, Grade.LIMITED,
     condition=f"a mean displacement of the best pass differs from the target by more than {100.0 * _MEAN:g} % of the "
     "RMS displacement",
     why="progressive springs and stops respond differently about another mean",
     remedy="set the potentiometers on the rig to zero in the same state of the car as on the track",
 )  # fmt: skip
 
-RULES = (REPRODUCED, RUNNING, STALLED, DIVERGED, AT_LIMIT, MEANS)
 
 _OF_STATUS = {
     Status.CONVERGED: REPRODUCED, Status.RUNNING: RUNNING, Status.STALLED: STALLED, Status.DIVERGED: DIVERGED,

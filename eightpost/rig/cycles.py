@@ -13,6 +13,8 @@ ALIKE = 0.1
 STEADY = 0.6
 #: Minimum number of half cycles of a steady sine.
 FEWEST = 6
+#: Minimum number of half cycles of another steady sine that follows.
+FEWEST_OTHER = 3
 #: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
 SMALLEST = 0.02
 #: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
@@ -45,17 +47,26 @@ def run_down(time: Array, path: Array, velocity: Array) -> float | None:
     if turns.size < FEWEST + 1:
         return None
     stroke, duration = np.abs(np.diff(path[turns])), np.diff(time[turns])
-    alike = (np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE) & (
-        np.abs(duration / np.median(duration) - 1.0) <= ALIKE
-    )
+    alike = _is_usual(stroke) & _is_usual(duration)
     if np.count_nonzero(alike) < max(FEWEST, STEADY * alike.size):
         return None
-    end = int(turns[int(np.flatnonzero(alike)[-1]) + 1])
+    last = int(np.flatnonzero(alike)[-1]) + 1
+    end = int(turns[last])
     rest = velocity[end:]
     if time[-1] - time[end] < 0.9 * float(np.median(duration)):
         return None
+    if _is_steady(stroke[last:], duration[last:]):
+        return None
     slowed = float(np.sqrt(np.mean(rest**2))) < SLOWED * float(np.sqrt(np.mean(velocity[:end] ** 2)))
     return float(time[end]) if slowed else None
+
+
+def _is_steady(stroke: Array, duration: Array) -> bool:
+    """Return whether half cycles (K,) are another steady sine, apart from the transition to it."""
+    if stroke.size < FEWEST_OTHER:
+        return False
+    alike = _is_usual(stroke) & _is_usual(duration)
+    return bool(np.count_nonzero(alike) >= max(FEWEST_OTHER, STEADY * alike.size))
 
 
 def _is_usual(values: Array) -> NDArray[np.bool_]:

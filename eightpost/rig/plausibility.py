@@ -24,6 +24,7 @@ from eightpost.rig.plausibility_rules import (
     UNLIKELY_UNITS,
 )
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
+from eightpost.rig.skew import skew_reasons
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
@@ -88,6 +89,8 @@ def record_reasons(
     suspicious = list(_unit_reasons(series, measured, origin, units))
     yield from suspicious or force_scale_reasons(series, conditions or DynoConditions(), origin)
     yield from _rest_reasons(series, origin)
+    if not suspicious:
+        yield from skew_reasons(series, origin)
 
 
 def part_reasons(series: TimeSeries, *, origin: str, until: float = SEGMENT[1]) -> Iterator[Reason]:

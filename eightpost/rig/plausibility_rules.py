@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from eightpost.verdict import Grade, Rule
+from eightpost.verdict import Grade, Rules
 
 ABOUT = "dynamometer record"
 
-CONTRADICTORY_UNITS = Rule(
-    "contradictory units", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+CONTRADICTORY_UNITS = RULES.add("contradictory units", ABOUT, Grade.NOT_USABLE,
     condition="the slope of displacement and the measured velocity differ by the ratio of two units (25.4, 1000, 10 or "
     "60, within 8 %)",
     why="one of the labels is wrong, so damping and stroke are wrong by the same factor",
     remedy="correct the label, or override it in a channel map: unit = 'in' (docs/signs_and_units.md)",
 )  # fmt: skip
-UNLIKELY_UNITS = Rule(
-    "unlikely units", ABOUT, Grade.UNKNOWN,
+UNLIKELY_UNITS = RULES.add("unlikely units", ABOUT, Grade.UNKNOWN,
     condition="the damping rate is outside 1000 to 30,000 N.s/m (2500 to 12,000 if the file has newtons beside inches, "
     "or pounds beside millimetres), or the sample rate is outside 20 Hz to 200 kHz, or the stated gas pressure and the "
     "force at standstill give a rod under 8 mm, or the stated gas force is 4.45 times the force at standstill, or work "
@@ -24,14 +24,12 @@ UNLIKELY_UNITS = Rule(
     remedy="compare peak force, stroke and peak velocity with the test sheet; if a label is wrong, override it in a "
     "channel map: unit = 'lbf'. If they are right, ignore this reason",
 )  # fmt: skip
-RECTIFIED = Rule(
-    "rectified force", ABOUT, Grade.NOT_USABLE,
+RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
     condition="the force is nowhere negative, and rises with speed in both strokes (correlations of 0.3 or more)",
     why="a magnitude does not show which stroke a force belongs to",
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip
-NEGATIVE_REST = Rule(
-    "negative force at standstill", ABOUT, Grade.LIMITED,
+NEGATIVE_REST = RULES.add("negative force at standstill", ABOUT, Grade.LIMITED,
     condition="the force at standstill is below minus 1 % of the force's range, after compression as well as after "
     "rebound",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
@@ -39,40 +37,41 @@ NEGATIVE_REST = Rule(
     remedy="check which stroke is compression; if all signs are reversed, flip them (--flip force with --flip "
     "displacement or --flip velocity); otherwise zero the load cell without the shock",
 )  # fmt: skip
-TWO_SETTINGS = Rule(
-    "the shock changed", ABOUT, Grade.NOT_USABLE,
+TWO_SETTINGS = RULES.add("the shock changed", ABOUT, Grade.NOT_USABLE,
     condition="the force of a stroke at the same velocity (at all, at low or at high speeds) changes by a step of 8 % "
     "or more, six times the scatter, while the motion stays the same",
     why="a fit to both parts is a shock that exists at no setting",
     remedy="cut the record where the setting changes (--segment), and fit each part alone",
 )  # fmt: skip
-SMALL_CHANGE = Rule(
-    "the shock changed a little", ABOUT, Grade.LIMITED,
+SMALL_CHANGE = RULES.add("the shock changed a little", ABOUT, Grade.LIMITED,
     condition="the same, by 3 to 8 %",
     why="one or two clicks have such an effect, and also a shim that settles: a fit is between both states",
     remedy="check whether a setting was changed during the test; if it was, cut the record there (--segment)",
 )  # fmt: skip
-CHANGED_COLUMN = Rule(
-    "another column changes", ABOUT, Grade.LIMITED,
+CHANGED_COLUMN = RULES.add("another column changes", ABOUT, Grade.LIMITED,
     condition="a column that is not read (a voltage, clicks) changes from one part of the record to the next",
     why="it may be a setting of the shock: a fit would then mix several states",
     remedy="fit the parts with a constant value alone (--segment), or ignore this if the column does not act on the "
     "shock",
 )  # fmt: skip
-RUN_DOWN = Rule(
-    "run-down of the machine", ABOUT, Grade.LIMITED,
+RUN_DOWN = RULES.add("run-down of the machine", ABOUT, Grade.LIMITED,
     condition="after a steady sine, the motion slows down or stops within the fitted seconds",
     why="a law is fitted to the whole segment, so low speeds after the test get weight, and speed correlates with time",
     remedy="fit the part before it (--segment)",
 )  # fmt: skip
-CHOSEN_COLUMN = Rule(
-    "one of several columns", ABOUT, Grade.USABLE,
+SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED,
+    condition="at equal velocity, the force of a rising velocity is the larger one in both strokes, like that of a "
+    "mass above 2.5 kg, by four standard errors, and the lead is more than 0.3 ms and 0.6 samples",
+    why="compressibility, friction and gas make a force late, never early, so the channels were not recorded at the "
+    "same times; the lag of the shock is too small by the skew",
+    remedy="delay the force by the stated time, or find which channel has a filter or is sampled later",
+)  # fmt: skip
+CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     condition="several columns could be the same channel, and one of them was chosen",
     why="another column may be the one that is calibrated",
     remedy="name the column with --channel",
 )  # fmt: skip
 
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 #: Names of the rules about changes during a record; they apply to each run on its own.
 PART_RULES = frozenset((TWO_SETTINGS.name, SMALL_CHANGE.name, RUN_DOWN.name))

@@ -10,7 +10,7 @@ from typing import Any
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.settings import Axis, Settings, is_tested
-from eightpost.verdict import Grade, Reason, Rule
+from eightpost.verdict import Grade, Reason, Rules
 
 # ---- Where a setting is, relative to the measured ones --------------------------------------------------------------
 
@@ -49,33 +49,28 @@ ABOUT = "setting"
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
 
-UNTESTED = Rule(
-    "untested combination of settings", ABOUT, Grade.UNKNOWN,
+RULES = Rules()
+
+UNTESTED = RULES.add("untested combination of settings", ABOUT, Grade.UNKNOWN,
     condition="two or more adjusters (or an adjuster and the temperature) differ from the reference, and no files were "
     "measured in this combination",
     why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
     remedy="measure the shock at this combination and add the file to the table",
 )  # fmt: skip
-FAR_BEYOND = Rule(
-    "far beyond the measured settings", ABOUT, Grade.UNKNOWN,
+FAR_BEYOND = RULES.add("far beyond the measured settings", ABOUT, Grade.UNKNOWN,
     condition=f"a setting is beyond the measured ones by more than {FARTHEST:g} of the nearest interval between them",
     why="adjusters act progressively near their stops; the continuation is a straight line",
     remedy="measure the shock at this setting and add the file to the table",
 )  # fmt: skip
-BEYOND = Rule(
-    "beyond the measured settings", ABOUT, Grade.LIMITED,
+BEYOND = RULES.add("beyond the measured settings", ABOUT, Grade.LIMITED,
     condition="a setting is beyond the measured ones by less than that",
     why="there is no measurement beyond; the curve is continued in a straight line over the setting",
     remedy="measure the shock at this setting and add the file to the table",
 )  # fmt: skip
-INSIDE = Rule(
-    "within the measured settings", ABOUT, Grade.USABLE,
+INSIDE = RULES.add("within the measured settings", ABOUT, Grade.USABLE,
     condition="the setting is between measured settings, in a combination that was measured",
     why="the curve is interpolated between measured curves; its band includes the error of the interpolation",
-    remedy="nothing",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = (UNTESTED, FAR_BEYOND, BEYOND, INSIDE)
 
 
 def setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:

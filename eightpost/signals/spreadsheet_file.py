@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from eightpost.confined import read_confined
@@ -11,18 +14,24 @@ from eightpost.errors import FileFormatError
 from eightpost.signals.csv_file import text_records
 from eightpost.signals.raw_record import RawRecord
 
+#: The library rounds dates and times of day to 1 ms. If that makes more than this share of the steps uneven, and they
+#: are below this many seconds, the rounding changes a velocity by several percent.
+_UNEVEN, _SHORT = 0.1, 0.02
+
 
 def read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
     """Read the tables of all sheets; line numbers in messages are row numbers of the sheet.
 
     Raises:
-        FileFormatError: The file cannot be read, or no sheet has a table.
+        FileFormatError: The file cannot be read, no sheet has a table, or a column of dates or times of day is sampled
+            too fast for a resolution of 1 ms.
     """
     path = Path(path)
     sheets = read_confined("eightpost.confined.readers:load_spreadsheet", path, kind="a spreadsheet")
     records: list[RawRecord] = []
     faults: list[FileFormatError] = []
-    for rows in sheets.values():
+    for name, rows in sheets.items():
+        _check_clocks(rows, name, path)
         try:
             records += text_records(["\t".join(map(_text, row)) for row in rows], path)
         except FileFormatError as error:
@@ -31,6 +40,28 @@ def read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
         sheet_names = ", ".join(map(repr, sheets))
         raise faults[0] if faults else FileFormatError(f"the sheets {sheet_names} are empty", path=path)
     return tuple(records)
+
+
+def _check_clocks(rows: Sequence[Sequence[Any]], sheet: str, path: Path) -> None:
+    """Check that dates and times of day of a sheet are not coarser than its samples."""
+    for number in range(max(map(len, rows), default=0)):
+        cells = (row[number] for row in rows if number < len(row))
+        seconds = [_seconds(cell) for cell in cells if isinstance(cell, (datetime.datetime, datetime.time))]
+        steps = [later - earlier for earlier, later in pairwise(seconds)]
+        if not steps or not 0.0 < (step := median(steps)) < _SHORT:
+            continue
+        if sum(abs(one - step) > 1e-4 for one in steps) > _UNEVEN * len(steps):
+            raise FileFormatError(
+                f"sheet {sheet!r}, column {number + 1}: its dates or times of day are read to 1 ms, too coarse for "
+                f"samples every {1e3 * step:.2g} ms or so; write elapsed seconds as numbers, or export the record as "
+                "text",
+                path=path,
+            )
+
+
+def _seconds(cell: datetime.datetime | datetime.time) -> float:
+    """Return the seconds since midnight."""
+    return 3600.0 * cell.hour + 60.0 * cell.minute + cell.second + 1e-6 * cell.microsecond
 
 
 def _text(cell: Any) -> str:

@@ -325,7 +325,7 @@ def documents(bank, fmus3):
     return [{n: c for n, c in read_archive(path).items() if n in PARTS} for path in (fmus3["lpnl2"], bank)]
 
 
-@settings(max_examples=80)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32), part=st.sampled_from((XML, XML, *PARTS)), fmu=st.sampled_from((0, 1, 1)))
 def test_a_damaged_description_gives_findings_and_no_traceback(documents, tmp_path_factory, seed, part, fmu):
     members = dict(documents[fmu])

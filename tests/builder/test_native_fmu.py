@@ -55,7 +55,7 @@ def test_the_binary_contains_its_guid_which_is_a_digest_of_the_content(fmus, nam
     assert guid.encode() in members["sources/interface.h"]
 
 
-@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+@pytest.mark.parametrize("name", ["lpnl2", pytest.param("seven_dof", marks=pytest.mark.nightly)])
 def test_fmpy_compile_rebuilds_the_fmu_and_the_rebuilt_one_gives_the_same_outputs(fmus, tmp_path, name):
     if shutil.which("cmake") is None or shutil.which("cc") is None:
         pytest.skip("no cmake or no C compiler on this machine")

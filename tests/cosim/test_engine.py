@@ -282,7 +282,7 @@ def shared_parts() -> dict[str, Any]:
     return {}
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     algorithm=st.sampled_from([Jacobi("extrapolated"), GaussSeidel(), GaussSeidel(values="held"), Implicit()]),
     step=st.sampled_from([2.5e-4, 1e-3, 1.7e-3, 4e-3, 8e-3]),

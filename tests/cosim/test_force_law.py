@@ -112,13 +112,21 @@ def test_a_jump_at_the_accepted_time_can_be_accepted(laws):
     assert law.force(1e-3, -0.2) != after  # the ramp from 0.1 m/s, not from the jump
 
 
+def kinks_near(curve, velocity):
+    """Largest change of the bend of a curve [N.s2/m2] at a knot that the differences around a velocity may contain."""
+    if not curve.has_knots:
+        return 0.0
+    change = np.diff(np.diff(curve.knot_slope) / np.diff(curve.knot_velocity))
+    near = np.abs(np.array(curve.knot_velocity[1:-1]) - velocity) < 4e-6
+    return np.abs(change[near]).max(initial=0.0)
+
+
 @pytest.mark.parametrize("name", LAWS)
 @given(first=POINTS, second=POINTS, h=st.one_of(st.just(0.0), STEPS))
 @settings(max_examples=25)
 def test_the_jacobian_is_the_derivative_of_the_force(laws, shocks, name, first, second, h):
     law, curve = laws[name], shocks[name].law.curve
-    bends = np.diff(curve.knot_slope) / np.diff(curve.knot_velocity) if curve.has_knots else np.zeros(2)
-    kink = 3e-6 * np.abs(np.diff(bends)).max()  # of the difference below at a knot, where the slope has a kink
+    kink = 1e-6 * kinks_near(curve, second[0])  # error of the difference below; at most 0.46e-6 of the kink was found
     law.start(0.0, *first)
     found = law.jacobian(h, *second)
     for k, derivative in enumerate(found):
@@ -240,6 +248,12 @@ def test_loop_a_refuses_a_step_that_does_not_begin_where_the_last_one_ended(fmus
             loop.step(5e-3, 1e-3, 0.1)
         with pytest.raises(InputError, match="positive step"):
             loop.step(1e-3, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("kind", [HeldForce, ExtrapolatedForce])
+def test_loops_without_a_jacobian_take_no_difference_for_one(fmus, kind):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'difference'"):
+        kind(fmus["lpf1"], difference=1e-4)
 
 
 # ---- Errors ---------------------------------------------------------------------------------------------------------

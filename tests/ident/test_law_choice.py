@@ -150,6 +150,36 @@ def test_a_small_gain_on_every_piece_is_enough_although_the_pieces_differ():
     assert "no simpler law is within one standard error" in choice.reason
 
 
+def test_one_piece_that_all_laws_predict_badly_does_not_decide():
+    """The third piece alone favours LPF1; in a mean of the errors it outweighs the others."""
+    choice = chosen_law([score("lpf1", 2.0, 2.1, 19.0, 2.0), score("lpnl2", 1.0, 1.1, 20.0, 1.0)])
+    assert (choice.law, choice.best) == ("lpnl2", "lpnl2")
+
+
+def test_the_error_is_the_geometric_mean_of_the_pieces_with_its_standard_error():
+    held = score("lpf1", 1.0, 2.0, 4.0).held_out
+    assert held.percent == pytest.approx(2.0)
+    assert held.spread == pytest.approx(2.0 * np.log(2.0) / np.sqrt(3.0))
+
+
+def test_a_run_whose_speed_no_other_has_is_not_left_out_for_the_choice():
+    quarters, runs = (score("lpf1", percent, percent).blocks for percent in (2.0, 9.0))
+    both = LawScore("lpf1", quarters, runs, 1.0, 1, 20, None)
+    assert both.held_out is runs
+    assert replace(both, decides="quarters").held_out is quarters
+    assert chosen_law([both]).left_out == "runs"
+    assert chosen_law([replace(both, decides="quarters")]).left_out == "quarters"
+
+
+@pytest.mark.parametrize(
+    ("speeds", "are_repeated"), [((0.3,), False), ((0.3, 0.3), True), ((0.1, 0.3), False), ((0.1, 0.3, 0.31), False),
+                                 ((0.1, 0.11, 0.3, 0.31), True)]
+)  # fmt: skip
+def test_runs_are_left_out_if_each_has_another_of_its_speed(speeds, are_repeated):
+    runs = Runs.of([prepare(sine(speed=speed, duration=4.0)) for speed in speeds])
+    assert runs.has_repeated_speeds is are_repeated
+
+
 def test_a_tie_gives_the_simpler_law_and_of_equally_simple_ones_the_better():
     assert chosen_law([score("lpnl2", 2.0, 3.0), score("lpf1", 2.0, 3.0)]).law == "lpf1"
     assert chosen_law([score("lpf1", 2.0, 3.1), score("maxwell", 2.1, 2.9), score("lpnl2", 2.0, 2.9)]).law == "maxwell"

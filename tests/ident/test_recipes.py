@@ -16,7 +16,7 @@ DATA = Path(__file__).parents[2] / "examples" / "data"
 LAWS = ("polylinear", "lpf1", "lpnl2")
 
 
-@pytest.fixture(scope="module", params="ABC")
+@pytest.fixture(scope="module", params=["A", pytest.param("B", marks=pytest.mark.nightly), "C"])
 def build(request):
     return request.param
 

@@ -74,8 +74,8 @@ def test_a_port_without_shock_moves_as_in_the_fmu():
     exact = by_the_fmus_kernel(vehicle, series)
     found = port_by_port(alone, series, {}).select(model.output_names).values
     errors = dict(zip(model.output_names, difference(found, exact), strict=True))
-    assert errors["velocity"] < 2e-3
-    assert errors["tire_force"] < 5e-4
+    assert errors["velocity"] < 4e-5  # up to 1.3e-5 with five roads
+    assert errors["tire_force"] < 1e-5  # up to 2.9e-6
     smooth = by_the_fmus_kernel(car(Friction(130.0, 0.01)), series)
     assert difference(smooth, exact)[model.output_names.index("velocity")] > 2e-2  # the law matters
 
@@ -87,9 +87,8 @@ def test_the_compiled_loop_and_the_loop_over_ports_agree_with_a_shock():
     compiled = ManySetups(vehicle, [shock], series).run([[0]])[0]
     single = port_by_port(vehicle, series, {"": shock}).select(vehicle.state_space.output_names).values
     without = ManySetups(replace(vehicle, friction={}), [shock], series).run([[0]])[0]
-    assert (
-        difference(single, compiled) < 5e-4
-    ).all()  # the compiled loop takes displacements before the forces of a step
+    # The compiled loop takes displacements before the forces of a step. This road: 1.3e-4; four others: 2e-6 to 6e-4.
+    assert (difference(single, compiled) < 3e-4).all()
     assert (difference(without, compiled) > 1e-3).all()
 
 

@@ -192,8 +192,7 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
 
 @pytest.mark.slow
 def test_a_car_with_another_mode_is_flagged(experiment, quick):
-    tests = [_with_hidden_mode(_test(experiment, seed)) for seed in (41, 51)]
-    fit = quick.identify(tests, experiment)
+    fit = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
     assert fit.trust is not None
     assert "gate" in fit.trust.flags
 

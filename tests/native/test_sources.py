@@ -29,8 +29,10 @@ def compiled(compiler, folder, output, *options):
 
 @pytest.fixture(scope="session", params=MODELS)
 def objects(request, source_folders, compiler, tmp_path_factory):
+    """Objects with a prefix that a host sets; -U: the fixture defines the name, which would override the prefix."""
+    prefix = ("-UFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI2_FUNCTION_PREFIX=own_")
     folder = source_folders[request.param]
-    return compiled(compiler, folder, tmp_path_factory.mktemp("objects"), "-O1", "-fno-pie")
+    return compiled(compiler, folder, tmp_path_factory.mktemp("objects"), "-O1", "-fno-pie", *prefix)
 
 
 def symbols(path, kinds):
@@ -66,14 +68,9 @@ def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_local
         assert found <= PURE, name
 
 
-def test_every_external_name_carries_the_prefix_that_a_host_sets(source_folders, compiler, tmp_path, nm):
-    """-U: the fixture defines the name, which would override the prefix. -O0: names do not depend on optimization."""
-    options = ("-O0", "-fno-pie", "-UFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI2_FUNCTION_PREFIX=own_")
-    for model in MODELS:
-        folder = tmp_path / model
-        folder.mkdir()
-        for name, path in compiled(compiler, source_folders[model], folder, *options).items():
-            assert all(s.startswith("own_") for s in symbols(path, "TRBDC")), (model, name)
+def test_every_external_name_carries_the_prefix_that_a_host_sets(objects, nm):
+    for name, path in objects.items():
+        assert all(s.startswith("own_") for s in symbols(path, "TRBDC")), name
 
 
 def test_no_source_uses_features_that_embedded_c99_compilers_lack(source_folders):

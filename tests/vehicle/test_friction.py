@@ -95,9 +95,17 @@ def test_the_scheme_is_of_second_order(name, force):
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("width", [1e-3, 5e-3])
-@pytest.mark.parametrize("force", [50.0, 200.0, 500.0])
-@pytest.mark.parametrize("name", ["seven_dof with damper", "quarter_car with damper"])
+CASES = [(force, width) for force in (50.0, 200.0, 500.0) for width in (1e-3, 5e-3)]
+
+
+@pytest.mark.parametrize(
+    ("name", "force", "width"),
+    [("quarter_car with damper", *case) for case in CASES]
+    + [
+        pytest.param("seven_dof with damper", *case, marks=pytest.mark.nightly if case[0] > 1e5 * case[1] else ())
+        for case in CASES
+    ],
+)
 def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
     """RMS errors of velocities and tire forces are below 0.1 % of the standard deviation, for sliding and creeping."""
     stepper, friction = with_friction(name, force, width)
@@ -117,7 +125,7 @@ def test_on_a_random_road_the_sub_steps_agree_with_ten_times_finer_ones():
     """With 5000 random heights per second friction changes its sign often, so the error of the sub-steps is largest."""
     stepper, friction = with_friction("quarter_car", 190.0, 2e-3)
     h, parts = 2e-4, 10
-    u = np.zeros((1501, stepper.B.shape[1]))
+    u = np.zeros((501, stepper.B.shape[1]))
     u[:, MODELS["quarter_car"].input_names.index("road")] = 4e-5 * np.random.default_rng(3).normal(size=len(u))
     fine = np.array([np.interp(np.arange((len(u) - 1) * parts + 1) / parts, np.arange(len(u)), row) for row in u.T]).T
     at_rest = stepper.equilibrium(u[0])
@@ -189,14 +197,14 @@ def test_the_energy_loss_of_an_undamped_car_equals_the_work_of_friction():
 def test_friction_dissipates_energy_in_every_period_of_a_sine():
     stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
     h = 1e-3
-    time = np.arange(1501) * h
+    time = np.arange(501) * h
     u = np.zeros((time.size, stepper.B.shape[1]))
     road = [k for k, name in enumerate(MODELS["seven_dof"].input_names) if name.endswith("road")]
-    u[:, road] = 0.02 * np.sin(2 * np.pi * 2.0 * time)[:, None] * np.array([1.0, -1.0, 0.5, 0.8])
+    u[:, road] = 0.01 * np.sin(2 * np.pi * 4.0 * time)[:, None] * np.array([1.0, -1.0, 0.5, 0.8])
     v = run(stepper, friction, stepper.equilibrium(u[0]), u, h) @ friction.ports.velocity.T
     power = 300.0 * np.tanh(v / 0.005) * v
     assert (power >= 0.0).all()
-    assert (power[:1500].reshape(3, 500, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
+    assert (power[:500].reshape(2, 250, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
 
 
 def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
@@ -219,7 +227,7 @@ def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
 def test_very_stiff_friction_stays_bounded(name):
     """With 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times faster than the car."""
     stepper, friction = with_friction(name, 1500.0, 1e-4)
-    u = roads(name, np.arange(9) * 1e-3)
+    u = roads(name, np.arange(4) * 1e-3)
     velocities = run(stepper, friction, stepper.equilibrium(u[0]), u, 1e-3) @ friction.ports.velocity.T
     assert np.abs(velocities).max() < 1e-3  # a road of some mm does not move a port with friction of 1500 N
 

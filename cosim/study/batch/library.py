@@ -115,7 +115,7 @@ def _compiler() -> list[str]:
     """Return the command of a C compiler, preferably clang or zig, whose code for vectors is faster than that of gcc.
 
     Raises:
-        FmuError: There is none.
+        FmuError: No compiler is installed.
     """
     if not os.environ.get("CC"):
         if clang := shutil.which("clang"):

@@ -13,7 +13,7 @@ from scipy import stats
 from cosim.study.choice.robust import REACH
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
@@ -167,32 +167,27 @@ def _standard(ranks: Array) -> Array:
 
 ABOUT = "prediction of the rig"
 
-WRONG_RANK = Rule(
-    "setups ranked otherwise than measured", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+WRONG_RANK = RULES.add("setups ranked otherwise than measured", ABOUT, Grade.NOT_USABLE,
     condition="rank correlation (Spearman) of a measure below --rank",
     why="a study is run to rank setups",
     remedy="do not choose by this measure; validate the car and the shocks on rig records (eightpost validate)",
 )  # fmt: skip
-WRONG_LEVEL = Rule(
-    "levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
+WRONG_LEVEL = RULES.add("levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
     condition="RMS error of a measure's levels above --level",
     why="the limits are set by the user",
     remedy="use the measure only to rank setups, or validate the car on rig records",
 )  # fmt: skip
-PREDICTED = Rule(
-    "ranked as measured", ABOUT, Grade.USABLE,
+PREDICTED = RULES.add("ranked as measured", ABOUT, Grade.USABLE,
     condition="every measure is within --rank and --level",
     why="the limits are set by the user",
-    remedy="nothing",
 )  # fmt: skip
-OLD_RUN = Rule(
-    "run without a verdict", "run", Grade.UNKNOWN,
+OLD_RUN = RULES.add("run without a verdict", "run", Grade.UNKNOWN,
     condition="the result.json of a compared run contains no verdict, because an older version wrote it",
     why="whether the run can be used was not recorded",
     remedy="run it again",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = (WRONG_RANK, WRONG_LEVEL, PREDICTED, OLD_RUN)
 
 
 def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level: float | None) -> Verdict:

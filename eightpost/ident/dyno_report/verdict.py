@@ -6,30 +6,26 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from eightpost.ident.dyno_report.entry import Entry
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 ABOUT = "report"
 
-PLAUSIBLE = Rule(
-    "plausible record", "dynamometer record", Grade.USABLE,
+RULES = Rules()
+
+PLAUSIBLE = RULES.add("plausible record", "dynamometer record", Grade.USABLE,
     condition="none of the rules about implausible records applies",
     why="the rules find wrong units, reversed signs, changed settings and machines that run down",
-    remedy="nothing",
 )  # fmt: skip
-TABLE = Rule(
-    "table without time", "dynamometer record", Grade.LIMITED,
+TABLE = RULES.add("table without time", "dynamometer record", Grade.LIMITED,
     condition="a file is a peak-velocity table",
     why="it has no lag, energy, hysteresis or friction, and its plausibility cannot be checked",
     remedy="report the record over time for these figures",
 )  # fmt: skip
-NO_VERDICT = Rule(
-    "shock without verdict", "shock", Grade.UNKNOWN,
+NO_VERDICT = RULES.add("shock without verdict", "shock", Grade.UNKNOWN,
     condition="a shock file has no section `validity`",
     why="nothing is known about its fit",
     remedy="fit the shock again with this version of eightpost",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
 def report_verdict(entries: Iterable[Entry]) -> Verdict:

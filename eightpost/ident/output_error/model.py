@@ -22,6 +22,9 @@ class Record:
         outputs: Measured outputs (N, Y).
         rate: Sample rate [Hz].
         settling: Number of samples at the start that are simulated and do not count, e.g. because the start is unknown.
+
+    Raises:
+        ParameterError: The shapes do not match, a value is not finite, or the settling is longer than the record.
     """
 
     inputs: Array

@@ -32,6 +32,9 @@ class Parameter:
         prior: Standard deviation of what is known before the test, in the unit of the parameter, or relative (of the
             logarithm) if the scale is logarithmic; None if nothing is known.
         fixed: Whether the parameter keeps its start value.
+
+    Raises:
+        ParameterError: The start is outside the bounds, or a bound, the start or the prior does not suit the scale.
     """
 
     name: str
@@ -77,6 +80,9 @@ class ParameterTable:
 
     Attributes:
         parameters: Parameters with unique names.
+
+    Raises:
+        ParameterError: Two parameters have the same name.
     """
 
     parameters: tuple[Parameter, ...]

@@ -12,7 +12,7 @@ from eightpost.ident.shock.law_choice import LawChoice
 from eightpost.ident.shock.runs import ONE_SPEED, Runs
 from eightpost.shock import law_title
 from eightpost.units import convert
-from eightpost.verdict import Grade, Reason, Rule
+from eightpost.verdict import Grade, Reason, Rules
 
 #: Held-out errors above these, in percent of the force's standard deviation, are doubtful and not usable.
 DOUBTFUL, POOR = 10.0, 30.0
@@ -30,60 +30,51 @@ FEWEST_CYCLES = 4
 NARROW = convert(10.0, "in/s", "m/s")
 
 ABOUT = "choice of the law"
-PREDICTS = Rule(
-    "chosen law predicts", ABOUT, Grade.USABLE,
+RULES = Rules()
+
+PREDICTS = RULES.add("chosen law predicts", ABOUT, Grade.USABLE,
     condition=f"held-out error of the chosen law at most {DOUBTFUL:g} % of the force's standard deviation",
     why="the law predicts parts or runs that its parameters were not fitted to, within the stated velocities and "
     "frequencies",
-    remedy="nothing",
 )  # fmt: skip
-PREDICTS_ROUGHLY = Rule(
-    "chosen law predicts roughly", ABOUT, Grade.LIMITED,
+PREDICTS_ROUGHLY = RULES.add("chosen law predicts roughly", ABOUT, Grade.LIMITED,
     condition=f"held-out error above {DOUBTFUL:g} %",
     why="shocks of one bank differ by some tens of percent; smaller differences cannot be distinguished then",
     remedy="compare only shocks that differ by more; repeat the test to see how far two runs of the shock differ",
 )  # fmt: skip
-PREDICTS_POORLY = Rule(
-    "chosen law predicts poorly", ABOUT, Grade.NOT_USABLE,
+PREDICTS_POORLY = RULES.add("chosen law predicts poorly", ABOUT, Grade.NOT_USABLE,
     condition=f"held-out error above {POOR:g} %",
     why="no law predicts what was left out: a third of the force is missing, and shocks would be ranked by chance",
     remedy="check whether the records are of one shock and one setting (eightpost inspect), and fit them separately",
 )  # fmt: skip
-LEVEL = Rule(
-    "level of the runs", ABOUT, Grade.LIMITED,
+LEVEL = RULES.add("level of the runs", ABOUT, Grade.LIMITED,
     condition=f"held-out error of whole runs with their level above {LEVEL_FACTOR:g} times that without, and above it "
     f"by {LEVEL_PERCENT:g} % of the standard deviation",
     why="the runs differ by a factor of the force, which no law predicts from the motion: temperature, setting or gas",
     remedy="repeat the runs at one temperature and setting, or fit them separately",
 )  # fmt: skip
-UNEVEN = Rule(
-    "uneven record", ABOUT, Grade.LIMITED,
+UNEVEN = RULES.add("uneven record", ABOUT, Grade.LIMITED,
     condition=f"a quarter of the record has {UNEVEN_FACTOR:g} times the held-out error of the others, and above "
     f"{UNEVEN_PERCENT:g} %",
     why="this part differs from the rest: another amplitude, warming, a ramp or a fault",
     remedy="look at this part (eightpost inspect), and leave it out with --segment if it is not of the test",
 )  # fmt: skip
-ONE_SPEED_ONLY = Rule(
-    "single speed", ABOUT, Grade.LIMITED,
+ONE_SPEED_ONLY = RULES.add("single speed", ABOUT, Grade.LIMITED,
     condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
     why="at one speed, lag, friction and a spring have the same effect on the loop: laws that agree here disagree by "
     "tens of percent at another speed (docs/measured_shocks.md)",
     remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
 )  # fmt: skip
-FEW_CYCLES = Rule(
-    "few cycles", ABOUT, Grade.LIMITED,
+FEW_CYCLES = RULES.add("few cycles", ABOUT, Grade.LIMITED,
     condition=f"less than {FEWEST_CYCLES} cycles of the motion in a quarter of the records",
     why="a left-out quarter then contains too few strokes to compare laws",
     remedy=f"record {FEWEST_CYCLES * BLOCKS} or more cycles",
 )  # fmt: skip
-LOW_SPEED_ONLY = Rule(
-    "low speeds only", ABOUT, Grade.LIMITED,
+LOW_SPEED_ONLY = RULES.add("low speeds only", ABOUT, Grade.LIMITED,
     condition="peak speed below 10 in/s (0.254 m/s)",
     why="the valves of a race shock open at about this speed: the record does not show the force beyond",
     remedy="do not use it on kerbs and bumps; add a run that reaches the speeds of the track",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
 def choice_reasons(choice: LawChoice, runs: Runs, origin: str) -> Iterator[Reason]:
@@ -103,15 +94,20 @@ def choice_reasons(choice: LawChoice, runs: Runs, origin: str) -> Iterator[Reaso
 
 def _prediction(choice: LawChoice, runs: Runs, origin: str) -> Reason:
     held = choice.chosen.held_out
-    percent, count = held.percent, len(runs.prepared)
+    percent, count = held.mean_percent, len(runs.prepared)
     rule = PREDICTS if percent <= DOUBTFUL else PREDICTS_ROUGHLY if percent <= POOR else PREDICTS_POORLY
     verb = "predicts" if rule is PREDICTS else "does not predict"
-    where = f"whole runs, {count} of them" if choice.chosen.runs else "quarters of one run; other runs were not tried"
+    where = {
+        "builds": f"whole builds, {len(runs.builds)} of them with {count} runs",
+        "runs": f"whole runs, {count} of them",
+        "quarters": "quarters of one run" if count == 1 else f"quarters of {count} runs, whose speeds differ",
+    }[choice.left_out]
+    where += "; other runs were not tried" if choice.left_out == "quarters" else ""
     low, high = float(runs.velocity[runs.inside].min()), float(runs.velocity[runs.inside].max())
+    errors = f"held-out error {percent:.3g} % (typically {held.percent:.3g} +- {held.spread:.2g} %) on {where}"
     return rule.reason(
         f"{law_title(choice.law)} {verb} what was left out of its fit" + (" well" if rule is not PREDICTS else ""),
-        figure=f"held-out error {percent:.3g} +- {held.spread:.2g} % on {where}; limits {DOUBTFUL:g} and {POOR:g} %; "
-        f"velocities {low:.3g} to {high:.3g} m/s",
+        figure=f"{errors}; limits {DOUBTFUL:g} and {POOR:g} %; velocities {low:.3g} to {high:.3g} m/s",
         origin=origin,
     )
 

@@ -31,7 +31,10 @@ PIECES = 4
 #: Errors that differ by less than this share count as equal: the fits are not more accurate.
 TIE = 1e-3
 
-#: Maximum number of fits that leave out runs; with more runs, several are left out together.
+#: Smallest mean square error [1] that counts; smaller ones are rounding.
+_FLOOR = 1e-14
+
+#: Maximum number of fits that leave out runs or builds; with more of these, several are left out together.
 _MOST_FITS = 8
 
 
@@ -54,8 +57,8 @@ class LeftOut:
 class HeldOut:
     """Errors of a law on what was left out, over the variance of the force of each run.
 
-    Laws are compared by the mean of the pieces' RMS errors. In the mean of their squares, the one piece that every
-    law predicts badly would outweigh the others and hide which law is better on them.
+    Laws are compared by the ratios of their errors on the same pieces. In a mean of the errors or of their squares, the
+    one piece that every law predicts badly would outweigh the others and hide which law is better on them.
 
     Attributes:
         pieces: Mean square error of each piece [1]; without offset and level if whole runs were left out.
@@ -67,31 +70,45 @@ class HeldOut:
 
     @property
     def percent(self) -> float:
-        """Mean of the pieces' RMS errors in percent of the force's standard deviation."""
+        """Geometric mean of the pieces' RMS errors in percent of the force's standard deviation."""
+        return _geometric_percent(self.pieces)
+
+    @property
+    def mean_percent(self) -> float:
+        """Mean of the pieces' RMS errors in percent of the force's standard deviation; large if one piece is."""
         return 100.0 * float(np.mean(np.sqrt(self.pieces)))
 
     @property
     def raw_percent(self) -> float:
-        """The same for the errors that include the level of a run."""
-        return 100.0 * float(np.mean(np.sqrt(self.raw)))
+        """The same as `percent` for the errors that include the level of a run."""
+        return _geometric_percent(self.raw)
 
     @property
     def spread(self) -> float:
-        """Standard error of `percent`."""
-        return 100.0 * _standard_error(np.sqrt(self.pieces))
+        """Standard error of `percent`, to first order."""
+        return self.percent * _standard_error(_logarithms(self.pieces))
 
     def is_as_good_as(self, best: HeldOut) -> bool:
         """Return whether the errors are within one standard error, or within `TIE`, of those of the best."""
         excess, error = self.excess_over(best)
-        return excess <= error or self.percent <= (1.0 + TIE) * best.percent
+        return excess <= max(error, TIE)
 
     def excess_over(self, other: HeldOut) -> tuple[float, float]:
-        """Return the mean excess of the RMS errors over those of another law [1], and its standard error.
+        """Return the mean logarithm of the ratio of the RMS errors to those of another law, and its standard error.
 
         The pieces are compared one by one, because all laws have larger errors on the same pieces.
         """
-        excess = np.sqrt(self.pieces) - np.sqrt(other.pieces)
-        return float(excess.mean()), _standard_error(excess)
+        ratios = _logarithms(self.pieces) - _logarithms(other.pieces)
+        return float(ratios.mean()), _standard_error(ratios)
+
+
+def _logarithms(pieces: tuple[float, ...]) -> Array:
+    """Return the logarithms of RMS errors (P,), given mean squares."""
+    return np.asarray(0.5 * np.log(np.maximum(pieces, _FLOOR)))
+
+
+def _geometric_percent(pieces: tuple[float, ...]) -> float:
+    return 100.0 * float(np.exp(_logarithms(pieces).mean()))
 
 
 def _standard_error(values: Array) -> float:
@@ -126,6 +143,22 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
+def left_out_builds(runs: Runs) -> list[LeftOut]:
+    """Return all runs of each build, of many builds in groups; nothing if there is one build, or one run of each."""
+    builds, rows = runs.builds, _rows_of(runs)
+    if not 2 <= len(builds) < len(rows):
+        return []
+    found = []
+    fits = min(len(builds), _MOST_FITS)
+    for number in range(fits):
+        kept, group = np.ones(runs.target.size, dtype=bool), builds[number::fits]
+        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build in group)
+        for part in parts:
+            kept[part] = False
+        found.append(LeftOut(kept, parts, is_whole=True))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
     """A fitted law and its predictions of parts that are left out, each computed once when it is needed.
@@ -144,9 +177,27 @@ class CrossValidation:
         """Return the errors on whole runs, with weights (R,) of the rows; None if there is only one run."""
         return self._errors(self._runs, counted) if self._runs else None
 
+    def builds(self, counted: Array) -> HeldOut | None:
+        """Return the errors on all runs of a build, with weights (R,) of the rows; None if there is only one build.
+
+        With one run of each build these are the errors on whole runs.
+        """
+        if self._builds:
+            return self._errors(self._builds, counted)
+        return self.runs(counted) if len(self.fit.runs.builds) > 1 else None
+
     def decisive(self, counted: Array) -> HeldOut:
-        """Return the errors that decide, on whole runs if there are several."""
-        return self.runs(counted) or self.blocks(counted)
+        """Return the errors that decide.
+
+        These are the errors on whole builds or whole runs, if each run has another of its speed that is not left out
+        with it, else those on quarters.
+        """
+        runs, found = self.fit.runs, None
+        if runs.has_repeated_builds:
+            found = self.builds(counted)
+        elif runs.has_repeated_speeds:
+            found = self.runs(counted)
+        return found or self.blocks(counted)
 
     @cached_property
     def _blocks(self) -> list[tuple[LeftOut, Array]]:
@@ -155,6 +206,10 @@ class CrossValidation:
     @cached_property
     def _runs(self) -> list[tuple[LeftOut, Array]]:
         return self._predicted(left_out_runs(self.fit.runs))
+
+    @cached_property
+    def _builds(self) -> list[tuple[LeftOut, Array]]:
+        return self._predicted(left_out_builds(self.fit.runs))
 
     def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
         """Return each part with the force (R,) [N] of a fit without it."""

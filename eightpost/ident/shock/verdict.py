@@ -21,7 +21,7 @@ from eightpost.rig.rest_force import pulls_at_standstill
 from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 # ---- The scalar parameters of a fit ---------------------------------------------------------------------------------
 
@@ -227,70 +227,59 @@ GOOD_FIT, POOR_FIT = 10.0, 30.0
 #: A lag of the force above this multiple of what a shock can have is attributed to the instrument.
 LARGEST_LAG = 2.0
 
-NOT_CONVERGED = Rule(
-    "fit not converged", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+NOT_CONVERGED = RULES.add("fit not converged", ABOUT, Grade.NOT_USABLE,
     condition="the search for the parameters did not end at a minimum",
     why="other starting values would give another shock",
     remedy="check the record (eightpost inspect), or fit a simpler law",
 )  # fmt: skip
-MISFIT = Rule(
-    "large misfit of the fit", ABOUT, Grade.NOT_USABLE,
+MISFIT = RULES.add("large misfit of the fit", ABOUT, Grade.NOT_USABLE,
     condition=f"RMS of the residual above {POOR_FIT:g} % of the force's standard deviation",
     why="a third of the force is not in the model: it would rank shocks by chance",
     remedy="check the record (eightpost inspect), or fit another law",
 )  # fmt: skip
-DOUBTFUL_FIT = Rule(
-    "notable misfit of the fit", ABOUT, Grade.LIMITED,
+DOUBTFUL_FIT = RULES.add("notable misfit of the fit", ABOUT, Grade.LIMITED,
     condition=f"RMS of the residual above {GOOD_FIT:g} %",
     why="a law that suits its record has a residual of a few percent (docs/measured_shocks.md)",
     remedy="compare the laws on this record, and check the record (eightpost inspect)",
 )  # fmt: skip
-GOOD = Rule(
-    "small misfit of the fit", ABOUT, Grade.USABLE,
+GOOD = RULES.add("small misfit of the fit", ABOUT, Grade.USABLE,
     condition=f"RMS of the residual at most {GOOD_FIT:g} %",
     why="this is usual for laws that suit their record (docs/measured_shocks.md)",
-    remedy="nothing",
 )  # fmt: skip
-INSTRUMENT_LAG = Rule(
-    "lag of the instrument", ABOUT, Grade.NOT_USABLE,
+INSTRUMENT_LAG = RULES.add("lag of the instrument", ABOUT, Grade.NOT_USABLE,
     condition=f"force lags or leads velocity by more than {LARGEST_LAG:g} times the lag that a shock itself can have "
     "(10 ms, in slow tests that of a gas spring)",
     why="a delay of 20 ms shifts the phase of the force by 86 degrees at 12 Hz, the frequency of wheel hop: damping in "
     "the car becomes stiffness in the model",
     remedy="align the channels of the dynamometer (docs/dyno_files.md), measure again and fit again",
 )  # fmt: skip
-SOME_LAG = Rule(
-    "lag or lead that a shock does not have", ABOUT, Grade.LIMITED,
+SOME_LAG = RULES.add("lag or lead that a shock does not have", ABOUT, Grade.LIMITED,
     condition="force lags velocity by more than a shock itself can, or leads it by more than 2 ms",
     why="channels sampled at different times or a filter on one of them: the fitted lag includes it",
     remedy="align the channels of the dynamometer (docs/dyno_files.md) and fit again",
 )  # fmt: skip
-AT_BOUND = Rule(
-    "parameter at its bound", ABOUT, Grade.LIMITED,
+AT_BOUND = RULES.add("parameter at its bound", ABOUT, Grade.LIMITED,
     condition="a fitted parameter is within 1 % of a bound",
     why="the record needs a value outside the law's bounds, or does not determine the parameter",
     remedy="check the record (eightpost inspect) for a lag of the instrument, or fit another law",
 )  # fmt: skip
-WARMING = Rule(
-    "temperature changed", ABOUT, Grade.LIMITED,
+WARMING = RULES.add("temperature changed", ABOUT, Grade.LIMITED,
     condition=f"the temperature changes by more than {DRIFT:g} K over a record",
     why="damping changes with the temperature of the oil: the record mixes several states of the shock",
     remedy="warm up the shock first, or fit parts of the record and compare them",
 )  # fmt: skip
-NO_DYNAMICS = Rule(
-    "no lag known", ABOUT, Grade.LIMITED,
+NO_DYNAMICS = RULES.add("no lag known", ABOUT, Grade.LIMITED,
     condition="the shock was fitted to a table of forces over peak velocities",
     why="such a table contains no information on the lag of the force, which matters above about 5 Hz",
     remedy="measure force and velocity over time, and fit a law with a lag",
 )  # fmt: skip
-DOUBT = Rule(
-    "doubt of the fit", ABOUT, Grade.LIMITED,
+DOUBT = RULES.add("doubt of the fit", ABOUT, Grade.LIMITED,
     condition="the record or the fit is doubtful for any other reason",
     why="it may be harmless; the text of the reason names it",
     remedy="check it in the record (eightpost inspect), and fit again",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
 def shock_validity(

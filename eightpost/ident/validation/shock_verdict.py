@@ -12,7 +12,7 @@ from eightpost.ident.validation.static import SETTLING, StaticValidation
 from eightpost.shock import write_shock
 from eightpost.units import convert
 from eightpost.validity import Validity
-from eightpost.verdict import Grade, Reason, Rule, Verdict, listed
+from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
 
 ABOUT = "validation of the shock"
 
@@ -28,68 +28,57 @@ COHERENT = 0.5
 #: Share of the mean square error from which it is reported as mostly an offset.
 OFFSET = 0.5
 
-LARGE_ERROR = Rule(
-    "large error of a prediction", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+LARGE_ERROR = RULES.add("large error of a prediction", ABOUT, Grade.NOT_USABLE,
     condition=f"RMS error on a record above the limit (--limit; {LARGEST_ERROR:g} % of the force's standard deviation)",
     why="as for a fit: a third of the force is not in the model",
     remedy="check that the record is of this shock and these conditions; fit another law, or a record like this one",
 )  # fmt: skip
-NOTABLE_ERROR = Rule(
-    "notable error of a prediction", ABOUT, Grade.LIMITED,
+NOTABLE_ERROR = RULES.add("notable error of a prediction", ABOUT, Grade.LIMITED,
     condition=f"if no limit is given: RMS error on a record above {GOOD_ERROR:g} %",
     why="shocks of one bank differ by some tens of percent; smaller differences cannot be distinguished then",
     remedy="use the law with the smallest error; examine the residual for missing dynamics",
 )  # fmt: skip
-SMALL_ERROR = Rule(
-    "small error of all predictions", ABOUT, Grade.USABLE,
+SMALL_ERROR = RULES.add("small error of all predictions", ABOUT, Grade.USABLE,
     condition="RMS error on every record within the limit",
     why="the shock predicts records that it was not fitted to",
-    remedy="nothing",
 )  # fmt: skip
-MOSTLY_BEYOND = Rule(
-    "record mostly outside the fitted velocities", ABOUT, Grade.NOT_USABLE,
+MOSTLY_BEYOND = RULES.add("record mostly outside the fitted velocities", ABOUT, Grade.NOT_USABLE,
     condition=f"more than {100 * MOST_BEYOND:g} % of a record's samples outside the fitted velocities",
     why="the error is that of the extrapolation",
     remedy="fit a record that is as fast",
 )  # fmt: skip
-BEYOND = Rule(
-    "record outside the fitted velocities", ABOUT, Grade.LIMITED,
+BEYOND = RULES.add("record outside the fitted velocities", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * SOME_BEYOND:g} % of a record's samples outside the fitted velocities",
     why="peaks depend on the extrapolation",
     remedy="fit a record that is as fast",
 )  # fmt: skip
-UNPAIRED = Rule(
-    "record without a shock", ABOUT, Grade.NOT_USABLE,
+UNPAIRED = RULES.add("record without a shock", ABOUT, Grade.NOT_USABLE,
     condition="no shock was fitted under the conditions of a record",
     why="the record validates nothing",
     remedy="give the shock of this record, or leave out the record",
 )  # fmt: skip
-NOT_VALIDATED = Rule(
-    "not validated", ABOUT, Grade.UNKNOWN,
+NOT_VALIDATED = RULES.add("not validated", ABOUT, Grade.UNKNOWN,
     condition="every record is one that its shock was fitted to",
     why="the error of a fit says nothing about other records",
     remedy="measure another record, and validate on it",
 )  # fmt: skip
-OWN_RECORD = Rule(
-    "partly the fit's own records", ABOUT, Grade.LIMITED,
+OWN_RECORD = RULES.add("partly the fit's own records", ABOUT, Grade.LIMITED,
     condition="a record is one that its shock was fitted to",
     why="the error there is that of the fit and validates nothing",
     remedy="leave out this record",
 )  # fmt: skip
-OFFSET_ERROR = Rule(
-    "offset of a prediction", ABOUT, Grade.LIMITED,
+OFFSET_ERROR = RULES.add("offset of a prediction", ABOUT, Grade.LIMITED,
     condition="more than half of the mean square error is an offset, and the error is above 1 %",
     why="another gas pressure, another zero of the load cell or another position",
     remedy="compare the conditions of both records",
 )  # fmt: skip
-MISSING_DYNAMICS = Rule(
-    "dynamics missing in the law", ABOUT, Grade.LIMITED,
+MISSING_DYNAMICS = RULES.add("dynamics missing in the law", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * COHERENT:g} % of the residual is coherent with the velocity",
     why="a linear filter would predict it: the law misses dynamics, or the slope of its curve is wrong",
     remedy="fit a law with a lag",
 )  # fmt: skip
-
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 
 def shock_verdict(study: ShockValidation, limit: float | None = None) -> Verdict:

@@ -34,6 +34,9 @@ class CoherentBand:
         highest: Highest frequency that is examined [Hz].
         smoothing: Width of the median filter over the coherence [Hz].
         width: Width of the range in which the coherence must stay low [Hz]; a narrower dip does not end the band.
+
+    Raises:
+        ParameterError: A value is outside its range.
     """
 
     coherence: float = 0.9

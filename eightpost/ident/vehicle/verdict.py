@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
-from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
 from eightpost.vehicle import Friction
 from eightpost.vehicle.statespace import StateSpace
-from eightpost.verdict import Grade, Reason, Rule, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 # ---- Console tables on an identified vehicle ------------------------------------------------------------------------
 
@@ -113,55 +114,55 @@ ABOUT = "fit of the vehicle"
 #: Limits of the misfit of an output, weighted by frequency as in the fit [1].
 GOOD_FIT, POOR_FIT = 0.1, 0.3
 
-UNSTABLE = Rule(
-    "vehicle not stable", ABOUT, Grade.NOT_USABLE,
+RULES = Rules()
+
+UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
     condition="the car is unstable with at least one of the linear dampers that were tried",
     why="a simulation with such shocks may diverge",
     remedy="identify with more tests of other shocks, or without the channels that fit worst",
 )  # fmt: skip
-MISFIT = Rule(
-    "large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
+MISFIT = RULES.add("large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
     condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
     why="the model does not reproduce a third of the output's response",
     remedy="check the plots of the fit; leave the output out (--output-channels), or repeat the tests",
 )  # fmt: skip
-DOUBTFUL_FIT = Rule(
-    "notable misfit of the vehicle", ABOUT, Grade.LIMITED,
+DOUBTFUL_FIT = RULES.add("notable misfit of the vehicle", ABOUT, Grade.LIMITED,
     condition=f"misfit of an output above {100 * GOOD_FIT:g} %",
     why="differences between setups are of similar size",
     remedy="compare setups by the other outputs, and validate on other records (eightpost validate)",
 )  # fmt: skip
-GOOD = Rule(
-    "small misfit of the vehicle", ABOUT, Grade.USABLE,
+GOOD = RULES.add("small misfit of the vehicle", ABOUT, Grade.USABLE,
     condition=f"misfit of every output at most {100 * GOOD_FIT:g} %",
     why="differences between setups are larger",
-    remedy="nothing",
 )  # fmt: skip
-FLAG = Rule(
-    "flag of the identification", ABOUT, Grade.LIMITED,
+FLAG = RULES.add("flag of the identification", ABOUT, Grade.LIMITED,
     condition="the tests show effects that a linear model does not have: nonlinear springs, tires that lift off, a "
     "misfit larger than noise, an output that no input explains",
     why="the model is accurate only near the amplitudes of the tests",
     remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
 )  # fmt: skip
-
-CHOSEN = Rule(
-    "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
+NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE,
+    condition="no model of the car can be simulated with other dampers, or one of its own tests cannot be simulated",
+    why="a run with other shocks may diverge, and the accuracy of predictions is not known",
+    remedy="see the notes on the models that were rejected; identify with more or longer tests, or with fewer outputs",
+)  # fmt: skip
+CHOSEN = RULES.add("recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
     condition="the recipe was chosen by the error of its free-running simulation of a test that it left out",
     why="the error is that of a prediction, not of a fit",
     remedy="nothing; --recipe names another one",
 )  # fmt: skip
 
-RULES: tuple[Rule, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Rule))
 
 #: Flags that need no reason, because the model includes the effect.
 _MODELLED = ("friction", "port springs")
 
 
 def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
-    """Return the fit with its verdict, with further reasons, and the covered ranges added to the vehicle."""
+    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
     verdict = Verdict((*fit_verdict(fit).reasons, *further))
-    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
+    stated = fit.trust.measures if fit.trust is not None else {}
+    uncertainty = ModelUncertainty(measures=stated) if stated else None
+    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
     return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
 
 
@@ -183,7 +184,9 @@ def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     if fit.choice is not None and fit.choice.trials:
         yield CHOSEN.reason(fit.choice.reason, figure=fit.choice.figures, origin=origin)
     for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
-        if name not in _MODELLED:
+        if name == UNUSABLE:
+            yield NOT_SIMULATED.reason("the car cannot be simulated", figure=sentence.rstrip("."), origin=origin)
+        elif name not in _MODELLED:
             yield FLAG.reason("the car is not fully linear", figure=sentence.rstrip("."), origin=origin)
 
 

@@ -73,7 +73,7 @@ def random_drive(
     Inactive wheelloaders are at 0, inactive aeroloaders at their mean force.
 
     Args:
-        car: RigCar whose inputs are commanded.
+        car: Car whose inputs are commanded.
         seed: Seed of the noise generator.
         duration: Duration [s]; 800, and 100 for single inputs (6.1.3).
         active: Names of the inputs that move; empty for all inputs.
@@ -127,7 +127,7 @@ def sine_drive(
     """Return a sine of the wheelloaders in a mode; the amplitude grows during the first second.
 
     Args:
-        car: RigCar whose inputs are commanded.
+        car: Car whose inputs are commanded.
         frequency: Sine frequency [Hz].
         amplitude: Amplitude of each wheelloader [m].
         mode: Mode: heave, pitch, roll or warp.
@@ -159,7 +159,7 @@ def static_drive(
     """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
 
     Args:
-        car: RigCar with four aeroloaders.
+        car: Car with four aeroloaders.
         kind: Type of loading: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
         most: Maximum force of each active aeroloader [N]; in pitch, roll and warp, two of them pull. Default
             `STATIC_PUSH` if all push and `STATIC_PULL` if some pull.
@@ -267,7 +267,7 @@ def track_drive(car: RigCar, seed: int, *, duration: float = 33.0) -> Drivefile:
     The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.
 
     Args:
-        car: RigCar whose inputs are commanded.
+        car: Car whose inputs are commanded.
         seed: Seed of the noise generator.
         duration: Duration [s]; all channels grow from their means during the first second.
 

@@ -129,7 +129,7 @@ def run_test(
     """Run a test and return its record at 1250 Hz with the channels of Table 6.1.
 
     Args:
-        car: AnyCar to test.
+        car: Car to test.
         drivefile: Commands with the car's `inputs` as channels.
         shocks: One shock per corner.
         seed: Seed of noise and drift.
@@ -185,7 +185,7 @@ def identification_program(
     """Return `baseline` and one `alternate_<corner>` per corner with the random drive file (6.1.5).
 
     Args:
-        car: AnyCar to identify.
+        car: Car to identify.
         seed: Seed of the drive file.
         duration: Duration [s]; default 800, for a quarter car 120.
         draws: "other" uses the following seeds for the alternate tests, which gives the local polynomial method and the
@@ -284,7 +284,7 @@ def program(
 
     Args:
         name: Name of the program, one of `PROGRAMS`.
-        car: AnyCar to test; `all` leaves out tests for which the car has no actuators.
+        car: Car to test; `all` leaves out tests for which the car has no actuators.
         seed: Seed of the drive files.
         duration: Duration of the random test [s]; see `identification_program`.
         draws: Choice of random draws; see `identification_program`.

@@ -241,7 +241,7 @@ def simulate(car: AnyCar, runs: Sequence[Run], *, lead: float = LEAD, steps: int
     sample and are then held.
 
     Args:
-        car: AnyCar to simulate.
+        car: Car to simulate.
         runs: Drives and shocks of the runs.
         lead: Duration of the lead-in [s].
         steps: Number of integration steps per sample; default 4, which is 5 kHz.
@@ -269,7 +269,7 @@ def simulate_setups(
     not the motions.
 
     Args:
-        car: AnyCar to simulate.
+        car: Car to simulate.
         drive: Actual motion and force of the actuators, at `RATE`.
         setups: Setups with one shock per corner; setups should share shock objects.
         lead: Duration of the lead-in [s]; see `simulate`.

@@ -236,7 +236,11 @@ def bristle_of(p: Mapping[str, float], corner: str) -> Bristle:
 
 
 def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> tuple[Array, Array, Array, Array]:
-    """Return the outputs per q, q', q'' (Y, 8) and road (Y, 4); tire forces are zero here."""
+    """Return the outputs per q, q', q'' (Y, 8) and road (Y, 4); tire forces are zero here.
+
+    Raises:
+        InputError: An output is not known.
+    """
     position, velocity, acceleration = (np.zeros((len(outputs), 8)) for _ in range(3))
     road = np.zeros((len(outputs), 4))
     for k, name in enumerate(outputs):
