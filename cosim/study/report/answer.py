@@ -54,6 +54,7 @@ class Answer:
     Attributes:
         grade: Grade that gives the answer its colour; never usable without a known uncertainty.
         which: Sentence: the setup, or the tied setups.
+        chance: Heading of the probabilities: it says if they contain only a part of the uncertainty.
         candidates: The most probable setups.
         others: Number of tied setups that are not listed.
         sure: Sentence: how sure this is.
@@ -64,6 +65,7 @@ class Answer:
 
     grade: Grade
     which: str
+    chance: str
     candidates: tuple[Candidate, ...]
     others: int
     sure: str
@@ -83,11 +85,12 @@ def answer_of(sheet: Sheet) -> Answer | None:
     return Answer(
         grade=_grade(known),
         which=_which(sheet, known, tied),
+        chance="probability of being best" if known.is_known else "probability from the known contributions alone",
         candidates=tuple(_candidate(sheet, known, row) for row in tied[:LISTED]),
         others=max(0, len(tied) - LISTED),
         sure=_sure(known),
         contributions=known.contributions,
-        trade_offs=tuple(_trade_offs(known)),
+        trade_offs=tuple(_trade_offs(known)) or _predicted_trade_offs(sheet, tied[0]),
         tests=tuple(_tests(sheet, known)),
     )
 
@@ -98,9 +101,11 @@ def _predicted(sheet: Sheet) -> Answer:
     return Answer(
         Grade.UNKNOWN,
         f"Setup {sheet.numbers[best]} has the best predicted {sheet.ranked_by.name}.",
+        "",
         (Candidate(best, "", value, np.nan, np.nan),),
         0,
         "How sure this is, is unknown: the study states no uncertainty. Other setups may be as good.",
+        trade_offs=_predicted_trade_offs(sheet, best),
     )
 
 
@@ -112,6 +117,10 @@ def _grade(known: Certainty) -> Grade:
 
 def _which(sheet: Sheet, known: Certainty, tied: list[int]) -> str:
     share = _share(known.best[known.row(known.ties[0])])
+    if not known.is_known:
+        ties = f" From the known contributions alone, {len(tied)} setups are tied." if len(tied) > 1 else ""
+        best = f"Setup {sheet.numbers[tied[0]]} has the best predicted {known.criterion}"
+        return f"{best}; how sure this is, is not known.{ties}"
     if len(tied) == 1:
         return f"Setup {sheet.numbers[tied[0]]} is the best ({share} probable)."
     return (
@@ -145,6 +154,15 @@ def _trade_offs(known: Certainty) -> Iterator[TradeOffLine]:
         grade = "worse" if one.low > 0.0 else "better" if one.high < 0.0 else "even"
         interval = f"{_signed(one.low)} to {_signed(one.high)}" if np.isfinite(one.low + one.high) else "unknown"
         yield TradeOffLine(one.measure, _signed(one.change), interval, grade)
+
+
+def _predicted_trade_offs(sheet: Sheet, row: int) -> tuple[TradeOffLine, ...]:
+    """Return the predicted changes of the first measures from the baseline, without intervals."""
+    base = sheet.baseline
+    if base is None or base == row or not sheet.done[base]:
+        return ()
+    changes = ((one.name, float(one.values[row] / one.values[base]) - 1.0) for one in sheet.measures[:LISTED])
+    return tuple(TradeOffLine(name, _signed(one), "unknown", "even") for name, one in changes if np.isfinite(one))
 
 
 def _signed(share: float) -> str:

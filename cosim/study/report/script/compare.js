@@ -52,9 +52,9 @@ function fillComparison(rows) {
   }
   for (const column of data.columns) {
     const line = table.tBodies[0].insertRow(), values = rows.map((row) => column.values[row]);
-    const best = column.better === "high" ? Math.max(...values) : Math.min(...values);
+    const least = Math.min(...values);
     cell(line, column.name + inUnit(column), "name");
-    for (const value of values) cell(line, figure(convert(column, value)), value === best ? "number least" : "number");
+    for (const value of values) cell(line, figure(convert(column, value)), value === least ? "number least" : "number");
   }
 }
 

@@ -35,6 +35,9 @@ def test_without_a_certainty_the_answer_is_the_best_prediction_and_says_that_not
     assert answer.grade is Grade.UNKNOWN
     assert answer.candidates[0].row == few.ranking()[0]
     assert "unknown" in answer.sure
+    assert answer.trade_offs == ()  # the baseline of this study failed
+    other = answer_of(replace(sheet_of(few), baseline=0))
+    assert len(other.trade_offs) == 5 and {one.interval for one in other.trade_offs} == {"unknown"}
 
 
 def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
@@ -53,6 +56,8 @@ def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_
     unknown = replace(alone, contributions=(Contribution("vehicle", Status.UNKNOWN, "the FMU states none"),))
     assert _answer(few, unknown).grade is Grade.UNKNOWN
     assert "vehicle" in _answer(few, unknown).sure
+    assert "is the best" not in _answer(few, unknown).which and "not known" in _answer(few, unknown).which
+    assert "known contributions alone" in _answer(few, unknown).chance
     contradicted = replace(alone, contradictions=(Contradiction("run.csv", alone.ties[0], FRONT, 1.0, 2.0, 1e-6),))
     assert _answer(few, contradicted).grade is Grade.LIMITED
 
