@@ -1,5 +1,5 @@
 /* exp, expm1 and tanh of several setups at once: the operations of common/elementary.c in their order, for the arguments of friction
- * forces. It takes the place of common/elementary.h where numbers are those of lanes. */
+ * forces. It replaces common/elementary.h where numbers are those of lanes. */
 #ifndef EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_H

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from cosim.components.component import Component
@@ -23,6 +21,7 @@ from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
 from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
+from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
@@ -30,50 +29,8 @@ from cosim.study.study import Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import Bond, System
 from eightpost.errors import EightpostError, InputError, WiringError
-from eightpost.signals import ChannelMap, Drivefile, TimeSeries
+from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
-
-# ---- Drive files of a study for the co-simulation master ------------------------------------------------------------
-
-#: Number of cached samples; a run requests the drive at its start and at all of its steps.
-_CACHED = 4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _RememberedDrive(Drivefile):
-    """Drive file with cached samples: every setup requests the same times."""
-
-    _samples: dict[bytes, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
-
-    def sample(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values (C, K) at `times` (K,) [s]."""
-        key = times.tobytes()
-        if key not in self._samples:
-            found = Drivefile.sample(self, times)
-            found.setflags(write=False)
-            if len(self._samples) == _CACHED:
-                self._samples.clear()
-            self._samples[key] = found
-        return self._samples[key]
-
-
-def _read_drive(drive: Drive) -> _RememberedDrive:
-    """Read a drive file.
-
-    Raises:
-        InputError: The run exceeds the time range of the file.
-        DataError: The file cannot be read.
-    """
-    mapping = ChannelMap.read(drive.channel_map) if drive.channel_map else None
-    found = Drivefile.read(drive.file, channel_map=mapping, units=drive.units or None)
-    first, last = float(found.series.time[0]), float(found.series.time[-1])
-    if drive.start < first - 1e-9 or drive.start + drive.stop > last * (1.0 + 1e-9) + 1e-9:
-        raise InputError(
-            f"drive {drive.name!r}: the run needs {drive.start:g} to {drive.start + drive.stop:g} s of {drive.file}, "
-            f"which contains {first:g} to {last:g} s; change stop or start"
-        )
-    return _RememberedDrive(found.series)
-
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------
 
@@ -310,7 +267,7 @@ class Evaluator:
         channels = [channel for measure in self.study.measures_of(drive) for channel in measure.channels]
         return Scenario(
             stop=drive.stop,
-            drive=_read_drive(drive),
+            drive=read_drive(drive),
             targets=drive.targets,
             record=tuple(dict.fromkeys(channels)),
             record_step=self.study.record_step,
