@@ -41,7 +41,7 @@ def confirm(
     measures: tuple[str, ...],
     channel_map: ChannelMap | None,
 ) -> None:
-    """Update how sure a study is with rig runs of some of its setups.
+    """Update how sure a study's choice is with rig runs of some of its setups.
 
     STUDY is a folder that `eightpost study` wrote. RECORDS is a list of rig runs, a CSV file that assigns a setup to
     each record, such as the selection.csv of `eightpost select`; or one or more SETUP=FILE with the number of a setup

@@ -98,7 +98,7 @@ def study(
     with running_workers(workers, scheduler, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
         sure = sure and bool(result.done.any()) and not result.partial
-        certainty = assess(console, result, output, pool, criterion=rank) if sure else None
+        certainty = _assessed(console, result, output, pool, rank) if sure else None
     show_result(console, result, certainty, rank=rank, top=top)
     for index, series in traces(result, traced).items():
         write_series(series, output / "traces" / f"{index}.parquet")
@@ -106,6 +106,15 @@ def study(
     console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
     write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
     ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
+
+
+def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers, rank: str | None) -> Certainty | None:
+    """Return the certainty of a complete study; None if Ctrl-C ended its computation."""
+    try:
+        return assess(console, result, output, pool, criterion=rank)
+    except KeyboardInterrupt:
+        console.print("[yellow]stopped[/]: the table is complete; run the command again for how sure the choice is")
+        return None
 
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:

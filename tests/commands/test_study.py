@@ -1,6 +1,7 @@
 """`eightpost study`: its output, files and exit codes."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -70,10 +71,14 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a group of processes as a POSIX terminal does")
 def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resumes(file, tmp_path):
-    text = file.read_text()
-    for corner in ("rf", "lr", "rr"):
-        text = text.replace(f'{corner} = ["stiff"]', f'{corner} = ["soft", "stiff"]')
-    file.write_text(text.replace('stop = "3 s"', 'stop = "30 s"'))
+    fmu = re.search(r'stiff = ("[^"]*")', file.read_text())[1]
+    names = [f"scale_{k}" for k in range(5)]
+    bank = [
+        f"{name} = {{ fmu = {fmu}, parameters = {{ rebound_scale = {0.6 + 0.1 * k} }} }}"
+        for k, name in enumerate(names)
+    ]
+    text = re.sub(r"\[corners\].*?\n\n", "", file.read_text(), flags=re.DOTALL)
+    file.write_text(text.replace("[bank]", "\n".join(("[bank]", *bank))).replace('stop = "3 s"', 'stop = "30 s"'))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--workers", "2"]
     called = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, process_group=0)
@@ -83,9 +88,9 @@ def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resum
     output, _ = called.communicate(timeout=120)
     assert called.returncode == 1 and "partial" in output and "Traceback" not in output, output
     first = StudyResult.load(out / "results.parquet")
-    assert first.partial and first.done.all() and 0 < len(first) < 16
+    assert first.partial and first.done.all() and 0 < len(first) < 2401
     again = CliRunner().invoke(main, [*command[3:-1], "1"])  # one worker is enough: the result is the same
-    assert again.exit_code == 0 and f"16 setups, {16 - len(first)} to be run" in again.output
+    assert again.exit_code == 0 and f"2401 setups, {2401 - len(first)} to be run" in again.output
 
 
 @pytest.mark.parametrize(
@@ -106,3 +111,13 @@ def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path,
     assert ended.exit_code == 2
     assert expected in " ".join(ended.stderr.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_while_the_certainty_is_computed_keeps_the_complete_table(file, tmp_path, monkeypatch):
+    def interrupted(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eightpost.app.study.assess", interrupted)
+    done = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"])
+    assert done.exit_code == 1 and "the table is complete" in done.output
+    assert StudyResult.load(tmp_path / "out" / "results.parquet").done.all()
