@@ -1,0 +1,411 @@
+"""Search over continuous numbers of the shocks at each corner: best mean plus scatter, and a band that keeps the gain.
+
+scipy's SLSQP minimises the study's objective under its constraints from several starts; gradients are differences of
+runs, a batch for each step, so that all cores are busy (D. Kraft, DFVLR-FB 88-28, 1988).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import norm, qmc
+
+from cosim.study.choice.optimise import scores_of
+from cosim.study.choice.optimise_genetic import Scores
+from cosim.study.choice.sensitivity import factors_of
+from cosim.study.running.trials import Trials
+from cosim.study.study import Build, Study
+from eightpost.array_types import Array, Flags
+from eightpost.errors import InputError
+
+#: Difference of a gradient, as a share of a number's range.
+_DIFFERENCE = 5e-3
+
+#: Precision of the objective at which a search ends, as a share of its value at the start.
+_PRECISION = 2e-5
+
+# ---- The space ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Range of one number of a shock.
+
+    Attributes:
+        name: Name of the number.
+        low: Lower limit, in the number's own unit.
+        high: Upper limit.
+        tolerance: Standard deviation from shock to shock, as a share of the value [1].
+
+    Raises:
+        InputError: The range is empty, or the tolerance is negative.
+    """
+
+    name: str
+    low: float
+    high: float
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"range of {self.name}: the lower limit {self.low:g} must be below {self.high:g}")
+        if not 0.0 <= self.tolerance < 1.0:
+            raise InputError(f"tolerance of {self.name} must be 0 or more and below 1, not {self.tolerance:g}")
+
+    @property
+    def by_factors(self) -> bool:
+        """Whether equal steps are equal factors: the whole range is positive."""
+        return self.low > 0.0
+
+    def value(self, place: Array) -> Array:
+        """Return values at places from 0 (lower limit) to 1 (upper limit)."""
+        if self.by_factors:
+            return np.asarray(self.low * (self.high / self.low) ** place)
+        return np.asarray(self.low + (self.high - self.low) * place)
+
+    def place(self, value: Array | float) -> Array:
+        """Return the places of values; the inverse of `value`, limited to the range."""
+        value = np.clip(value, self.low, self.high)
+        if self.by_factors:
+            return np.asarray(np.log(value / self.low) / np.log(self.high / self.low))
+        return np.asarray((value - self.low) / (self.high - self.low))
+
+
+#: Function that returns the build of a shock with the given numbers, by name.
+BuildOf = Callable[[Mapping[str, float]], Build]
+
+
+@dataclass(frozen=True, slots=True)
+class ShockSpace:
+    """Numbers of a shock at each corner, or group of corners with the same shock.
+
+    A point is an array (n,) of places between 0 and 1, the numbers of the first group first.
+
+    Attributes:
+        groups: Corners of each group that varies.
+        ranges: Ranges of the numbers, the same at each group.
+        build: Function that returns the build of a shock with these numbers.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    ranges: tuple[Range, ...]
+    build: BuildOf
+
+    @classmethod
+    def of(cls, study: Study, ranges: Sequence[Range], build: BuildOf) -> ShockSpace:
+        """Return the space of a study's corners; corners that are alike are a group."""
+        groups = tuple(tuple(factor.name.split("+")) for factor in factors_of(study.space))
+        return cls(groups, tuple(ranges), build)
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates."""
+        return len(self.groups) * len(self.ranges)
+
+    def values(self, points: Array) -> Array:
+        """Return the values (K, groups, numbers) at points (K, n)."""
+        places = points.reshape(-1, len(self.groups), len(self.ranges))
+        return np.stack([one.value(places[..., k]) for k, one in enumerate(self.ranges)], axis=-1)
+
+    def point(self, values: Sequence[Mapping[str, float]]) -> Array:
+        """Return the point (n,) nearest to the numbers of each group; values beyond the range are set to its limit."""
+        return np.array([float(one.place(group[one.name])) for group in values for one in self.ranges])
+
+    def numbers(self, values: Array) -> list[dict[str, float]]:
+        """Return values (groups, numbers) as the numbers of each group by name."""
+        return [dict(zip((one.name for one in self.ranges), row, strict=True)) for row in values.tolist()]
+
+    def trial(self, values: Array) -> dict[str, Build]:
+        """Return the build at each corner for values (groups, numbers)."""
+        builds = [self.build(numbers) for numbers in self.numbers(values)]
+        return {corner: build for group, build in zip(self.groups, builds, strict=True) for corner in group}
+
+
+# ---- The objective: mean and scatter over shocks that are not exactly as planned ----------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Robustness:
+    """Draws of the tolerances, the same for every point, and the weight of the scatter.
+
+    Attributes:
+        draws: Number of draws; 0: shocks are exactly as planned.
+        weight: Number of standard deviations that are added to the mean of objective and constraints.
+        seed: Seed of the draws.
+
+    Raises:
+        InputError: There is a single draw, or the weight is negative.
+    """
+
+    draws: int = 0
+    weight: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.draws < 0 or self.draws == 1 or not self.weight >= 0.0:
+            raise InputError(f"robust search: use no draws, or two or more, not {self.draws}, and a weight of 0 or "
+                             f"more, not {self.weight:g}")  # fmt: skip
+
+    def factors(self, space: ShockSpace) -> Array:
+        """Return factors (1 + S, groups, numbers) on the values; the first row is 1."""
+        shape = (len(space.groups), len(space.ranges))
+        if self.draws == 0:
+            return np.ones((1, *shape))
+        uniform = qmc.LatinHypercube(space.size, rng=self.seed).random(self.draws).reshape(-1, *shape)
+        tolerances = np.array([one.tolerance for one in space.ranges])
+        return np.concatenate([np.ones((1, *shape)), np.exp(tolerances * norm.ppf(uniform))])
+
+
+class Evaluation(NamedTuple):
+    """Values of K points.
+
+    Attributes:
+        objective: Robust objective (K,): mean plus weighted scatter; NaN if a run failed.
+        violations: Robust violation of each constraint (K, C), as a share of the limit.
+        nominal: Objective of the shocks exactly as planned (K,).
+        scatter: Standard deviation of the objective over the draws (K,); 0 without draws.
+    """
+
+    objective: Array
+    violations: Array
+    nominal: Array
+    scatter: Array
+
+    @property
+    def allowed(self) -> Flags:
+        """Whether each point ran and meets all constraints (K,)."""
+        return np.asarray(np.isfinite(self.objective) & (self.violations <= 0.0).all(axis=1), dtype=np.bool_)
+
+
+class Problem:
+    """Objective and constraints of a study over a space of shocks.
+
+    Args:
+        trials: Runs of the study.
+        space: Numbers of the shocks.
+        robustness: Draws of the tolerances.
+        objective: Measure to minimise; empty: the study's objective.
+    """
+
+    def __init__(
+        self, trials: Trials, space: ShockSpace, robustness: Robustness = Robustness(), objective: str = ""
+    ) -> None:
+        self.trials, self.space, self.robustness = trials, space, robustness
+        self._objectives = (objective,) if objective else ()
+        self._factors = robustness.factors(space)
+
+    def scores(self, trials: Sequence[Mapping[str, Build]]) -> Scores:
+        """Return objective (K, 1) and violations (K, C) of builds by corner."""
+        result = self.trials.run(trials)
+        return scores_of(result, result.setups, self._objectives)
+
+    def evaluate(self, points: Array) -> Evaluation:
+        """Evaluate points (K, n) in one batch, each with all draws."""
+        values = self.space.values(points)
+        drawn = values[:, None] * self._factors  # (K, 1 + S, groups, numbers)
+        scores = self.scores([self.space.trial(one) for rows in drawn for one in rows])
+        objectives = scores.objectives[:, 0].reshape(drawn.shape[:2])
+        violations = scores.violations.reshape(*drawn.shape[:2], -1)
+        nominal = objectives[:, 0]
+        if self.robustness.draws == 0:
+            return Evaluation(nominal, violations[:, 0], nominal, np.zeros_like(nominal))
+        weight = self.robustness.weight
+        mean, scatter = objectives.mean(axis=1), objectives.std(axis=1, ddof=1)
+        with np.errstate(invalid="ignore"):  # a failed run violates its constraints infinitely
+            robust = violations.mean(axis=1) + weight * np.nan_to_num(violations.std(axis=1, ddof=1))
+        return Evaluation(mean + weight * scatter, robust, nominal, scatter)
+
+
+# ---- The search -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Optimum:
+    """Result of a continuous search.
+
+    Attributes:
+        point: Best point (n,).
+        objective: Robust objective there.
+        nominal: Objective of the shocks exactly as planned.
+        scatter: Standard deviation of the objective over the draws.
+        allowed: Whether the point meets all constraints.
+        starts: Objective at each start, and at the end of its search.
+        runs: Number of setups that were run.
+        status: Reasons why the searches ended.
+    """
+
+    point: Array
+    objective: float
+    nominal: float
+    scatter: float
+    allowed: bool
+    starts: tuple[tuple[float, float], ...]
+    runs: int
+    status: tuple[str, ...]
+
+
+Progress = Callable[[int], None]
+
+
+@dataclass(slots=True)
+class _Descent:
+    """One search with SLSQP: values and gradients of the last point, and the best point so far."""
+
+    problem: Problem
+    scale: float
+    progress: Progress
+    best: tuple[bool, float, Array] = field(init=False)
+    _known: tuple[bytes, Any] = field(init=False, default=(b"", None))
+
+    def run(self, start: Array, iterations: int) -> str:
+        """Search from a point (n,)."""
+        self.best = (False, np.inf, start)
+        constrained = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+        found = minimize(
+            lambda point: self._at(point)[0] / self.scale,
+            start,
+            jac=lambda point: self._at(point)[2] / self.scale,
+            bounds=[(0.0, 1.0)] * start.size,
+            constraints=[constrained] if self.problem.trials.study.constraints else [],
+            method="SLSQP",
+            options={"maxiter": iterations, "ftol": _PRECISION},
+        )
+        return str(found.message)
+
+    def _at(self, point: Array) -> tuple[float, Array, Array, Array]:
+        """Return objective, violations (1, C) and their gradients (n,) and (C, n) by differences into the range."""
+        key = point.tobytes()
+        if self._known[0] != key:
+            steps = np.where(point > 0.5, -_DIFFERENCE, _DIFFERENCE)
+            found = self.problem.evaluate(np.clip(np.vstack([point, point + np.diag(steps)]), 0.0, 1.0))
+            self.progress(self.problem.trials.count)
+            objective = np.nan_to_num(found.objective, nan=10.0 * self.scale, posinf=10.0 * self.scale)
+            violations = np.minimum(found.violations, 10.0)
+            allowed = bool(found.allowed[0])
+            if (not allowed, objective[0]) < (not self.best[0], self.best[1]):
+                self.best = (allowed, float(objective[0]), point.copy())
+            slopes = ((violations[1:] - violations[0]) / steps[:, None]).T
+            self._known = key, (float(objective[0]), violations[:1], (objective[1:] - objective[0]) / steps, slopes)
+        known: tuple[float, Array, Array, Array] = self._known[1]
+        return known
+
+
+def search(
+    problem: Problem, starts: Sequence[Array], *, iterations: int = 30, progress: Progress = lambda _runs: None
+) -> Optimum:
+    """Search from several points and return the best that meets the constraints, or else the least objective.
+
+    Args:
+        problem: Objective and constraints.
+        starts: Points (n,).
+        iterations: Largest number of steps of each search.
+        progress: Function that receives the number of setups run so far.
+
+    Raises:
+        InputError: There is no start.
+    """
+    if not starts:
+        raise InputError("a search needs one start or more")
+    first = problem.evaluate(np.stack(starts))
+    ends, words = [], []
+    for start, before in zip(starts, first.objective.tolist(), strict=True):
+        descent = _Descent(problem, abs(before) or 1.0, progress)
+        words.append(descent.run(start, iterations))
+        ends.append(descent.best)
+    _, _, point = min(ends, key=lambda end: (not end[0], end[1]))
+    found = problem.evaluate(point[None])
+    pairs = tuple((before, end[1]) for before, end in zip(first.objective.tolist(), ends, strict=True))
+    return Optimum(
+        point,
+        float(found.objective[0]),
+        float(found.nominal[0]),
+        float(found.scatter[0]),
+        bool(found.allowed[0]),
+        pairs,
+        problem.trials.count,
+        tuple(words),
+    )
+
+
+# ---- The band that keeps the gain -----------------------------------------------------------------------------------
+
+#: Share of the random points in a band that must keep the gain, and their number.
+_KEPT, _POINTS = 0.95, 60
+
+#: Sizes of boxes to try, as shares of the range, the largest first.
+_SIZES = (0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.02, 0.01)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """Points around an optimum that keep a share of its gain.
+
+    Attributes:
+        share: Share of the gain that is kept [1].
+        size: Half-width of the box around the optimum, as a share of each range; 0: no box was large enough.
+        kept: Share of the random points in the box that keep the gain and meet the constraints [1].
+        points: These random points (P, n).
+        alone: Lower and upper place (n, 2) of each number within which the gain is kept while the others stay.
+    """
+
+    share: float
+    size: float
+    kept: float
+    points: Array
+    alone: Array
+
+
+def band(problem: Problem, optimum: Optimum, reference: float, *, share: float = 0.8, seed: int = 1) -> Band:
+    """Return the largest box around an optimum in which a share of the gain over a reference is kept.
+
+    A box counts if 95 % of 60 random points in it keep the gain and meet the constraints.
+
+    Args:
+        problem: Objective and constraints.
+        optimum: Result of `search`.
+        reference: Objective of the setup that the gain is counted from, such as the best of the bank.
+        share: Share of the gain to keep [1].
+        seed: Seed of the random points.
+
+    Raises:
+        InputError: The optimum is not below the reference.
+    """
+    gain = reference - optimum.objective
+    if not gain > 0.0:
+        raise InputError(
+            f"the optimum {optimum.objective:g} is not below the reference {reference:g}: there is no gain"
+        )
+    limit = reference - share * gain
+    uniform = qmc.Sobol(problem.space.size, rng=seed).random(64)[:_POINTS]
+    size, kept, points = 0.0, 0.0, np.empty((0, problem.space.size))
+    for one in _SIZES:
+        tried = np.clip(optimum.point + one * (2.0 * uniform - 1.0), 0.0, 1.0)
+        good = float(np.mean(_keeps(problem, tried, limit)))
+        if good >= _KEPT:
+            size, kept, points = one, good, tried
+            break
+    return Band(share, size, kept, points, _alone(problem, optimum.point, limit))
+
+
+def _keeps(problem: Problem, points: Array, limit: float) -> Flags:
+    found = problem.evaluate(points)
+    return np.asarray(found.allowed & (found.objective <= limit), dtype=np.bool_)
+
+
+def _alone(problem: Problem, point: Array, limit: float) -> Array:
+    """Return the interval (n, 2) of each coordinate, on a grid, that is connected with the point and keeps the gain."""
+    steps = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
+    ends = np.repeat(point[:, None], 2, axis=1)
+    for side, sign in enumerate((-1.0, 1.0)):
+        moved = np.clip(point[:, None] + sign * steps, 0.0, 1.0)  # (n, steps)
+        tried = np.repeat(point[None], moved.size, axis=0)
+        rows = np.arange(moved.size)
+        tried[rows, rows // steps.size] = moved.ravel()
+        good = _keeps(problem, tried, limit).reshape(moved.shape)
+        reached = np.cumprod(good, axis=1).sum(axis=1)
+        ends[:, side] = np.where(reached > 0, moved[np.arange(point.size), np.maximum(reached - 1, 0)], point)
+    return ends
