@@ -12,10 +12,9 @@ to the knee; beyond it the valve is open, with the slope c_high and its growth a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -23,6 +22,7 @@ from scipy.optimize import least_squares
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.shock.curve import KNOTS, StaticCurve
+from eightpost.shock.law import ShockLaw
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.port import Port
 
@@ -120,7 +120,7 @@ class Shape:
             raise ParameterError(f"shape: gas must be finite, not {self.gas!r}")
 
     def curve(self, reach: float = REACH) -> StaticCurve:
-        """Return the curve through knots up to a speed [m/s]; the slope is linear between knots, and at rest the mean."""
+        """Return the curve through knots up to a speed [m/s], between which the slope is linear."""
         speed = reach * _SHARES
         slopes = {name: getattr(self, name).slope(speed) for name in SIDES}
         at_rest = 0.5 * (self.compression.bleed + self.rebound.bleed)  # one slope at rest, so that there is no corner
@@ -144,6 +144,21 @@ class Shape:
         for name in ("knot_force", "knot_slope"):
             found |= {f"curve.{name}[{k}]": value for k, value in enumerate(getattr(curve, name), start=1)}
         return found | {"time_constant": self.lag, "lag_zero_force": self.lag_force, "gas_preload": self.gas}
+
+    @classmethod
+    def of(cls, law: ShockLaw) -> ShapeFit:
+        """Return the shape that comes closest to a law: its curve, its lag if it has one, and its gas force.
+
+        The residual is that of the static curve.
+        """
+        port = law.port
+        found = fit_force(
+            lambda velocity: port.scale(velocity) * law.curve.force(velocity),
+            min(REACH, law.curve.compression_speed),
+            min(REACH, law.curve.rebound_speed),
+        )
+        lag = {"lag": getattr(law, "time_constant", 1e-3), "lag_force": getattr(law, "lag_zero_force", 3000.0)}
+        return replace(found, shape=replace(found.shape, gas=port.gas_preload, **lag))
 
     def numbers(self) -> dict[str, float]:
         """Return the numbers by name, such as `rebound.low`."""
@@ -181,7 +196,7 @@ class ShapeFit:
     """The shape that comes closest to a curve.
 
     Attributes:
-        shape: Shape, with the default lag and gas.
+        shape: Shape; a curve alone gives the default lag and gas.
         residual: RMS difference of the forces over both sides [N].
         relative: The same as a share of the curve's RMS force [1].
     """
@@ -198,16 +213,19 @@ def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
         curve: Curve to fit, with or without knots.
         reach: Highest speed to compare [m/s]; the curve's fitted range limits it.
     """
+    return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
+
+
+def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
+    """Fit a shape to a force [N] over velocity [m/s], as `fit_shape`, up to a speed of each side [m/s]."""
     speed = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-    sides, squares, total = {}, 0.0, 0.0
-    signs: dict[Literal["compression", "rebound"], float] = {"compression": 1.0, "rebound": -1.0}
-    for name, sign in signs.items():
-        end = min(reach, curve.compression_speed if sign > 0.0 else curve.rebound_speed)
-        forces = np.array([sign * curve.force(sign * v) for v in (end * speed).tolist()])
-        sides[name], error = _fit_side(end * speed, forces, reach)
+    sides, squares, total = [], 0.0, 0.0
+    for sign, end in ((1.0, compression_speed), (-1.0, rebound_speed)):
+        forces = np.array([sign * force(sign * v) for v in (end * speed).tolist()])
+        side, error = _fit_side(end * speed, forces, REACH)
+        sides.append(side)
         squares, total = squares + float(error @ error), total + float(forces @ forces)
-    count = 2 * _COMPARED
-    return ShapeFit(Shape(**sides), (squares / count) ** 0.5, (squares / total) ** 0.5)
+    return ShapeFit(Shape(*sides), (squares / (2 * _COMPARED)) ** 0.5, (squares / total) ** 0.5)
 
 
 def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:
@@ -251,5 +269,37 @@ def _integral(speed: Array, slope: Array) -> Array:
 
 
 def _joined(rebound: Array, compression: Array) -> tuple[float, ...]:
-    """Return the values of both sides from the fastest rebound to the fastest compression; both begin with one value."""
+    """Return both sides as one ascending sequence; both begin with the same value, that at rest."""
     return (*rebound[:0:-1].tolist(), *compression.tolist())
+
+
+#: Numbers of the curve: all but lag and gas.
+CURVE_NUMBERS = tuple(f"{side}.{name}" for side in SIDES for name in UNITS)
+
+
+def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
+    """Return the lowest and the highest value of a number among shapes.
+
+    Raises:
+        ParameterError: There is no such number, or all shapes have the same value.
+    """
+    if number not in shapes[0].numbers():
+        raise ParameterError(f"shape: there is no number {number!r}; they are {', '.join(shapes[0].numbers())}")
+    values = [shape.numbers()[number] for shape in shapes]
+    if not min(values) < max(values):
+        raise ParameterError(f"shape: {number} is {values[0]:g} {unit_of(number)} in all shocks; state its limits")
+    return min(values), max(values)
+
+
+def difference(one: Shape, other: Callable[[float], float], reach: float = REACH) -> tuple[float, float]:
+    """Return the RMS difference of the forces [N] of a shape and a curve at equal steps of the root of the speed.
+
+    The second value is its share of the shape's RMS force [1].
+    """
+    speed = reach * np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
+    velocity = np.concatenate([-speed[::-1], speed]).tolist()
+    curve = one.curve(reach)
+    own = np.array([curve.force(v) for v in velocity])
+    error = own - np.array([other(v) for v in velocity])
+    rms = float(np.sqrt(np.mean(error**2)))
+    return rms, rms / float(np.sqrt(np.mean(own**2)))

@@ -28,6 +28,13 @@ _DIFFERENCE = 5e-3
 #: Precision of the objective at which a search ends, as a share of its value at the start.
 _PRECISION = 2e-5
 
+
+
+def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
+    """Return the corners of a study; corners that are alike are one group."""
+    return tuple(tuple(factor.name.split("+")) for factor in factors_of(study.space))
+
+
 # ---- The space ------------------------------------------------------------------------------------------------------
 
 
@@ -75,8 +82,8 @@ class Range:
         return np.asarray((value - self.low) / (self.high - self.low))
 
 
-#: Function that returns the build of a shock with the given numbers, by name.
-BuildOf = Callable[[Mapping[str, float]], Build]
+#: Function that returns the build of a shock for a group of corners with the given numbers, by name.
+BuildOf = Callable[[tuple[str, ...], Mapping[str, float]], Build]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +96,13 @@ class ShockSpace:
         groups: Corners of each group that varies.
         ranges: Ranges of the numbers, the same at each group.
         build: Function that returns the build of a shock with these numbers.
+        fixed: Builds of the other corners.
     """
 
     groups: tuple[tuple[str, ...], ...]
     ranges: tuple[Range, ...]
     build: BuildOf
-
-    @classmethod
-    def of(cls, study: Study, ranges: Sequence[Range], build: BuildOf) -> ShockSpace:
-        """Return the space of a study's corners; corners that are alike are a group."""
-        groups = tuple(tuple(factor.name.split("+")) for factor in factors_of(study.space))
-        return cls(groups, tuple(ranges), build)
+    fixed: Mapping[str, Build] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -121,8 +124,9 @@ class ShockSpace:
 
     def trial(self, values: Array) -> dict[str, Build]:
         """Return the build at each corner for values (groups, numbers)."""
-        builds = [self.build(numbers) for numbers in self.numbers(values)]
-        return {corner: build for group, build in zip(self.groups, builds, strict=True) for corner in group}
+        builds = [self.build(*pair) for pair in zip(self.groups, self.numbers(values), strict=True)]
+        own = {corner: build for group, build in zip(self.groups, builds, strict=True) for corner in group}
+        return {**self.fixed, **own}
 
 
 # ---- The objective: mean and scatter over shocks that are not exactly as planned ----------------------------------
@@ -360,14 +364,14 @@ class Band:
 
 
 def band(problem: Problem, optimum: Optimum, reference: float, *, share: float = 0.8, seed: int = 1) -> Band:
-    """Return the largest box around an optimum in which a share of the gain over a reference is kept.
+    """Return the largest box around an optimum in which a share of the nominal gain over a reference is kept.
 
     A box counts if 95 % of 60 random points in it keep the gain and meet the constraints.
 
     Args:
-        problem: Objective and constraints.
+        problem: Objective and constraints, without draws: the band shows itself what deviations cost.
         optimum: Result of `search`.
-        reference: Objective of the setup that the gain is counted from, such as the best of the bank.
+        reference: Nominal objective of the setup that the gain is counted from, such as the best of the bank.
         share: Share of the gain to keep [1].
         seed: Seed of the random points.
 

@@ -1,0 +1,407 @@
+"""Search for target curves of a study: shapes of shocks, the co-simulation that runs them, the damper that gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+
+from builder.build import build
+from cosim.study.choice.continuous import (
+    Band,
+    Evaluation,
+    Optimum,
+    Problem,
+    Progress,
+    Range,
+    Robustness,
+    ShockSpace,
+    band,
+    groups_of,
+    search,
+)
+from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import Coupling
+from cosim.study.running.sweep import Requested
+from cosim.study.running.trials import Trials
+from cosim.study.running.workers import Workers
+from cosim.study.study import Build, Study
+from eightpost.array_types import Array
+from eightpost.errors import InputError
+from eightpost.rig.damper.valving import NearestValving, nearest_valving
+from eightpost.shock import Shock, read_shock, write_shock
+from eightpost.shock.shape import CURVE_NUMBERS, Shape, ShapeFit, difference, range_of
+
+# ---- Request and result ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What to search.
+
+    Attributes:
+        vary: Names of the numbers that vary; the others are those of the best build of the bank at each corner.
+        limits: Lower and upper limit [SI] by number; numbers without limits range over the bank.
+        corners: Corners whose shocks are searched, with those that are alike; empty: all.
+        tolerance: Standard deviation of every number from shock to shock, as a share of its value [1].
+        robustness: Draws of the tolerance, and weight of the scatter.
+        starts: Number of starts of the search: the best setup of the bank, the baseline, and random points.
+        keep: Share of the gain that the band keeps [1].
+        objective: Measure to minimise; empty: the objective of the study.
+        seed: Seed of the random starts.
+    """
+
+    vary: tuple[str, ...] = CURVE_NUMBERS
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    corners: tuple[str, ...] = ()
+    tolerance: float = 0.03
+    robustness: Robustness = Robustness(6)
+    starts: int = 3
+    keep: float = 0.8
+    objective: str = ""
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbour:
+    """A build of the bank near a target.
+
+    Attributes:
+        build: Name of the build.
+        difference: RMS difference of the forces [N].
+        relative: The same as a share of the target's RMS force [1].
+        objective: Objective with this build at the target's corners and the targets elsewhere.
+    """
+
+    build: str
+    difference: float
+    relative: float
+    objective: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """The curve to aim at for a group of corners.
+
+    Attributes:
+        corners: Corners with this shock.
+        shape: Target.
+        low: Lowest force at `velocity` within the band (N,) [N].
+        high: Highest force at `velocity` within the band (N,) [N].
+        velocity: Velocities (N,) [m/s].
+        alone: Interval of each varied number that keeps the gain while the others stay [SI].
+        at_limit: Numbers that are at an end of their range.
+        neighbours: Builds of the bank, nearest first.
+        valving: Nearest valving of the virtual damper.
+        valving_objective: Objective with this valving's static curve at the target's corners and the targets elsewhere.
+    """
+
+    corners: tuple[str, ...]
+    shape: Shape
+    velocity: Array
+    low: Array
+    high: Array
+    alone: Mapping[str, tuple[float, float]]
+    at_limit: tuple[str, ...]
+    neighbours: tuple[Neighbour, ...]
+    valving: NearestValving
+    valving_objective: float
+
+    @property
+    def name(self) -> str:
+        """Name of the group: its corners joined by +."""
+        return "+".join(self.corners)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """Result of a search for target curves.
+
+    Attributes:
+        study: Study.
+        request: Request.
+        ranges: Ranges of the numbers that varied.
+        fits: Shape of each build of the bank that has a shock file, with its residual.
+        bank: Builds of the best setup of the bank, by corner.
+        reference: The best setup of the bank, its shocks as shapes.
+        optimum: Result of the search.
+        band: Band that keeps the gain; None without a gain.
+        targets: Target curve of each group of corners.
+        verified: Runs of FMUs of their own through the study: the best setup of the bank, the targets, and the nearest
+            builds of the bank at all corners, in this order.
+        runs: Number of setups that were run.
+    """
+
+    study: Study
+    request: Request
+    ranges: tuple[Range, ...]
+    fits: Mapping[str, ShapeFit]
+    bank: Mapping[str, str]
+    reference: Evaluation
+    optimum: Optimum
+    band: Band | None
+    targets: tuple[Target, ...]
+    verified: StudyResult
+    runs: int
+
+    @property
+    def gain(self) -> float:
+        """Robust objective of the best setup of the bank less that of the targets."""
+        return float(self.reference.objective[0]) - self.optimum.objective
+
+    def verified_objective(self, rank: int) -> float:
+        """Return the objective of a run in `verified`: 0 best of the bank, 1 targets, 2 nearest builds."""
+        return float(_objectives(self.verified, self.request.objective)[rank])
+
+
+# ---- The search -----------------------------------------------------------------------------------------------------
+
+
+def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
+    """Return the shape of each build of a bank from its shock file.
+
+    Args:
+        sources: Shock file by name of the build.
+
+    Raises:
+        InputError: There is no shock file.
+    """
+    if not sources:
+        raise InputError(
+            "no build of the bank is a shock file (.json), so the range of shapes is not known; name shock files in "
+            "[bank], or state the limits of every number with --limit"
+        )
+    return {name: Shape.of(read_shock(path).law) for name, path in sources.items()}
+
+
+def aim(
+    requested: Requested,
+    sources: Mapping[str, Path],
+    workers: Workers,
+    coupling: Coupling,
+    request: Request = Request(),
+    progress: Progress = lambda _runs: None,
+) -> Aim:
+    """Search for the curves to aim at, describe them, and verify them by runs of their own FMUs.
+
+    Args:
+        requested: Checked study with the runs of its bank; the bank is run first where it was not.
+        sources: Shock file by name of the build.
+        workers: Workers that run the setups.
+        coupling: Coupling of all runs.
+        request: What to search.
+        progress: Function that receives the number of trials so far.
+
+    Raises:
+        InputError: A corner, number or limit is wrong, or the bank has no shock file.
+    """
+    study = requested.study
+    fits = shapes_of_bank(sources)
+    bank = _best_of_bank(requested, workers, coupling, request.objective)
+    groups = _groups(study, request.corners)
+    folder = requested.folder / "shapes"
+    bases = {group: _base(fits, bank[group[0]]) for group in groups}
+    fmu = _fmu(Shock("any shape", bases[groups[0]].law()), folder / "any_shape.json", folder / "fmus")
+
+    def build_of(group: tuple[str, ...], numbers: Mapping[str, float]) -> Build:
+        return Build(fmu, bases[group].with_numbers(numbers).parameters())
+
+    searched = {corner for group in groups for corner in group}
+    fixed = {corner: study.bank[name] for corner, name in bank.items() if corner not in searched}
+    ranges = tuple(_range(name, request, fits) for name in request.vary)
+    space = ShockSpace(groups, ranges, build_of, fixed)
+    trials = Trials(study, workers, coupling)
+    problem = Problem(trials, space, objective=request.objective)
+    own = space.point([bases[group].numbers() for group in groups])
+    planned = search(problem, _starts(space, own, study, fits, request), progress=progress)
+    robust = Problem(trials, space, request.robustness, request.objective)
+    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
+    reference = robust.evaluate(own[None])
+    kept = None
+    if float(reference.nominal[0]) > optimum.nominal:
+        kept = band(problem, optimum, float(reference.nominal[0]), share=request.keep)
+        progress(trials.count)
+    found = tuple(space.numbers(space.values(optimum.point[None])[0]))
+    shapes = {group: bases[group].with_numbers(numbers) for group, numbers in zip(groups, found, strict=True)}
+    targets = _targets(problem, optimum, kept, shapes, bases, fits, sources)
+    verified = _verified(requested, workers, coupling, bank, targets)
+    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
+    return Aim(study, request, ranges, fits, bank, reference, optimum, kept, targets, verified, trials.count)
+
+
+#: Largest number of steps of the robust search, which starts from the best of the searches without draws.
+_POLISHING = 8
+
+#: Largest number of setups of a bank that is run completely; larger banks are searched.
+_EXHAUSTIVE = 5000
+
+
+def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, objective: str) -> Mapping[str, str]:
+    from cosim.study.choice.optimise import Search, search_study
+
+    study = requested.study
+    if len(study.space) > _EXHAUSTIVE:
+        result, _ = search_study(requested, workers, coupling, Search((objective,) if objective else ()))
+    else:
+        result = requested.request(workers, coupling, study.space.indices.tolist())
+    rows = result.ranking(objective or None)
+    if not rows.size:
+        raise InputError("no setup of the bank runs and meets the constraints, so there is nothing to compare with")
+    return result.setup(int(rows[0])).builds
+
+
+def _groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    if unknown := sorted(set(corners) - set(study.corners)):
+        raise InputError(f"there is no corner {unknown[0]!r}; the corners are {', '.join(study.corners)}")
+    return tuple(group for group in groups_of(study) if not corners or set(group) & set(corners))
+
+
+def _base(fits: Mapping[str, ShapeFit], build_name: str) -> Shape:
+    """Return the shape of a build; of a build without a shock file, that of the first one with."""
+    return (fits.get(build_name) or next(iter(fits.values()))).shape
+
+
+def _range(name: str, request: Request, fits: Mapping[str, ShapeFit]) -> Range:
+    stated = request.limits.get(name)
+    low, high = stated or range_of([fit.shape for fit in fits.values()], name)
+    return Range(name, low, high, request.tolerance)
+
+
+def _starts(
+    space: ShockSpace, own: Array, study: Study, fits: Mapping[str, ShapeFit], request: Request
+) -> list[Array]:
+    """Return the best setup of the bank, the baseline, and random points."""
+    found = [own]
+    if study.baseline and request.starts > 1:
+        shapes = [_base(fits, study.baseline[group[0]]) for group in space.groups]
+        found.append(space.point([shape.numbers() for shape in shapes]))
+    count = max(request.starts - len(found), 0)
+    return [*found, *qmc.LatinHypercube(space.size, rng=request.seed).random(count)]
+
+
+def _fmu(shock: Shock, path: Path, folder: Path) -> Path:
+    """Write a shock file and build its FMU."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_shock(shock, path)
+    return build([path], folder)[0].path
+
+
+# ---- What is known about each target --------------------------------------------------------------------------------
+
+#: Velocities at which the band is stated [m/s].
+_VELOCITY = np.concatenate([-(np.linspace(1.0, 0.0, 41) ** 2), np.linspace(0.0, 1.0, 41)[1:] ** 2])
+
+#: Distance from an end of the range that counts as being there, as a share of the range.
+_AT_LIMIT = 0.01
+
+
+def _targets(
+    problem: Problem,
+    optimum: Optimum,
+    kept: Band | None,
+    shapes: Mapping[tuple[str, ...], Shape],
+    bases: Mapping[tuple[str, ...], Shape],
+    fits: Mapping[str, ShapeFit],
+    sources: Mapping[str, Path],
+) -> tuple[Target, ...]:
+    """Return the targets with band, nearest builds and valving; builds and valvings are run in one batch."""
+    space, study = problem.space, problem.trials.study
+    planned = space.trial(space.values(optimum.point[None])[0])
+    valvings = {group: nearest_valving(shape.curve().force) for group, shape in shapes.items()}
+    trials, keys = list[Mapping[str, Build]](), list[tuple[tuple[str, ...], str]]()
+    for group, shape in shapes.items():
+        for name in fits:
+            keys.append((group, name))
+            trials.append({**planned, **dict.fromkeys(group, study.bank[name])})
+        static = valvings[group]
+        end = float(static.velocity[-1])
+        fitted = fit_static(static, end)
+        keys.append((group, ""))
+        same = replace(fitted, lag=shape.lag, lag_force=shape.lag_force, gas=shape.gas)
+        any_fmu = planned[group[0]].fmu
+        trials.append({**planned, **dict.fromkeys(group, Build(any_fmu, same.parameters()))})
+    objectives = dict(zip(keys, problem.scores(trials).objectives[:, 0].tolist(), strict=True))
+    found = []
+    for place, (group, shape) in enumerate(shapes.items()):
+        low, high = _force_band(space, kept, place, bases[group], shape)
+        neighbours = []
+        for name in fits:
+            apart = difference(shape, read_shock(sources[name]).law.curve.force)
+            neighbours.append(Neighbour(name, *apart, objectives[group, name]))
+        neighbours.sort(key=lambda one: one.difference)
+        alone, limits = _intervals(space, optimum, kept, place)
+        found.append(Target(group, shape, _VELOCITY, low, high, alone, limits, tuple(neighbours), valvings[group],
+                            objectives[group, ""]))  # fmt: skip
+    return tuple(found)
+
+
+def fit_static(found: NearestValving, end: float) -> Shape:
+    """Return the shape of the static force of a valving up to a speed [m/s], with seal friction and level."""
+    from eightpost.shock.shape import fit_force
+
+    def force(velocity: float) -> float:
+        return float(np.interp(velocity, found.velocity, found.force))
+
+    return fit_force(force, end, end).shape
+
+
+def _force_band(
+    space: ShockSpace, kept: Band | None, place: int, base: Shape, shape: Shape
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the lowest and the highest force (N,) [N] of the shapes in the band of a group."""
+    points = np.empty((0, space.size)) if kept is None else kept.points
+    shapes = [base.with_numbers(space.numbers(values)[place]) for values in space.values(points)]
+    curves = [one.curve() for one in (shape, *shapes)]
+    forces = np.array([[curve.force(v) for v in _VELOCITY.tolist()] for curve in curves])
+    return forces.min(axis=0), forces.max(axis=0)
+
+
+def _intervals(
+    space: ShockSpace, optimum: Optimum, kept: Band | None, place: int
+) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
+    """Return the interval of each number that keeps the gain alone, and the numbers at an end of their range."""
+    own = slice(place * len(space.ranges), (place + 1) * len(space.ranges))
+    places = optimum.point[own]
+    ends = np.repeat(places[:, None], 2, axis=1) if kept is None else kept.alone[own]
+    alone = {one.name: (float(one.value(low)), float(one.value(high)))
+             for one, (low, high) in zip(space.ranges, ends, strict=True)}  # fmt: skip
+    limits = tuple(one.name for one, at in zip(space.ranges, places, strict=True) if abs(at - 0.5) >= 0.5 - _AT_LIMIT)
+    return alone, limits
+
+
+# ---- Verification: FMUs of their own, run as any setup of a study ---------------------------------------------------
+
+
+def _verified(
+    requested: Requested, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
+) -> StudyResult:
+    """Run the best setup of the bank, the targets and the nearest builds; the rows are in this order."""
+    study, folder = requested.study, requested.folder / "shapes"
+    own, aimed, nearest = dict(study.bank), dict(bank), dict(bank)
+    for target in targets:
+        name = f"target {target.name}"
+        fmu = _fmu(Shock(name, target.shape.law()), folder / f"{target.name}.json", folder / "fmus")
+        own[name] = Build(fmu)
+        aimed |= dict.fromkeys(target.corners, name)
+        nearest |= dict.fromkeys(target.corners, target.neighbours[0].build)
+    allowed = {corner: tuple(dict.fromkeys(one[corner] for one in (bank, aimed, nearest))) for corner in study.corners}
+    checked = replace(study, bank=own, corners=allowed, alike=(), baseline=dict(bank), name=f"{study.name}: targets")
+    runs = Requested(checked, folder)
+    numbers = [checked.space.find(one).index for one in (bank, aimed, nearest)]
+    result = runs.request(workers, coupling, numbers)
+    rows = np.searchsorted(result.setups, numbers)
+    return replace(result, table=result.table.take(rows), _cache={})
+
+
+def _objectives(result: StudyResult, measure: str) -> Array:
+    if measure:
+        return result.values(measure)
+    own = result.objective
+    return result.values(result.measures[0].name) if own is None else own
+
+
+#: Function that returns the name of an objective for tables.
+ObjectiveName = Callable[[Aim], str]
