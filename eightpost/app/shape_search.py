@@ -1,8 +1,8 @@
-"""Search for target curves of a study: shapes of shocks, the co-simulation that runs them, the damper that gives them."""
+"""Search for the target curves of a study: shapes of shocks, run by FMUs, and the valving that gives them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from cosim.study.choice.continuous import (
     groups_of,
     search,
 )
+from cosim.study.choice.optimise import Search, search_study
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
@@ -33,7 +34,7 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.rig.damper.valving import NearestValving, nearest_valving
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import CURVE_NUMBERS, Shape, ShapeFit, difference, range_of
+from eightpost.shock.shape import CURVE_NUMBERS, Shape, ShapeFit, difference, fit_force, range_of
 
 # ---- Request and result ---------------------------------------------------------------------------------------------
 
@@ -58,7 +59,7 @@ class Request:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     corners: tuple[str, ...] = ()
     tolerance: float = 0.03
-    robustness: Robustness = Robustness(6)
+    robustness: Robustness = field(default_factory=lambda: Robustness(6))
     starts: int = 3
     keep: float = 0.8
     objective: str = ""
@@ -240,8 +241,6 @@ _EXHAUSTIVE = 5000
 
 
 def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, objective: str) -> Mapping[str, str]:
-    from cosim.study.choice.optimise import Search, search_study
-
     study = requested.study
     if len(study.space) > _EXHAUSTIVE:
         result, _ = search_study(requested, workers, coupling, Search((objective,) if objective else ()))
@@ -270,9 +269,7 @@ def _range(name: str, request: Request, fits: Mapping[str, ShapeFit]) -> Range:
     return Range(name, low, high, request.tolerance)
 
 
-def _starts(
-    space: ShockSpace, own: Array, study: Study, fits: Mapping[str, ShapeFit], request: Request
-) -> list[Array]:
+def _starts(space: ShockSpace, own: Array, study: Study, fits: Mapping[str, ShapeFit], request: Request) -> list[Array]:
     """Return the best setup of the bank, the baseline, and random points."""
     found = [own]
     if study.baseline and request.starts > 1:
@@ -316,9 +313,7 @@ def _targets(
         for name in fits:
             keys.append((group, name))
             trials.append({**planned, **dict.fromkeys(group, study.bank[name])})
-        static = valvings[group]
-        end = float(static.velocity[-1])
-        fitted = fit_static(static, end)
+        fitted = _shape_of_valving(valvings[group])
         keys.append((group, ""))
         same = replace(fitted, lag=shape.lag, lag_force=shape.lag_force, gas=shape.gas)
         any_fmu = planned[group[0]].fmu
@@ -338,13 +333,13 @@ def _targets(
     return tuple(found)
 
 
-def fit_static(found: NearestValving, end: float) -> Shape:
-    """Return the shape of the static force of a valving up to a speed [m/s], with seal friction and level."""
-    from eightpost.shock.shape import fit_force
+def _shape_of_valving(found: NearestValving) -> Shape:
+    """Return the shape of the static force of a valving, with seal friction and level."""
 
     def force(velocity: float) -> float:
         return float(np.interp(velocity, found.velocity, found.force))
 
+    end = float(found.velocity[-1])
     return fit_force(force, end, end).shape
 
 
@@ -401,7 +396,3 @@ def _objectives(result: StudyResult, measure: str) -> Array:
         return result.values(measure)
     own = result.objective
     return result.values(result.measures[0].name) if own is None else own
-
-
-#: Function that returns the name of an objective for tables.
-ObjectiveName = Callable[[Aim], str]

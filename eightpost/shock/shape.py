@@ -36,7 +36,7 @@ REACH = 1.3
 _BLEED_SHARE = 0.25
 
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
-_SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
+SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
 #: Number of speeds of a side at which a shape is compared with a curve.
 _COMPARED = 80
@@ -121,16 +121,16 @@ class Shape:
 
     def curve(self, reach: float = REACH) -> StaticCurve:
         """Return the curve through knots up to a speed [m/s], between which the slope is linear."""
-        speed = reach * _SHARES
+        speed = reach * SHARES
         slopes = {name: getattr(self, name).slope(speed) for name in SIDES}
         at_rest = 0.5 * (self.compression.bleed + self.rebound.bleed)  # one slope at rest, so that there is no corner
         for slope in slopes.values():
             slope[0] = at_rest
         forces = {name: _integral(speed, slope) for name, slope in slopes.items()}
         return StaticCurve.through_knots(
-            _joined(-speed, speed),
-            _joined(-forces["rebound"], forces["compression"]),
-            _joined(slopes["rebound"], slopes["compression"]),
+            joined(-speed, speed),
+            joined(-forces["rebound"], forces["compression"]),
+            joined(slopes["rebound"], slopes["compression"]),
         )
 
     def law(self, reach: float = REACH) -> Lpnl2:
@@ -139,10 +139,7 @@ class Shape:
 
     def parameters(self) -> dict[str, float]:
         """Return the parameters by which an FMU of a shape becomes this one; the knots' velocities are the same."""
-        curve = self.curve()
-        found = {"curve.compression_slope": curve.compression_slope, "curve.rebound_slope": curve.rebound_slope}
-        for name in ("knot_force", "knot_slope"):
-            found |= {f"curve.{name}[{k}]": value for k, value in enumerate(getattr(curve, name), start=1)}
+        found = curve_parameters(self.curve(), ("knot_force", "knot_slope"))
         return found | {"time_constant": self.lag, "lag_zero_force": self.lag_force, "gas_preload": self.gas}
 
     @classmethod
@@ -180,6 +177,18 @@ class Shape:
 
 #: Force up to which the lag is complete [N]: the lower bound of 3.3.3, at which the fits of the shipped bank end.
 LAG_FULL_FORCE = 44.482216152605
+
+
+def curve_parameters(
+    curve: StaticCurve, arrays: Sequence[str] = ("knot_velocity", "knot_force", "knot_slope")
+) -> dict[str, float]:
+    """Return a curve through knots as parameters of a shock FMU by name (docs/ports.md)."""
+    found = {f"curve.{name}": getattr(curve, name) for name in ("compression_slope", "rebound_slope")}
+    if "knot_velocity" in arrays:
+        found |= {f"curve.{name}": getattr(curve, name) for name in ("compression_speed", "rebound_speed")}
+    for name in arrays:
+        found |= {f"curve.{name}[{k}]": value for k, value in enumerate(getattr(curve, name), start=1)}
+    return found
 
 
 def unit_of(number: str) -> str:
@@ -248,7 +257,7 @@ def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:
 
 def _force_between_knots(speed: Array, numbers: Array, reach: float) -> Array:
     """Return the force (N,) [N] of a side at speeds (N,) [m/s], as the curve through knots has it."""
-    knots = reach * _SHARES
+    knots = reach * SHARES
     slope = _slope(knots, *numbers.tolist())
     force = _integral(knots, slope)
     k = np.clip(np.searchsorted(knots, speed, side="right") - 1, 0, knots.size - 2)
@@ -268,8 +277,8 @@ def _integral(speed: Array, slope: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(speed))])
 
 
-def _joined(rebound: Array, compression: Array) -> tuple[float, ...]:
-    """Return both sides as one ascending sequence; both begin with the same value, that at rest."""
+def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
+    """Return both sides (K,) as one ascending sequence; both begin with the same value, that at rest."""
     return (*rebound[:0:-1].tolist(), *compression.tolist())
 
 

@@ -29,7 +29,6 @@ _DIFFERENCE = 5e-3
 _PRECISION = 2e-5
 
 
-
 def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
     """Return the corners of a study; corners that are alike are one group."""
     return tuple(tuple(factor.name.split("+")) for factor in factors_of(study.space))

@@ -108,7 +108,8 @@ def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 15
 
     All combinations of stacks, clicks, jets and dishes are compared, with the level from -150 to 150 N that suits them
     best. For given jet, dish and level, the compression side depends on the stacks of compression and head only, and
-    the rebound side on the stack of rebound and the clicks only, so each side is searched on its own. The forces are those of an incompressible fluid, limited by cavitation.
+    the rebound side on the stack of rebound and the clicks only, so each side is searched on its own. The forces are
+    those of an incompressible fluid, limited by cavitation.
 
     Args:
         force: Function that returns the wanted force [N] at a velocity [m/s], including seal friction.
