@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eightpost.app.shape_search import Aim, Target
 from eightpost.files import atomic_path
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
@@ -162,19 +164,19 @@ def _sections(found: Aim) -> Iterator[Section]:
 
 
 def _figure(target: Target, found: Aim) -> Figure:
-    names = [("", Axis("damper velocity", "m/s"), Axis("force", "N"))]
-    caption = f"Target at {target.name}; shaded: the band; the nearest build and valving"
-    figure = _panel(caption, names[0][1], names[0][2])
+    caption = f"Target at {target.name}; shaded: the band; dashed: the nearest build of the bank"
+    axes = (Axis("damper velocity", "m/s"), Axis("force", "N"), "")
+    figure = grid_figure(caption, 420, [axes], 1, gap=(0.0, 0.0))
     curve = target.shape.curve()
     if found.band is not None:
         figure.ribbon(0, target.velocity, target.low, target.high, name="band", color=COLORS[0])
     valving = target.valving
     figure.line(0, valving.velocity, valving.force, name="nearest valving", color=MEASURED)
     near = found.fits[target.neighbours[0].build].shape.curve()
-    forces = {"target": (curve, COLORS[0], "solid"), target.neighbours[0].build: (near, COLORS[1], "dash")}
-    for name, (one, color, dash) in forces.items():
-        values = [one.force(v) for v in target.velocity.tolist()]
-        figure.line(0, target.velocity, _array(values), name=name, color=color, dash=dash)
+    lines = {"target": (curve, COLORS[0], "solid"), target.neighbours[0].build: (near, COLORS[1], "dash")}
+    for name, (one, color, dash) in lines.items():
+        forces = np.array([one.force(v) for v in target.velocity.tolist()])
+        figure.line(0, target.velocity, forces, name=name, color=color, dash=dash)
     return figure
 
 

@@ -154,8 +154,8 @@ class Shape:
             min(REACH, law.curve.compression_speed),
             min(REACH, law.curve.rebound_speed),
         )
-        lag = {"lag": getattr(law, "time_constant", 1e-3), "lag_force": getattr(law, "lag_zero_force", 3000.0)}
-        return replace(found, shape=replace(found.shape, gas=port.gas_preload, **lag))
+        lag, lag_force = getattr(law, "time_constant", 1e-3), getattr(law, "lag_zero_force", 3000.0)
+        return replace(found, shape=replace(found.shape, gas=port.gas_preload, lag=lag, lag_force=lag_force))
 
     def numbers(self) -> dict[str, float]:
         """Return the numbers by name, such as `rebound.low`."""
@@ -171,8 +171,8 @@ class Shape:
         if unknown := sorted(set(values) - set(self.numbers())):
             raise ParameterError(f"shape: there is no number {unknown[0]!r}; they are {', '.join(self.numbers())}")
         numbers = self.numbers() | dict(values)
-        sides = {side: Side(**{name: numbers[f"{side}.{name}"] for name in UNITS}) for side in SIDES}
-        return replace(self, **sides, **{name: numbers[name] for name in ("lag", "lag_force", "gas")})
+        compression, rebound = (Side(*(numbers[f"{side}.{name}"] for name in UNITS)) for side in SIDES)
+        return Shape(compression, rebound, numbers["lag"], numbers["lag_force"], numbers["gas"])
 
 
 #: Force up to which the lag is complete [N]: the lower bound of 3.3.3, at which the fits of the shipped bank end.
@@ -228,13 +228,13 @@ def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
 def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
     """Fit a shape to a force [N] over velocity [m/s], as `fit_shape`, up to a speed of each side [m/s]."""
     speed = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-    sides, squares, total = [], 0.0, 0.0
+    sides, squares, total = list[Side](), 0.0, 0.0
     for sign, end in ((1.0, compression_speed), (-1.0, rebound_speed)):
         forces = np.array([sign * force(sign * v) for v in (end * speed).tolist()])
         side, error = _fit_side(end * speed, forces, REACH)
         sides.append(side)
         squares, total = squares + float(error @ error), total + float(forces @ forces)
-    return ShapeFit(Shape(*sides), (squares / (2 * _COMPARED)) ** 0.5, (squares / total) ** 0.5)
+    return ShapeFit(Shape(sides[0], sides[1]), (squares / (2 * _COMPARED)) ** 0.5, (squares / total) ** 0.5)
 
 
 def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:

@@ -60,4 +60,5 @@ def _through(curve: StaticCurve, velocity: tuple[float, ...], factors: Array) ->
 
 def _least(secants: Array) -> Array:
     """Return the smaller slope (K,) of both cells at each knot: three times that keeps the spline rising."""
-    return np.minimum(np.concatenate([secants[:1], secants]), np.concatenate([secants, secants[-1:]]))
+    before, after = np.concatenate([secants[:1], secants]), np.concatenate([secants, secants[-1:]])
+    return np.asarray(np.minimum(before, after), dtype=np.float64)

@@ -160,7 +160,7 @@ def _stated(valving: Valving, speeds: Array, up: Array, down: Array) -> NearestV
     static = np.array([damper.static_force(v) for v in velocity.tolist()]) + damper.seals.drag * np.sign(velocity)
     level = float(np.mean(wanted - static))
     residual = float(np.sqrt(np.mean((static + level - wanted) ** 2)))
-    ends = {"jet": (JETS[0], JETS[-1]), "dish": (None, DISHES[-1])}
+    ends: dict[str, tuple[object, object]] = {"jet": (JETS[0], JETS[-1]), "dish": (None, DISHES[-1])}
     ends |= dict.fromkeys(("compression", "rebound", "head"), (_CODES[0], _CODES[-1]))
     limits = tuple(name for name, pair in ends.items() if getattr(valving, name) in pair)
     count = len(DISHES) * len(JETS) * len(_CODES) ** 3 * len(CLICKS)
@@ -176,7 +176,7 @@ def _compression_forces(base: Valving, speeds: Array) -> Array:
     head = np.stack([_drops(passage, rod * speeds) for passage in _head_passages(base)])
     pressure = damper.gas.charge + head
     behind = np.maximum(pressure - main[:, None], damper.fluid.vapour_pressure)
-    return _rod_force(damper, pressure, behind) + damper.seals.drag
+    return np.asarray(_rod_force(damper, pressure, behind) + damper.seals.drag, dtype=np.float64)
 
 
 def _rebound_forces(base: Valving, speeds: Array) -> Array:
@@ -189,7 +189,7 @@ def _rebound_forces(base: Valving, speeds: Array) -> Array:
     main = np.stack([[_drops(shim._replace(orifice=o), area * speeds) for o in orifices] for shim in shims])
     drop = _drops(damper.plant.head.backward, rod * speeds)
     pressure = np.maximum(damper.gas.charge - drop, damper.fluid.vapour_pressure)
-    return damper.seals.drag - _rod_force(damper, pressure, pressure + main)
+    return np.asarray(damper.seals.drag - _rod_force(damper, pressure, pressure + main), dtype=np.float64)
 
 
 def _rod_force(damper: PhysicalDamper, compression: Array, rebound: Array) -> Array:
