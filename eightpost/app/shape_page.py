@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eightpost.app.shape_search import Aim, Target
+from eightpost.app.shape_search import VERIFIED, Aim, Target
 from eightpost.files import atomic_path
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
@@ -66,7 +66,7 @@ def objective_table(found: Aim) -> ResultTable:
     """Return the objective of the best setup of the bank, of the targets, and of what comes near them."""
     best = found.verified_objective(0)
     rows: list[tuple[Cell | float | None, ...]] = []
-    for rank, words in enumerate(("best of the bank", "targets", "nearest builds of the bank")):
+    for rank, words in enumerate(VERIFIED):
         value = found.verified_objective(rank)
         rows.append((words, value, best - value, "FMUs of their own"))
     rows.append(("targets, in the search", found.optimum.nominal, best - found.optimum.nominal, "trial"))
@@ -191,6 +191,7 @@ def _content(found: Aim) -> dict[str, Any]:
             "best_of_bank": found.verified_objective(0),
             "targets": found.verified_objective(1),
             "nearest_builds": found.verified_objective(2),
+            "nearest_valvings": found.verified_objective(3),
             "targets_in_search": found.optimum.nominal,
             "targets_robust": found.optimum.objective,
             "targets_scatter": found.optimum.scatter,

@@ -97,7 +97,8 @@ class Target:
         at_limit: Numbers that are at an end of their range.
         neighbours: Builds of the bank, nearest first.
         valving: Nearest valving of the virtual damper.
-        valving_objective: Objective with this valving's static curve at the target's corners and the targets elsewhere.
+        valving_shape: Shape of its static curve, with the lag of the target.
+        valving_objective: Objective with that shape at the target's corners and the targets elsewhere.
     """
 
     corners: tuple[str, ...]
@@ -109,12 +110,17 @@ class Target:
     at_limit: tuple[str, ...]
     neighbours: tuple[Neighbour, ...]
     valving: NearestValving
+    valving_shape: Shape
     valving_objective: float
 
     @property
     def name(self) -> str:
         """Name of the group: its corners joined by +."""
         return "+".join(self.corners)
+
+
+#: Setups that are run through the study with FMUs of their own.
+VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,8 +137,7 @@ class Aim:
         optimum: Result of the search.
         band: Band that keeps the gain; None without a gain.
         targets: Target curve of each group of corners.
-        verified: Runs of FMUs of their own through the study: the best setup of the bank, the targets, and the nearest
-            builds of the bank at all corners, in this order.
+        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
         runs: Number of setups that were run.
     """
 
@@ -154,7 +159,7 @@ class Aim:
         return float(self.reference.objective[0]) - self.optimum.objective
 
     def verified_objective(self, rank: int) -> float:
-        """Return the objective of a run in `verified`: 0 best of the bank, 1 targets, 2 nearest builds."""
+        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
         return float(_objectives(self.verified, self.request.objective)[rank])
 
 
@@ -309,13 +314,14 @@ def _targets(
     planned = space.trial(space.values(optimum.point[None])[0])
     valvings = {group: nearest_valving(shape.curve().force) for group, shape in shapes.items()}
     trials, keys = list[Mapping[str, Build]](), list[tuple[tuple[str, ...], str]]()
+    given = {}
     for group, shape in shapes.items():
         for name in fits:
             keys.append((group, name))
             trials.append({**planned, **dict.fromkeys(group, study.bank[name])})
-        fitted = _shape_of_valving(valvings[group])
+        same = _shape_of_valving(valvings[group], shape)
         keys.append((group, ""))
-        same = replace(fitted, lag=shape.lag, lag_force=shape.lag_force, gas=shape.gas)
+        given[group] = same
         any_fmu = planned[group[0]].fmu
         trials.append({**planned, **dict.fromkeys(group, Build(any_fmu, same.parameters()))})
     objectives = dict(zip(keys, problem.scores(trials).objectives[:, 0].tolist(), strict=True))
@@ -329,18 +335,19 @@ def _targets(
         neighbours.sort(key=lambda one: one.difference)
         alone, limits = _intervals(space, optimum, kept, place)
         found.append(Target(group, shape, _VELOCITY, low, high, alone, limits, tuple(neighbours), valvings[group],
-                            objectives[group, ""]))  # fmt: skip
+                            given[group], objectives[group, ""]))  # fmt: skip
     return tuple(found)
 
 
-def _shape_of_valving(found: NearestValving) -> Shape:
-    """Return the shape of the static force of a valving, with seal friction and level."""
+def _shape_of_valving(found: NearestValving, target: Shape) -> Shape:
+    """Return the shape of the static force of a valving, with seal friction and level, and the lag of its target."""
 
     def force(velocity: float) -> float:
         return float(np.interp(velocity, found.velocity, found.force))
 
     end = float(found.velocity[-1])
-    return fit_force(force, end, end).shape
+    shape = fit_force(force, end, end).shape
+    return replace(shape, lag=target.lag, lag_force=target.lag_force, gas=target.gas)
 
 
 def _force_band(
@@ -373,19 +380,20 @@ def _intervals(
 def _verified(
     requested: Requested, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
 ) -> StudyResult:
-    """Run the best setup of the bank, the targets and the nearest builds; the rows are in this order."""
+    """Run the setups of `VERIFIED`; the rows are in this order."""
     study, folder = requested.study, requested.folder / "shapes"
-    own, aimed, nearest = dict(study.bank), dict(bank), dict(bank)
+    own, setups = dict(study.bank), [dict(bank) for _ in VERIFIED]
     for target in targets:
-        name = f"target {target.name}"
-        fmu = _fmu(Shock(name, target.shape.law()), folder / f"{target.name}.json", folder / "fmus")
-        own[name] = Build(fmu)
-        aimed |= dict.fromkeys(target.corners, name)
-        nearest |= dict.fromkeys(target.corners, target.neighbours[0].build)
-    allowed = {corner: tuple(dict.fromkeys(one[corner] for one in (bank, aimed, nearest))) for corner in study.corners}
-    checked = replace(study, bank=own, corners=allowed, alike=(), baseline=dict(bank), name=f"{study.name}: targets")
+        planned, valved = f"target {target.name}", f"valving {target.name}"
+        own[planned] = Build(_fmu(Shock(planned, target.shape.law()), folder / f"{target.name}.json", folder / "fmus"))
+        path = folder / f"{target.name}_valving.json"
+        own[valved] = Build(_fmu(Shock(valved, target.valving_shape.law()), path, folder / "fmus"))
+        for setup, name in zip(setups[1:], (planned, target.neighbours[0].build, valved), strict=True):
+            setup |= dict.fromkeys(target.corners, name)
+    allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}
+    checked = replace(study, bank=own, corners=allowed, alike=(), baseline=bank, name=f"{study.name}: targets")
     runs = Requested(checked, folder)
-    numbers = [checked.space.find(one).index for one in (bank, aimed, nearest)]
+    numbers = [checked.space.find(one).index for one in setups]
     result = runs.request(workers, coupling, numbers)
     rows = np.searchsorted(result.setups, numbers)
     return replace(result, table=result.table.take(rows), _cache={})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -147,11 +147,11 @@ def _curve(build: Build, variables: Mapping[str, Variable]) -> StaticCurve:
             f"{build.fmu} has neither an adjuster of this name nor the curve of an eightpost FMU; run the change as "
             "another build of the study with its own parameters"
         )
-    arrays = {
+    arrays: dict[str, Any] = {
         name: tuple(_value(build, variables, f"curve.{name}[{k}]") for k in range(1, size + 1))
         for name, size in sizes.items()
     }
-    return StaticCurve(**arrays, **{name: _value(build, variables, f"curve.{name}") for name in single})
+    return StaticCurve(**arrays | {name: _value(build, variables, f"curve.{name}") for name in single})
 
 
 def _value(build: Build, variables: Mapping[str, Variable], name: str) -> float:

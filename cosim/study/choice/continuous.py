@@ -267,9 +267,9 @@ class _Descent:
     def run(self, start: Array, iterations: int) -> str:
         """Search from a point (n,)."""
         self.best = (False, np.inf, start)
-        constrained = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+        constrained: Any = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
         found = minimize(
-            lambda point: self._at(point)[0] / self.scale,
+            lambda point: float(self._at(point)[0] / self.scale),
             start,
             jac=lambda point: self._at(point)[2] / self.scale,
             bounds=[(0.0, 1.0)] * start.size,

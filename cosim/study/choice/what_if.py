@@ -126,10 +126,12 @@ def _with(builds: Mapping[str, Build], changes: Mapping[str, Parameters]) -> dic
 def _effects(runs: StudyResult) -> tuple[Effect, ...]:
     found = []
     if runs.objective is not None:
-        found.append(Effect(OBJECTIVE, "", *runs.objective.tolist(), _objective_noise(runs)))
+        before, after = runs.objective.tolist()
+        found.append(Effect(OBJECTIVE, "", before, after, _objective_noise(runs)))
     for measure in runs.measures:
         noise = runs.shown_difference(measure.name, _noise(runs, measure.name))
-        found.append(Effect(measure.name, runs.display(measure.name), *runs.shown(measure.name).tolist(), noise))
+        before, after = runs.shown(measure.name).tolist()
+        found.append(Effect(measure.name, runs.display(measure.name), before, after, noise))
     return tuple(found)
 
 

@@ -131,7 +131,9 @@ def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 15
             sums = compression.loss + rebound.loss
             k = int(sums.argmin())
             (stack, head), (other, clicks) = compression.choices[k], rebound.choices[k]
-            parts = replace(base, compression=_CODES[stack], head=_CODES[head], rebound=_CODES[other], clicks=clicks)
+            parts = replace(
+                base, compression=_CODES[stack], head=_CODES[head], rebound=_CODES[other], clicks=int(clicks)
+            )
             found.append((float(sums[k]), parts))
     return _stated(min(found, key=lambda pair: pair[0])[1], speeds, up, down)
 
