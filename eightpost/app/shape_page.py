@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from eightpost.app.shape_search import VERIFIED, Aim, Target
+from eightpost.app.shape_search import VERIFIED, Aim
+from eightpost.app.shape_target import Target
 from eightpost.files import atomic_path
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
@@ -95,7 +96,7 @@ def number_table(target: Target, found: Aim) -> ResultTable:
     ranges = {one.name: one for one in found.ranges}
     for name, value in target.shape.numbers().items():
         unit = unit_of(name)
-        cells: list[Cell | float | None] = [name, Amount(value, unit)]
+        cells: list[Cell | float | None] = [name, unit, Amount(value, unit)]
         if name in ranges:
             low, high = target.alone[name]
             ends = (ranges[name].low, ranges[name].high, low, high)
@@ -105,7 +106,7 @@ def number_table(target: Target, found: Aim) -> ResultTable:
             cells += [None, None, None, None, "fixed"]
         rows.append(cells)
     share = f"{100.0 * found.request.keep:g} % of the gain"
-    heads = ("number", "target", "lower limit", "upper limit", f"from, alone keeps {share}", "to", "")
+    heads = ("number", "unit", "target", "lower limit", "upper limit", f"from, alone keeps {share}", "to", "")
     return ResultTable.of(f"Target at {target.name}", heads, rows)
 
 

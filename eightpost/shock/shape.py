@@ -38,6 +38,9 @@ _BLEED_SHARE = 0.25
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
+#: Knee speeds from which a fit starts [m/s]; the best of the fits is kept.
+_KNEES = (0.06, 0.2)
+
 #: Number of speeds of a side at which a shape is compared with a curve.
 _COMPARED = 80
 
@@ -242,8 +245,8 @@ def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:
     bounds = np.log(np.array(list(_BOUNDS.values())))
     middle, scale = bounds.mean(axis=1), float(np.sqrt(np.mean(forces**2)))
     mean_slope = float(forces[-1] / speed[-1])
-    start = np.log(np.array([2.0 * mean_slope, 2.0 * mean_slope, 0.08, mean_slope, 100.0]))
-    start = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
+    starts = [np.log([2.0 * mean_slope, 2.0 * mean_slope, knee, mean_slope, 100.0]) for knee in _KNEES]
+    starts = [np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6) for start in starts]
 
     def errors(logarithms: Array) -> Array:
         return _force_between_knots(speed, np.exp(logarithms), reach) - forces
@@ -251,7 +254,8 @@ def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:
     def residuals(logarithms: Array) -> Array:
         return np.concatenate([errors(logarithms) / scale, _PULL * (logarithms - middle)])
 
-    found = least_squares(residuals, start, bounds=(bounds[:, 0], bounds[:, 1]), x_scale="jac")
+    ends = [least_squares(residuals, start, bounds=(bounds[:, 0], bounds[:, 1]), x_scale="jac") for start in starts]
+    found = min(ends, key=lambda end: float(end.cost))
     return Side(*np.exp(found.x).tolist()), errors(found.x)
 
 

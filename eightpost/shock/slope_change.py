@@ -33,29 +33,29 @@ def with_slope(curve: StaticCurve, side: str, share: float, speeds: str) -> tupl
     if not share > -1.0:
         raise ParameterError(f"a slope cannot change by {share:g}: nothing would be left; use a change above -1")
     velocity = joined(-curve.rebound_speed * SHARES, curve.compression_speed * SHARES)
-    same = _through(curve, velocity, np.ones(KNOTS))
-    near = 1.0 / (1.0 + (np.array(velocity) / LOW_SPEED) ** 2) ** 2
-    weight = {"low": near, "high": 1.0 - near, "all": np.ones(KNOTS)}[speeds]
-    own = np.array(velocity) > 0.0 if side == "compression" else np.array(velocity) < 0.0
-    return same, _through(curve, velocity, np.where(own, 1.0 + share * weight, 1.0))
+    places, sign = np.array(velocity), 1.0 if side == "compression" else -1.0
+    near = 1.0 / (1.0 + (places / LOW_SPEED) ** 2) ** 2
+    factors = 1.0 + share * {"low": near, "high": 1.0 - near, "all": np.ones(KNOTS)}[speeds]
+    own = sign * (places[1:] + places[:-1]) > 0.0
+    cells = np.where(own, 0.5 * (factors[1:] + factors[:-1]), 1.0)
+    knots = np.where(sign * places >= 0.0, factors, 1.0)
+    return _through(curve, velocity, np.ones(KNOTS - 1), np.ones(KNOTS)), _through(curve, velocity, cells, knots)
 
 
-def _through(curve: StaticCurve, velocity: tuple[float, ...], factors: Array) -> StaticCurve:
-    """Return the curve through knots with the mean slopes of a curve between them, times a factor at each knot (K,)."""
-    places = np.array(velocity)
-    force = np.array([curve.force(v) for v in velocity])
-    slopes = np.maximum(np.diff(force) / np.diff(places), 0.0)
-    widths = np.diff(places)
-    inner = (slopes[:-1] * widths[1:] + slopes[1:] * widths[:-1]) / (widths[1:] + widths[:-1])
-    slope = np.concatenate([[curve.rebound_slope], inner, [curve.compression_slope]])
-    rises = slopes * widths * 0.5 * (factors[1:] + factors[:-1])
-    total = np.concatenate([[0.0], np.cumsum(rises)])
-    changed = np.minimum(slope * factors, 3.0 * _least(rises / widths))
+def _through(curve: StaticCurve, velocity: tuple[float, ...], cells: Array, knots: Array) -> StaticCurve:
+    """Return a rising curve through knots on a curve, its slopes times factors of the cells (K - 1,) and knots (K,)."""
+    widths = np.diff(velocity)
+    secants = np.maximum(np.diff([curve.force(v) for v in velocity]) / widths, 0.0)
+    inner = (secants[:-1] * widths[1:] + secants[1:] * widths[:-1]) / (widths[1:] + widths[:-1])
+    slope = knots * np.concatenate([[curve.rebound_slope], inner, [curve.compression_slope]])
+    total = np.concatenate([[0.0], np.cumsum(secants * widths * cells)])
     return StaticCurve.through_knots(
-        velocity, tuple((total - total[KNOTS // 2]).tolist()), tuple(changed.tolist()),
-        compression_slope=float(curve.compression_slope * factors[-1]),
-        rebound_slope=float(curve.rebound_slope * factors[0]),
-    )  # fmt: skip
+        velocity,
+        tuple((total - total[KNOTS // 2]).tolist()),
+        tuple(np.minimum(slope, 3.0 * _least(secants * cells)).tolist()),
+        compression_slope=float(slope[-1]),
+        rebound_slope=float(slope[0]),
+    )
 
 
 def _least(secants: Array) -> Array:

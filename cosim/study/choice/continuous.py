@@ -1,4 +1,4 @@
-"""Search over continuous numbers of the shocks at each corner: best mean plus scatter, and a band that keeps the gain.
+"""Search over continuous numbers of the shocks at each corner, for the best mean plus scatter of the objective.
 
 scipy's SLSQP minimises the study's objective under its constraints from several starts; gradients are differences of
 runs, a batch for each step, so that all cores are busy (D. Kraft, DFVLR-FB 88-28, 1988).
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 from scipy.stats import norm, qmc
 
 from cosim.study.choice.optimise import scores_of
@@ -267,16 +267,16 @@ class _Descent:
     def run(self, start: Array, iterations: int) -> str:
         """Search from a point (n,)."""
         self.best = (False, np.inf, start)
-        constrained: Any = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
-        found = minimize(
-            lambda point: float(self._at(point)[0] / self.scale),
-            start,
-            jac=lambda point: self._at(point)[2] / self.scale,
-            bounds=[(0.0, 1.0)] * start.size,
-            constraints=[constrained] if self.problem.trials.study.constraints else [],
-            method="SLSQP",
-            options={"maxiter": iterations, "ftol": _PRECISION},
-        )
+        problem: Any = {
+            "fun": lambda point: self._at(point)[0] / self.scale,
+            "jac": lambda point: self._at(point)[2] / self.scale,
+            "bounds": Bounds(np.zeros(start.size), np.ones(start.size)),
+            "options": {"maxiter": iterations, "ftol": _PRECISION},
+        }
+        if self.problem.trials.study.constraints:
+            limits = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+            problem["constraints"] = [limits]
+        found = minimize(x0=start, method="SLSQP", **problem)
         return str(found.message)
 
     def _at(self, point: Array) -> tuple[float, Array, Array, Array]:
@@ -332,83 +332,3 @@ def search(
         problem.trials.count,
         tuple(words),
     )
-
-
-# ---- The band that keeps the gain -----------------------------------------------------------------------------------
-
-#: Share of the random points in a band that must keep the gain, and their number.
-_KEPT, _POINTS = 0.95, 60
-
-#: Sizes of boxes to try, as shares of the range, the largest first.
-_SIZES = (0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.02, 0.01)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Band:
-    """Points around an optimum that keep a share of its gain.
-
-    Attributes:
-        share: Share of the gain that is kept [1].
-        size: Half-width of the box around the optimum, as a share of each range; 0: no box was large enough.
-        kept: Share of the random points in the box that keep the gain and meet the constraints [1].
-        points: These random points (P, n).
-        alone: Lower and upper place (n, 2) of each number within which the gain is kept while the others stay.
-    """
-
-    share: float
-    size: float
-    kept: float
-    points: Array
-    alone: Array
-
-
-def band(problem: Problem, optimum: Optimum, reference: float, *, share: float = 0.8, seed: int = 1) -> Band:
-    """Return the largest box around an optimum in which a share of the nominal gain over a reference is kept.
-
-    A box counts if 95 % of 60 random points in it keep the gain and meet the constraints.
-
-    Args:
-        problem: Objective and constraints, without draws: the band shows itself what deviations cost.
-        optimum: Result of `search`.
-        reference: Nominal objective of the setup that the gain is counted from, such as the best of the bank.
-        share: Share of the gain to keep [1].
-        seed: Seed of the random points.
-
-    Raises:
-        InputError: The optimum is not below the reference.
-    """
-    gain = reference - optimum.objective
-    if not gain > 0.0:
-        raise InputError(
-            f"the optimum {optimum.objective:g} is not below the reference {reference:g}: there is no gain"
-        )
-    limit = reference - share * gain
-    uniform = qmc.Sobol(problem.space.size, rng=seed).random(64)[:_POINTS]
-    size, kept, points = 0.0, 0.0, np.empty((0, problem.space.size))
-    for one in _SIZES:
-        tried = np.clip(optimum.point + one * (2.0 * uniform - 1.0), 0.0, 1.0)
-        good = float(np.mean(_keeps(problem, tried, limit)))
-        if good >= _KEPT:
-            size, kept, points = one, good, tried
-            break
-    return Band(share, size, kept, points, _alone(problem, optimum.point, limit))
-
-
-def _keeps(problem: Problem, points: Array, limit: float) -> Flags:
-    found = problem.evaluate(points)
-    return np.asarray(found.allowed & (found.objective <= limit), dtype=np.bool_)
-
-
-def _alone(problem: Problem, point: Array, limit: float) -> Array:
-    """Return the interval (n, 2) of each coordinate, on a grid, that is connected with the point and keeps the gain."""
-    steps = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
-    ends = np.repeat(point[:, None], 2, axis=1)
-    for side, sign in enumerate((-1.0, 1.0)):
-        moved = np.clip(point[:, None] + sign * steps, 0.0, 1.0)  # (n, steps)
-        tried = np.repeat(point[None], moved.size, axis=0)
-        rows = np.arange(moved.size)
-        tried[rows, rows // steps.size] = moved.ravel()
-        good = _keeps(problem, tried, limit).reshape(moved.shape)
-        reached = np.cumprod(good, axis=1).sum(axis=1)
-        ends[:, side] = np.where(reached > 0, moved[np.arange(point.size), np.maximum(reached - 1, 0)], point)
-    return ends

@@ -213,7 +213,7 @@ def _head_passages(base: Valving) -> list[Passage]:
 
 def _drops(passage: Passage, flows: Array) -> Array:
     """Return the pressure drops (N,) [Pa] of a passage at flows (N,) [m3/s], from a table of its flow."""
-    return np.interp(flows, _flows(passage), _DROPS)
+    return np.asarray(np.interp(flows, _flows(passage), _DROPS), dtype=np.float64)
 
 
 def _flows(passage: Passage) -> Array:
