@@ -246,11 +246,16 @@ def _verified(
     """Run the setups of `VERIFIED`; the rows are in this order."""
     study, folder = requested.study, requested.folder / "shapes"
     own, setups = dict(study.bank), [dict(bank) for _ in VERIFIED]
+    shocks = {}
+    for target in targets:
+        shocks[f"target {target.name}"] = target.shape, folder / f"{target.name}.json"
+        shocks[f"valving {target.name}"] = target.valving_shape, folder / f"{target.name}_valving.json"
+    for name, (shape, path) in shocks.items():
+        write_shock(Shock(name, shape.law()), path)
+    built = build([path for _, path in shocks.values()], folder / "fmus")
+    own |= {name: Build(item.path) for name, item in zip(shocks, built, strict=True)}
     for target in targets:
         planned, valved = f"target {target.name}", f"valving {target.name}"
-        own[planned] = Build(_fmu(Shock(planned, target.shape.law()), folder / f"{target.name}.json", folder / "fmus"))
-        path = folder / f"{target.name}_valving.json"
-        own[valved] = Build(_fmu(Shock(valved, target.valving_shape.law()), path, folder / "fmus"))
         for setup, name in zip(setups[1:], (planned, target.neighbours[0].build, valved), strict=True):
             setup.update(dict.fromkeys(target.corners, name))
     allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}

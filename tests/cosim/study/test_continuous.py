@@ -128,9 +128,12 @@ def test_a_trial_is_the_run_of_the_study_to_the_bit_whatever_ran_before(small_st
         what_if(known, here, {}, setup=0)
 
     # The search over a continuous scale is at least as good as both builds, and mean plus scatter is what it says.
-    space = ShockSpace(groups_of(study), (Range("scale", 0.5, 1.0, 0.05),),
-                       lambda _group, numbers: Build(study.bank["stiff"].fmu, {"compression_scale": numbers["scale"],
-                                                                               "rebound_scale": numbers["scale"]}))  # fmt: skip
+    names = ("compression_scale", "rebound_scale")
+
+    def build(_group, numbers):
+        return Build(study.bank["stiff"].fmu, dict.fromkeys(names, numbers["scale"]))
+
+    space = ShockSpace(groups_of(study), (Range("scale", 0.5, 1.0, 0.05),), build)
     measure = study.measures[1].name
     optimum = search(Problem(trials, space, objective=measure), [np.full(2, 0.5)], iterations=5)
     assert optimum.objective <= known.values(measure).min() + 1e-6 * abs(optimum.objective)
