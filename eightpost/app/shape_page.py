@@ -209,6 +209,7 @@ def _content(found: Aim) -> dict[str, Any]:
         "starts": [list(pair) for pair in found.optimum.starts],
         "status": list(found.optimum.status),
         "trials": found.runs,
+        "definition": json.loads(found.study.to_json()),
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, seed_option
+from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, check_report_folder, seed_option
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
 from eightpost.report.tables import result_table
@@ -91,6 +91,7 @@ def shapes(
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
+    check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
     if objective is not None:
         described.measure(objective)
@@ -136,6 +137,7 @@ def _search(
     console: Console, described: Study, output: Path, sources: Mapping[str, Path], request: Request,
     workers: int | None, scheduler: str | None,
 ) -> Aim:  # fmt: skip
+    from cosim.study.folder import RESULTS
     from cosim.study.running.sweep import Requested
     from eightpost.app.shape_search import aim
 
@@ -146,7 +148,9 @@ def _search(
             coupling = requested.coupling(pool)
         show_coupling(console, coupling, described)
         with console.status("running the bank") as status:
-            return aim(requested, sources, pool, coupling, request, lambda runs: status.update(f"{runs} trials"))
+            found = aim(requested, sources, pool, coupling, request, lambda runs: status.update(f"{runs} trials"))
+        requested.everything(coupling).save(output / RESULTS)
+        return found
 
 
 def _show(console: Console, found: Aim) -> None:

@@ -66,8 +66,7 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
         assert expected in done.output
     assert (out / "shapes.html").is_file()
 
-    study = CliRunner().invoke(main, ["study", str(path), "-o", str(out), "--workers", "1"])
-    assert StudyResult.load(out / "results.parquet").done.all(), study.output
+    assert StudyResult.load(out / "results.parquet").done.all()  # of the bank, for the other commands
     asked = CliRunner().invoke(main, ["whatif", str(out), "--at", "lr", "--rebound", "+1"])
     assert asked.exit_code == 0 and "lr: rebound slope at low speeds +5 %" in asked.output
     assert "grip number" in asked.output
