@@ -33,9 +33,9 @@ class Agreement(NamedTuple):
     kendall_min: float
 
 
-def measures_of(names: tuple[str, ...], values: Array, rate: float) -> dict[str, float]:
+def measures_of(names: tuple[str, ...], values: Array, rate: float, *, settling: float = SETTLING) -> dict[str, float]:
     """Return the RMS about the mean of each measured channel (p, N), and of the sum of the tire forces."""
-    settled = values[:, round(SETTLING * rate) :]
+    settled = values[:, round(settling * rate) :]
     found = {n: float(row.std()) for n, row in zip(names, settled, strict=True) if n.endswith(QUANTITIES)}
     tires = [i for i, name in enumerate(names) if name.endswith("tire_force")]
     if len(tires) > 1:

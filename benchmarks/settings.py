@@ -31,7 +31,7 @@ from eightpost.rig.damper.valves import SHIM_SETS, Bleed, MainPiston
 from eightpost.rig.dynamometer import Actuator, measure
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
-from eightpost.shock import Axis, Shock
+from eightpost.shock import LAWS, Axis, Shock
 from eightpost.shock.settings import node_weights
 
 #: Clicks from full hard, and length [s] and rate [Hz] of the records.
@@ -75,8 +75,8 @@ def _preloaded(piston: MainPiston, dish: float) -> MainPiston:
     return replace(piston, rebound=replace(piston.rebound, dish=dish))
 
 
-def tested(shock: RandomShock, clicks: tuple[float, ...], seed: int) -> SettingsTable:
-    """Return the table of a shock's files, measured on the virtual dynamometer."""
+def tested(shock: RandomShock, clicks: tuple[float, ...], seed: int, law: str = "lpf1") -> SettingsTable:
+    """Return the table of a shock's files, measured on the virtual dynamometer, to be fitted with a law."""
     tests = []
     for k, value in enumerate(clicks):
         drive = random_multisine(seed + k, duration=DURATION, rate=2.0 * RATE)
@@ -84,7 +84,7 @@ def tested(shock: RandomShock, clicks: tuple[float, ...], seed: int) -> Settings
         tests.append((DynoTest(series),))
     axis = Axis("rebound", clicks, clicks[len(clicks) // 2], counted="from full hard", lowest=0.0, highest=float(MOST))
     files = tuple(Path(f"{shock.kind}_{value:g}.csv") for value in clicks)
-    return SettingsTable("random shock", "lpf1", "estimate", (axis,), tuple((c,) for c in clicks), tuple(tests), files)
+    return SettingsTable("random shock", law, "estimate", (axis,), tuple((c,) for c in clicks), tuple(tests), files)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,15 +164,15 @@ def _clicks(random: np.random.Generator) -> tuple[float, ...]:
             return tuple(float(value) for value in clicks)
 
 
-def measured_rows(shocks: int, seed: int) -> list[Row]:
-    """Return the rows of random shocks."""
+def measured_rows(shocks: int, seed: int, law: str = "lpf1") -> list[Row]:
+    """Return the rows of random shocks fitted with a law."""
     rows: list[Row] = []
     random = np.random.default_rng(seed)
     for number in range(shocks):
         shock, clicks = RandomShock.drawn(random), _clicks(random)
         try:
             with threadpool_limits(1, "blas"):
-                rows += rows_of(shock, tested(shock, clicks, 1000 * seed + 10 * number))
+                rows += rows_of(shock, tested(shock, clicks, 1000 * seed + 10 * number, law))
         except EightpostError as error:
             print(f"shock {number}: {error}")
     return rows
@@ -227,12 +227,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shocks", type=int, default=40, help="Number of random shocks.")
     parser.add_argument("--seed", type=int, default=1, help="Seed of shocks, motions and noise.")
+    parser.add_argument("--law", choices=tuple(LAWS), default="lpf1", help="Law that is fitted.")
     parser.add_argument("--map", action="store_true", help="Evaluate the maker's curves in EIGHTPOST_DATA instead.")
     given = parser.parse_args()
     if given.map:
         print_map(Path(os.environ["EIGHTPOST_DATA"]))
         return
-    rows = measured_rows(given.shocks, given.seed)
+    rows = measured_rows(given.shocks, given.seed, given.law)
     print("| adjuster | files | figure | worst | 90 % | median |\n|---|---|---|---|---|---|")
     for kind in sorted({row.kind for row in rows}):
         these = [row for row in rows if row.kind == kind]

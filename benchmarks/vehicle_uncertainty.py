@@ -8,8 +8,10 @@ parameters, drive, noise, lap and setups. The default seeds are those of the rep
 `ModelForm` that fit the tuning seeds best, and then their results. --kept keeps the identified vehicles in a folder.
 
 The first table gives, for every measure, the share of true values within the stated intervals of 50, 80 and 95 %, over
-all truths and setups, worst measure first. The second table gives the stated probability that the setup with the lower
-prediction is truly lower, and how often it is, over all pairs of setups and all measures.
+all truths and setups and for each kind of truth, worst measure first. The second table gives the stated probability
+that the setup with the lower prediction is truly lower, and how often it is, over all pairs of setups and all measures.
+The third gives the stated probability that a setup has the lowest value of all, from drawn errors, and how often it
+has. Values are for the share of the lap's power above the model's band, as a study knows it.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import json
 import os
 import sys
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,13 +32,13 @@ from scipy.optimize import minimize
 from scipy.stats import t as student
 
 from benchmarks.identification import markdown
-from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, TUNING, Outcome, outcome
-from eightpost.errors import StepError
-from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
-from eightpost.ident.vehicle.model_form import ModelForm, Shares
+from benchmarks.vehicle_uncertainty_truths import KINDS, RECIPES, REPORT, TUNING, Outcome, outcome
+from eightpost.ident.vehicle.model_form import ModelForm, Shares, noise_of
+from eightpost.ident.vehicle.trust import UNUSABLE
+from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, setup_distance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -48,62 +50,76 @@ Row = dict[str, Any]
 LEVELS, BINS = (0.5, 0.8, 0.95), (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
+#: Draws of the errors of all setups.
+DRAWS = 2000
+
+
 class Part(NamedTuple):
-    """Residuals and errors of one measure of one truth.
+    """Residuals of one measure of one truth, and its mean error.
 
     Attributes:
         inside: Residual in the band of the model [1].
         above: Residual above the band [1].
+        share: Share of the tests' power above the band [1].
         noise: Standard deviation due to noise [1].
-        common: Mean error of the setups [1].
-        own: RMS error between two setups per unit of their distance [1].
+        lap: Share of the lap's power above the band [1].
+        error: Mean error of the setups [1].
     """
 
     inside: float
     above: float
+    share: float
     noise: float
-    common: float
-    own: float
+    lap: float
+    error: float
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     options = _options()
     seeds = TUNING if options.tune else REPORT if options.seeds is None else range(*options.seeds)
+    kinds = options.kinds.split(",") if options.kinds else KINDS
+    recipes = tuple(RECIPES) if options.tune else ("shipped",)
     found, failed = [], []
-    for seed in seeds:
-        for kind in options.kinds.split(",") if options.kinds else KINDS:
-            try:
-                found.append(outcome(kind, seed, options.kept))
-            except StepError as error:
-                failed.append(f"{kind} {seed} has no prediction: {error}")
-                continue
-            print(f"{kind} {seed}: {_summary(found[-1])}", file=sys.stderr, flush=True)
+    for seed, kind, recipe in product(seeds, kinds, recipes):
+        one = outcome(kind, seed, options.kept, recipe)
+        reported = "stable" if one.fit.stable else "reported as not stable"
+        if one.predicted and one.fit.trust and one.fit.trust.measures:
+            found.append(one)
+            print(f"{kind} {seed}: {_summary(one)}, {reported}", file=sys.stderr, flush=True)
+        else:
+            missing = "uncertainty" if one.predicted else "prediction"
+            failed.append(f"{kind} {seed} has no {missing}: {reported}, {_unusable(one)}")
     settings = tuned(found) if options.tune else ModelForm()
-    tables = {"coverage": coverage(found, settings), "comparisons": comparisons(found, settings)}
-    print(f"{len(found)} truths; inside {tuple(settings.inside)}, above {tuple(settings.above)}", *failed, sep="\n")
+    tables = {
+        "coverage": coverage(found, settings),
+        "comparisons": comparisons(found, settings),
+        "best": best(found, settings),
+    }
+    shares = ", ".join(f"{name} {tuple(getattr(settings, name))}" for name in ("inside", "above", "noise"))
+    print(f"{len(found)} truths; {shares}", *failed, sep="\n")
     print(*(markdown(rows) for rows in tables.values()), sep="\n\n")
     if options.json:
         options.json.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
 
 
 def stated(one: Outcome, settings: ModelForm) -> dict[str, MeasureUncertainty]:
-    """Return the uncertainties that a fit with other settings would have, from the residuals that were kept."""
-    return {name: settings.of_residual(part.inside, part.above, part.noise) for name, part in parts(one).items()}
+    """Return the uncertainties on the lap that a fit with other settings would have, from the kept residuals."""
+    return {
+        name: settings.of_residual(part.inside, part.above, part.share, part.noise).at_share(part.lap)
+        for name, part in parts(one).items()
+    }
 
 
 def parts(one: Outcome) -> dict[str, Part]:
-    """Return the residuals and errors of every measure."""
+    """Return the residuals and the mean error of every measure."""
     trust, errors = one.fit.trust, one.errors()
     assert trust is not None
-    distances = np.array([setup_distance(a, b) for a, b in combinations(one.predicted, 2)])
-    between = np.array([a - b for a, b in combinations(errors, 2)])
-    own = np.sqrt(np.mean(between**2, axis=0) / np.mean(distances**2))
     found = {}
     for k, name in enumerate(one.names):
-        noise, kept = ModelForm.noise(name, trust.outputs), trust.measures[name]
-        inside, above = (float(np.sqrt(max(value**2 - noise**2, 0.0))) for value in (kept.common, kept.own))
-        found[name] = Part(inside, above, noise, float(errors[:, k].mean()), float(own[k]))
+        kept, noise = trust.measures[name], noise_of(name, trust.outputs)
+        error = float(errors[:, k].mean())
+        found[name] = Part(kept.common, kept.own, kept.share_above, noise, one.shares[name], error)
     return found
 
 
@@ -111,33 +127,41 @@ def tuned(outcomes: Sequence[Outcome]) -> ModelForm:
     """Return the settings that fit truths best.
 
     The shares of the common error are those for which the errors of all measures are most likely, times the factor that
-    the quantity with the largest errors needs. The shares of the own error are the most likely ones, times the factor
-    for which the comparisons of setups are most likely.
+    the quantity with the largest errors needs. The shares of the own error are those for which the comparisons of
+    setups are most likely; both kinds of truths have the same weight.
     """
-    rows = np.array([part for one in outcomes for part in parts(one).values()])
-    names = [name.rpartition(".")[2] for one in outcomes for name in parts(one)]
-    inside, above, noise, common, own = rows.T
-    shares, other = (_likely(error, inside, above, noise) for error in (common, own))
-    scale = np.sqrt((shares[0] * inside) ** 2 + (shares[1] * above) ** 2 + noise**2)
-    groups = [np.array([name == quantity for name in names]) for quantity in dict.fromkeys(names)]
-    shares = shares * max(_factor(common[group] / scale[group]) for group in groups)
+    parted = [parts(one) for one in outcomes]
+    errors = np.array([[part.error for part in row.values()] for row in parted])
 
-    def settings(factor: float) -> ModelForm:
-        pairs = [(round(float(a), 3), round(float(b * factor), 3)) for a, b in zip(shares, other, strict=True)]
-        return replace(ModelForm(), inside=Shares(*pairs[0]), above=Shares(*pairs[1]))
+    def cost(shares: Array) -> float:
+        scale = _scales(parted, shares)
+        return float(-np.mean(student.logpdf(errors / scale, DEGREES) - np.log(scale)))
 
-    return settings(max(np.geomspace(0.4, 1.6, 13), key=lambda factor: _score(outcomes, settings(float(factor)))))
+    common = _least(cost, (0.3, 0.05, 1.5))
+    ratio = errors / _scales(parted, common)
+    names = np.array([name.rpartition(".")[2] for name in outcomes[0].names])
+    common = common * max(_factor(ratio[:, names == quantity]) for quantity in dict.fromkeys(names))
+
+    def settings(own: Array) -> ModelForm:
+        pairs = [Shares(round(float(a), 3), round(float(b), 3)) for a, b in zip(common, own, strict=True)]
+        return replace(ModelForm(), inside=pairs[0], above=pairs[1], noise=pairs[2])
+
+    return settings(_least(lambda own: _loss(outcomes, settings(own)), (0.8, 0.2, 2.0)))
 
 
-def _likely(error: Array, inside: Array, above: Array, noise: Array) -> Array:
-    """Return the two shares of the residuals for which the errors are most likely."""
+def _scales(parted: Sequence[dict[str, Part]], shares: Array) -> Array:
+    """Return the scales of the common errors for shares of the three parts (truths, measures)."""
+    inside, above, noise = (Shares(float(share), 0.0) for share in shares)
+    common = ModelForm(inside=inside, above=above, noise=noise)
+    return np.array(
+        [[common.of_residual(*part[:4]).at_share(part.lap).common for part in row.values()] for row in parted]
+    )
 
-    def cost(logarithms: Array) -> float:
-        a, b = np.exp(logarithms)
-        scale = np.sqrt((a * inside) ** 2 + (b * above) ** 2 + noise**2)
-        return float(-np.sum(student.logpdf(error / scale, DEGREES) - np.log(scale)))
 
-    return np.exp(minimize(cost, np.log([0.3, 0.1]), method="Nelder-Mead").x)
+def _least(cost: Callable[[Array], float], start: tuple[float, ...]) -> Array:
+    """Return the positive shares with the lowest cost."""
+    found = minimize(lambda x: cost(np.exp(x)), np.log(start), method="Nelder-Mead", tol=1e-4)
+    return np.asarray(np.exp(found.x), dtype=np.float64)
 
 
 def _factor(errors: Array) -> float:
@@ -146,58 +170,107 @@ def _factor(errors: Array) -> float:
     return float(max(scales, key=lambda scale: np.sum(student.logpdf(errors / scale, DEGREES) - np.log(scale))))
 
 
-def _score(outcomes: Sequence[Outcome], settings: ModelForm) -> float:
-    """Return the mean logarithm of the stated probability of what was observed."""
-    stated, correct = np.array([pair for one in outcomes for pair in _pairs(one, settings, 0)]).T
-    return float(np.mean(np.log(np.clip(np.where(correct > 0.5, stated, 1.0 - stated), 1e-6, 1.0))))
+def _loss(outcomes: Sequence[Outcome], settings: ModelForm) -> float:
+    """Return minus the mean logarithm of the stated probability of what was observed, relative to that of each kind."""
+    losses: dict[str, list[Array]] = {}
+    for one in outcomes:
+        said, correct = _pairs(one, settings, 0).T
+        likelihood = np.clip(np.where(correct > 0.5, said, 1.0 - said), 1e-6, 1.0)
+        losses.setdefault(one.kind, []).append(-np.log(likelihood))
+    return float(sum(np.log(np.mean(np.concatenate(rows))) for rows in losses.values()))
 
 
 def coverage(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
     """Return the share of true values within the intervals of each level, one row per measure, worst first."""
     rows: list[Row] = []
-    for name in outcomes[0].names:
-        hits: dict[float, list[bool]] = {level: [] for level in LEVELS}
-        scales: list[float] = []
-        for one in outcomes:
-            uncertainty = stated(one, settings)[name]
-            scales.append(uncertainty.common)
-            middle = {n: float(np.exp(np.mean(np.log([row[n] for row in one.predicted])))) for n in one.names}
-            for true, predicted in zip(one.true, one.predicted, strict=True):
-                for level in LEVELS:
-                    distance = setup_distance(predicted, middle)
-                    low, high = uncertainty.interval(predicted[name], level, distance=distance)
-                    hits[level].append(low <= true[name] <= high)
-        shares = {f"{100 * level:g} %": round(100.0 * float(np.mean(hits[level])), 1) for level in LEVELS}
-        rows.append({"measure": name, **shares, "common, median %": 100.0 * float(np.median(scales))})
-    return sorted(rows, key=lambda row: float(row[f"{100 * LEVELS[-1]:g} %"]))
+    half = {level: [_inside(one, settings, level) for one in outcomes] for level in LEVELS}
+    wide = LEVELS[-1]
+    for k, name in enumerate(outcomes[0].names):
+        row: Row = {"measure": name}
+        for level, inside in half.items():
+            row[f"{100 * level:g} %"] = _percent(np.concatenate(inside)[:, k])
+        for kind in dict.fromkeys(one.kind for one in outcomes):
+            of_kind = [inside[:, k] for one, inside in zip(outcomes, half[wide], strict=True) if one.kind == kind]
+            row[f"{100 * wide:g} %, {kind}"] = _percent(np.concatenate(of_kind))
+        common = [stated(one, settings)[name].common for one in outcomes]
+        rows.append(row | {"common, median %": round(100.0 * float(np.median(common)), 3)})
+    return sorted(rows, key=lambda row: min(v for n, v in row.items() if n.startswith(f"{100 * wide:g} %")))
+
+
+def _inside(one: Outcome, settings: ModelForm, level: float) -> NDArray[np.bool_]:
+    """Return whether the true measures are within their intervals (setups, measures)."""
+    middle = {n: float(np.exp(np.mean(np.log([row[n] for row in one.predicted])))) for n in one.names}
+    uncertainty = stated(one, settings)
+    found = []
+    for true, predicted in zip(one.true, one.predicted, strict=True):
+        distance = setup_distance(predicted, middle)
+        limits = [uncertainty[n].interval(predicted[n], level, distance=distance) for n in one.names]
+        found.append([low <= true[n] <= high for n, (low, high) in zip(one.names, limits, strict=True)])
+    return np.array(found)
+
+
+def _percent(values: NDArray[np.bool_]) -> float:
+    return round(100.0 * float(np.mean(values)), 1)
 
 
 def comparisons(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
-    """Return the stated and the observed share of correct comparisons by bins, for all pairs and for similar setups."""
-    rows = []
-    for group in ("all", "similar laws"):
-        first = [0 if group == "all" else one.similar for one in outcomes]
-        pairs = np.array([pair for one, k in zip(outcomes, first, strict=True) for pair in _pairs(one, settings, k)])
-        place = np.clip(np.digitize(pairs[:, 0], BINS) - 1, 0, len(BINS) - 2)
-        for k in range(len(BINS) - 1):
-            chosen = pairs[place == k]
-            if len(chosen):
-                mean, right = chosen.mean(axis=0)
-                limits = f"{BINS[k]:g} to {BINS[k + 1]:g}"
-                row = {"setups": group, "stated": limits, "pairs": len(chosen), "mean stated": mean}
-                rows.append(row | {"correct": right, "difference": right - mean})
+    """Return the stated and the observed share of correct comparisons by bins: all pairs, by kind, and similar laws."""
+    rows: list[Row] = []
+    for group in ("all", *dict.fromkeys(one.kind for one in outcomes), "similar laws"):
+        chosen = [one for one in outcomes if group in (one.kind, "all", "similar laws")]
+        pairs = [_pairs(one, settings, one.similar if group == "similar laws" else 0) for one in chosen]
+        rows += _bins(group, np.concatenate(pairs), BINS)
     return rows
 
 
-def _pairs(one: Outcome, settings: ModelForm, first: int) -> Iterable[tuple[float, float]]:
-    """Yield the stated probability of the more probable order of two setups, and whether it is the true order."""
+def best(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
+    """Return the stated probability that a setup has the lowest true value, and how often it has, by bins."""
+    pairs = np.concatenate([_best(one, settings) for one in outcomes])
+    return _bins("all", pairs, (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0))
+
+
+def _bins(group: str, pairs: Array, limits: Sequence[float]) -> list[Row]:
+    """Return the mean stated probability (pairs[:, 0]) and the share that was right (pairs[:, 1]) of each bin."""
+    place = np.clip(np.digitize(pairs[:, 0], limits) - 1, 0, len(limits) - 2)
+    rows: list[Row] = []
+    for k in range(len(limits) - 1):
+        chosen = pairs[place == k]
+        if len(chosen):
+            mean, right = chosen.mean(axis=0)
+            row = {"setups": group, "stated": f"{limits[k]:g} to {limits[k + 1]:g}", "pairs": len(chosen)}
+            rows.append(row | {"mean stated": mean, "correct": right, "difference": right - mean})
+    return rows
+
+
+def _pairs(one: Outcome, settings: ModelForm, first: int) -> Array:
+    """Return the stated probability of the more probable order of two setups, and whether it is the true order."""
     uncertainties = stated(one, settings)
-    rows = list(zip(one.true, one.predicted, strict=True))[first:]
+    rows, found = list(zip(one.true, one.predicted, strict=True))[first:], []
     for (true_a, a), (true_b, b) in combinations(rows, 2):
         distance = setup_distance(a, b)
         for name in one.names:
             below = uncertainties[name].probability_below(a[name], b[name], distance=distance)
-            yield max(below, 1.0 - below), float((below >= 0.5) == (true_a[name] < true_b[name]))
+            found.append((max(below, 1.0 - below), float((below >= 0.5) == (true_a[name] < true_b[name]))))
+    return np.array(found)
+
+
+def _best(one: Outcome, settings: ModelForm) -> Array:
+    """Return the stated probability that each setup has the lowest value of a measure, and whether it has."""
+    logarithms, true = one.logarithms(one.predicted), one.logarithms(one.true)
+    table = {name: np.exp(row) for name, row in zip(one.names, logarithms.T, strict=True)}
+    errors, generator = SetupErrors.of(table, stated(one, settings)), np.random.default_rng([one.seed, 3])
+    found = []
+    for k, name in enumerate(one.names):
+        lowest = np.argmin(logarithms[:, k] - errors.draw_own(name, DRAWS, generator), axis=1)
+        probability = np.bincount(lowest, minlength=len(true)) / DRAWS
+        found.append(np.column_stack([probability, np.arange(len(true)) == np.argmin(true[:, k])]))
+    return np.concatenate(found)
+
+
+def _unusable(one: Outcome) -> str:
+    """Return what the fit reports of a vehicle without figures."""
+    flags = {} if one.fit.trust is None else one.fit.trust.flags
+    return flags.get(UNUSABLE, "no flag")
 
 
 def _summary(one: Outcome) -> str:

@@ -1,10 +1,11 @@
 """The rig day of chapter 7 on the 8-post stand-in: identify, predict 2401 setups, select twenty, test them, compare.
 
-    python docs/make_rig_day.py FOLDER [--duration '400 s']
+    python docs/make_rig_day.py FOLDER [--duration '400 s'] [--bank FOLDER] [--workers N]
 
 The script calls the commands of `eightpost` one after the other and prints each, so that any of them can be repeated
 manually. Files that exist in FOLDER are not created again. It writes the tables in docs/rig_day.md and its picture; all
-data are SYNTHETIC, and the seeds are constants of this script. It takes about 15 minutes on one core.
+data are SYNTHETIC, and the seeds are constants of this script. --bank takes fitted shocks from another folder, such as
+examples/bank, instead of testing and fitting the seven builds.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import geometric_mean
 from typing import Any
 
 from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
+from eightpost.ident.vehicle import read_fit
+from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
@@ -30,6 +34,10 @@ BASELINE, ALTERNATE = "B/B", "AA/AA"
 
 #: Seeds of the identification's drive file and its runs, of the lap, of the recorded run of the lap, and of the tests.
 DRIVE, RUNS, LAP, DRIVE_RUN, TEST_RUNS = 11, 1100, 77, 2000, 3000
+
+#: Peak displacements of the two random dynamometer tests of each build, and the seeds of the tests of the first build.
+#: At 0.5 in the velocity reaches 0.5 m/s; the shocks of the lap move 1 to 3 mm (RMS) and reach 0.2 to 0.45 m/s.
+PEAKS, BENCH = ("0.5 in", "0.3 in"), (101, 151)
 
 #: Number of low setups, and of high setups, to select for each measure (twenty in Table 7.5).
 SELECTED = {"front ride height, RMS": 4, "total tire force, RMS": 3, "rf hub acceleration, RMS": 3}
@@ -78,11 +86,16 @@ def main() -> None:
     folder: Path = options.folder
     folder.mkdir(parents=True, exist_ok=True)
     _identify(folder, options.duration)
-    _predict(folder)
+    bank = options.bank or folder / "bank"
+    if options.bank is None:
+        _fit_bank(bank)
+    _predict(folder, bank, options.workers)
     _test(folder)
     _compare(folder)
     found = json.loads((folder / "study" / "compared" / "comparison.json").read_text(encoding="utf-8"))["measures"]
-    page = placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
+    page = placed(
+        PAGE.read_text(encoding="utf-8"), "measures", measures_table(found, intervals(folder / "car.json", found))
+    )
     PAGE.write_text(placed(page, "setups", setups_table(folder / "study", found)), encoding="utf-8")
     shutil.copy(folder / "study" / "compared" / "comparison.png", PICTURE)
 
@@ -97,16 +110,42 @@ def _identify(folder: Path, duration: str) -> None:
         call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
 
-def _predict(folder: Path) -> None:
+def _fit_bank(bank: Path) -> None:
+    """Test every build twice on the virtual dynamometer, and fit its law."""
+    bank.mkdir(exist_ok=True)
+    for number, build in enumerate(BUILDS):
+        name = build.replace("/", "_")
+        tests = [bank / f"{name}_{test}.parquet" for test in range(len(PEAKS))]
+        for peak, first, test in zip(PEAKS, BENCH, tests, strict=True):
+            if not test.exists():
+                call("dyno", "--build", build, "--amplitude", peak, "--duration", "12 s", "--seed", first + number,
+                     "-o", test)  # fmt: skip
+        if not (bank / f"{name}.json").exists():
+            # auto chose this law for all builds; the car's static loads and ride heights already include the gas force.
+            call(
+                "fit",
+                *tests,
+                "--law",
+                "hysteresis",
+                "--gas",
+                "included",
+                "--name",
+                f"build {build}",
+                "-o",
+                bank / f"{name}.json",
+            )
+
+
+def _predict(folder: Path, bank: Path, workers: int | None) -> None:
     """Record a lap with the baseline, predict every setup of the seven builds on it, and select twenty setups."""
-    lap, study, bank = folder / "lap.parquet", folder / "study.toml", ROOT / "examples" / "bank"
+    lap, study = folder / "lap.parquet", folder / "study.toml"
     if not lap.exists():
         call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
-    files = "\n".join(f'"{build}" = "{bank / build.replace("/", "_")}.json"' for build in BUILDS)
+    files = "\n".join(f'"{build}" = "{(bank / build.replace("/", "_")).resolve()}.json"' for build in BUILDS)
     targets = "\n".join(f'"{c}.{what}" = "car.{c}.{what}"' for c in CORNERS for what in ("road", "aero"))
     study.write_text(STUDY.format(baseline=BASELINE, bank=files, targets=targets), encoding="utf-8")
     if not (folder / "study" / "results.parquet").exists():
-        call("study", study, "-o", folder / "study")
+        call("study", study, "-o", folder / "study", *(["--workers", workers] if workers else []))
     if not (folder / "study" / "selection.csv").exists():
         counts = [word for name, count in SELECTED.items() for word in ("--measure", f"{name}={count}")]
         call("select", folder / "study", *counts)
@@ -131,23 +170,49 @@ def selection(study: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def measures_table(found: Sequence[Mapping[str, Any]]) -> str:
+def channel_of(measure: str) -> str:
+    """Return the name that a fit's uncertainty has for a measure of the study: lf.velocity for its RMS."""
+    place, _, what = measure.removesuffix(", RMS").partition(" ")
+    return (
+        f"{place}_{what}".replace(" ", "_")
+        if place == "total"
+        else f"{place}.{_WHAT.get(what, what.replace(' ', '_'))}"
+    )
+
+
+def intervals(car: Path, found: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[float, float]]]:
+    """Return the stated 95 % interval of each measure of each setup [SI], from the vehicle's uncertainty alone."""
+    trust = read_fit(car).trust
+    stated: Mapping[str, MeasureUncertainty] = {} if trust is None else trust.measures
+    known = {entry["measure"]: entry["predicted"] for entry in found if channel_of(entry["measure"]) in stated}
+    setups = [dict(zip(known, levels, strict=True)) for levels in zip(*known.values(), strict=True)]
+    mean = {name: geometric_mean(levels) for name, levels in known.items()}
+    distances = [setup_distance(setup, mean) for setup in setups]
+    return {
+        name: [stated[channel_of(name)].interval(p, distance=d) for p, d in zip(levels, distances, strict=True)]
+        for name, levels in known.items()
+    }
+
+
+def measures_table(found: Sequence[Mapping[str, Any]], stated: Mapping[str, Sequence[tuple[float, float]]]) -> str:
     """Return the accuracy of each predicted measure as Markdown; sigma is from the baseline's five runs."""
     lines = [
         "| RMS | measured, minimum to maximum | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
-        "| a run's sigma | in the band |",
-        "|---" * 10 + "|",
+        "| scatter about the line | a run's sigma | in the band | stated 95 % interval | in the interval |",
+        "|---" * 13 + "|",
     ]
     for entry in found:
         if entry["measure"] in SHOWN:
-            lines.append(_measure_line(entry, SHOWN[entry["measure"]]))
+            lines.append(_measure_line(entry, SHOWN[entry["measure"]], stated.get(entry["measure"], ())))
     return "\n".join(lines)
 
 
-def _measure_line(entry: Mapping[str, Any], unit: str) -> str:
+def _measure_line(entry: Mapping[str, Any], unit: str, stated: Sequence[tuple[float, float]]) -> str:
     factor, _ = units.conversion(entry["unit"], unit)
     measured, (low, high) = [factor * value for value in entry["measured"]], entry["slope_interval_95"]
-    sigma = 100.0 * entry["run_to_run"] * len(measured) / sum(entry["measured"])
+    percent = 100.0 * len(measured) / sum(entry["measured"])
+    inside = sum(low <= level <= high for level, (low, high) in zip(entry["measured"], stated, strict=False))
+    widths = [100.0 * (high / level - 1.0) for level, (_, high) in zip(entry["predicted"], stated, strict=False)]
     cells = (
         entry["measure"].removesuffix(", RMS"),
         f"{min(measured):.3g} to {max(measured):.3g} {unit}",
@@ -157,10 +222,17 @@ def _measure_line(entry: Mapping[str, Any], unit: str) -> str:
         f"{entry['slope']:.2f} ({low:.2f} to {high:.2f})",
         f"{entry['level_error_percent']:.1f} %",
         f"{entry['bias_percent']:+.1f} %",
-        f"{factor * entry['run_to_run']:.2g} {unit} ({sigma:.2g} %)",
+        f"{percent * entry['scatter']:.2g} %",
+        f"{factor * entry['run_to_run']:.2g} {unit} ({percent * entry['run_to_run']:.2g} %)",
         f"{entry['within_band']} of {len(measured)}",
+        f"{min(widths):.1f} to {max(widths):.1f} %" if widths else "not stated",
+        f"{inside} of {len(stated)}" if stated else "",
     )
     return f"| {' | '.join(cells)} |"
+
+
+#: Channels of measures whose names differ.
+_WHAT = {"shock velocity": "velocity", "suspension travel": "displacement"}
 
 
 def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
@@ -186,6 +258,8 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="folder for rig records, the identified car, the study and its tests")
     parser.add_argument("--duration", default="400 s", help="duration of each of the five identification tests")
+    parser.add_argument("--bank", type=Path, help="folder with fitted shocks, instead of tests and fits of the builds")
+    parser.add_argument("--workers", type=int, help="number of processes of the study")
     return parser.parse_args()
 
 

@@ -1,13 +1,17 @@
 """Rewrite the tables in docs that are generated from the code: `python docs/make_tables.py`.
 
 The variables in docs/ports.md come from the interface.toml files, the rules in docs/verdict.md from the modules that
-define them.
+define them, the items in docs/equations.md from the inventory of `eightpost reproduce` and the results of its last full
+run, docs/reproduced.json (`python docs/make_reproduce.py`).
 """
 
 import importlib
+import json
 import re
 import tomllib
 from pathlib import Path
+
+from eightpost.reproduce import inventory
 
 DOCS = Path(__file__).parent
 FMUS = DOCS.parent / "fmus"
@@ -19,7 +23,9 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
-_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_REGION = re.compile(
+    r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
+)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
 
@@ -31,6 +37,8 @@ def rewrite(page: str) -> str:
 def _region(kind: str, name: str) -> str:
     if kind == "rules":
         return rules(name)
+    if kind == "items":
+        return items(int(name))
     return laws() if name == "laws" else table(SOURCES[name])
 
 
@@ -39,6 +47,21 @@ def rules(module: str) -> str:
     rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
     head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
     return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
+
+
+def items(chapter: int) -> str:
+    """Return the table of a chapter's numbered items with the results of the last full run."""
+    results = json.loads((DOCS / "reproduced.json").read_text(encoding="utf-8"))["items"]
+    head = "| item | content | section | result | difference |\n" + "|---" * 5 + "|\n"
+    rows = [
+        (item.label, item.title, item.section, *results[item.name])
+        for item in inventory()
+        if item.chapter == chapter and item.is_computed
+    ]
+    rest = [item for item in inventory() if item.chapter == chapter and not item.is_computed]
+    others = "; ".join(f"{item.label}: {item.reason.partition(';')[0]}" for item in rest)
+    table = head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
+    return f"{table}\nNothing to compute: {others}.\n" if rest else table
 
 
 def laws() -> str:
@@ -86,5 +109,5 @@ def _range(row: dict) -> str:
 
 
 if __name__ == "__main__":
-    for path in (DOCS / "ports.md", DOCS / "verdict.md"):
+    for path in (DOCS / "ports.md", DOCS / "verdict.md", DOCS / "equations.md"):
         path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -46,9 +46,11 @@ VERBS = {
     "shapes": "Find the shock curves to aim at: the best shapes for a study, also such that nobody has built.",
     "whatif": "Show what a click more or less at a corner would do to every measure of a study.",
     "sensitivity": "Show which corner matters for which measure of a study.",
-    "robust": "Show which of a study's best setups differ by more than the stated uncertainty.",
+    "robust": "Compute how sure a study's choice is with an uncertainty file of your own.",
+    "confirm": "Update how sure a study's choice is with rig runs of some of its setups.",
     "select": "Select setups of a study to confirm on the rig.",
     "compare": "Compare runs, or a study's prediction with rig measurements.",
+    "reproduce": "Reproduce the dissertation's figures, tables and equations.",
     "demo": "Run the whole workflow on shipped data.",
 }
 

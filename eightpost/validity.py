@@ -1,14 +1,15 @@
-"""Validity of a model: its verdict and the ranges of its records, passed on from the fit to the FMU and to a run."""
+"""Validity of a model: its verdict, ranges and uncertainty, passed on from the fit to the FMU and to a run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from typing import Any, Literal, get_args
 
 from eightpost.errors import InputError
 from eightpost.files import check_schema
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.verdict import Verdict
 
 #: Schema version of the JSON document that is written, and the only one that is read.
@@ -59,10 +60,12 @@ class Validity:
     Attributes:
         verdict: Verdict on the model itself, from its fit and its validation.
         ranges: Ranges covered by the records of the fit.
+        uncertainty: Uncertainty of the model's measures or parameters; None if it is not known.
     """
 
     verdict: Verdict
     ranges: tuple[Range, ...] = ()
+    uncertainty: ModelUncertainty | None = None
 
     @classmethod
     def with_verdict(cls, known: Validity | None, verdict: Verdict) -> Validity:
@@ -70,7 +73,7 @@ class Validity:
         if known is None:
             return cls(verdict)
         kept = [reason for reason in known.verdict.reasons if reason.about not in verdict.grades]
-        return cls(Verdict((*kept, *verdict.reasons)), known.ranges)
+        return replace(known, verdict=Verdict((*kept, *verdict.reasons)))
 
     def to_json(self) -> dict[str, Any]:
         """Return the validity as a JSON document."""
@@ -78,6 +81,7 @@ class Validity:
             "schema": SCHEMA,
             "verdict": self.verdict.to_json(),
             "ranges": [asdict(covered) for covered in self.ranges],
+            **({} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_json()}),
         }
 
     @classmethod
@@ -93,7 +97,9 @@ class Validity:
         ranges = document.get("ranges", [])
         if not isinstance(ranges, Sequence) or not all(isinstance(entry, Mapping) for entry in ranges):
             raise InputError("a model's validity: ranges must be a list of objects")
+        stated = document.get("uncertainty")
+        uncertainty = None if stated is None else ModelUncertainty.from_json(stated)
         try:
-            return cls(Verdict.from_json(document.get("verdict")), tuple(Range(**entry) for entry in ranges))
+            return cls(Verdict.from_json(document.get("verdict")), tuple(Range(**e) for e in ranges), uncertainty)
         except TypeError as error:
             raise InputError(f"a model's validity: {error}") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from builder.assembly.parts import Part
 from builder.assembly.plan import Assembly, coupling_step
+from builder.assembly.settings import law_of
 from builder.documents.equations import equations
 from builder.documents.page import Contents, page
 from builder.documents.picture import curves_picture
@@ -21,13 +21,12 @@ from builder.fmu.interface import (
     PORT_PARAMETERS,
     Interface,
     friction_ports,
-    own_value,
     source_folder,
     spring_ports,
 )
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
-from eightpost.shock import LAWS, Port, ShockLaw, StaticCurve, own_parameters
+from eightpost.shock import Settings, ShockLaw
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, named_ports
 from eightpost.wiring import Wire
@@ -43,17 +42,34 @@ def _start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
 
 def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
     """Return a shock's law with its start values."""
-    values = {name: float(value) for name, value in _start_values(assembly, part).items()}
-    law = LAWS[part.kind.removeprefix("shock_")]
-    lists: dict[str, tuple[float, ...]] = {}
-    for name, value in values.items():
-        if found := re.fullmatch(r"curve\.(\w+)\[\d+\]", name):
-            lists[found[1]] = (*lists.get(found[1], ()), value)
-    scalars = {name.removeprefix("curve."): value for name, value in values.items() if name.startswith("curve.")}
-    curve = {f.name: lists.get(f.name, scalars.get(f.name)) for f in dataclasses.fields(StaticCurve)}
-    port = Port(**{f.name: values[f.name] for f in dataclasses.fields(Port)})
-    own = {name: own_value(law, name, values) for name in own_parameters(law)}
-    return law(curve=StaticCurve(**curve), port=port, **own)  # type: ignore[arg-type]
+    values = _start_values(assembly, part)
+    law = law_of(part.kind, values)
+    return law if part.settings is None else part.settings.law_at(law, _setting(part.settings, values))
+
+
+def _setting(settings: Settings, values: Mapping[str, float | bool]) -> tuple[float, ...]:
+    return tuple(float(values[axis.variable]) for axis in settings.axes)
+
+
+class _Shock:
+    """A shock of an assembly with its start values, at any temperature if that is an input."""
+
+    def __init__(self, assembly: Assembly, part: Part) -> None:
+        self._values = _start_values(assembly, part)
+        self._given, self._settings = law_of(part.kind, self._values), part.settings
+        inputs = part.interface.names("input")
+        self._temperature = inputs.index("temperature") if "temperature" in inputs else None
+        self._laws: dict[tuple[float, ...], ShockLaw] = {}
+
+    def law(self, u: Array) -> ShockLaw:
+        """Return the law with the inputs (m,) of the shock."""
+        if self._settings is None:
+            return self._given
+        warm = {} if self._temperature is None else {"temperature": float(u[self._temperature])}
+        setting = _setting(self._settings, self._values | warm)
+        if setting not in self._laws:
+            self._laws[setting] = self._settings.law_at(self._given, setting)
+        return self._laws[setting]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +174,7 @@ class _Run:
         self.inputs, self.names = inputs, names
         self._assembly = assembly
         self._vehicle: _VehicleModel = _vehicle_model(assembly)
-        self._laws: dict[str, ShockLaw] = {part.name: _shock_law(assembly, part) for part in assembly.shocks}
+        self._laws: dict[str, _Shock] = {part.name: _Shock(assembly, part) for part in assembly.shocks}
         self._state = np.zeros(self._vehicle.stepper.A.shape[0] + self._vehicle.friction.states)
         self._lagged = dict.fromkeys(self._laws, 0.0)
         self._now: dict[str, float] = {}
@@ -191,8 +207,9 @@ class _Run:
         if model.starts_at_equilibrium:
             self._state = friction.equilibrium(model.stepper, model.friction, fed)
         self._take_vehicle(fed)
-        for name, law in self._laws.items():
-            velocity, displacement = self._fed(name, u, self._now)
+        for name, shock in self._laws.items():
+            fed = self._fed(name, u, self._now)
+            (velocity, displacement), law = fed[:2], shock.law(fed)
             self._lagged[name] = law.start(velocity)
             self._now[f"{name}.force"] = law.response(self._lagged[name], velocity, displacement).force
         return np.array([self._now[f"{name}.force"] for name in self._laws])
@@ -202,8 +219,9 @@ class _Run:
         before = dict(self._now)
         ahead = {name: before[name] + slope * h for name, slope in self._slope.items()}
         self._step_vehicle(u, before, before | ahead, h)
-        for name, law in self._laws.items():
-            (v0, _), (v1, x1) = self._fed(name, u, before), self._fed(name, u, self._now)
+        for name, shock in self._laws.items():
+            fed = self._fed(name, u, self._now)
+            v0, (v1, x1), law = self._fed(name, u, before)[0], fed[:2], shock.law(fed)
             self._lagged[name] = law.follow(self._lagged[name], v0, v1, h)
             self._now[f"{name}.force"] = law.response(self._lagged[name], v1, x1).force
         self._time += h

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from builder.assembly.settings import law_of, settings_of
 from builder.fmu.interface import Interface, Variable, shock_kinds, source_folder
 from builder.fmu.settings import BEYOND_SETTINGS
 from builder.native.native_fmu import SHOCK
 from builder.native.native_fmu import VEHICLE as VEHICLE_FILES
+from builder.native.settings_data import settings_data
 from builder.native.tables import interface_header, layout
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
 from eightpost.files import MALFORMED
+from eightpost.shock import Settings
 from eightpost.validity import MEMBER
 
 # ---- Reading of an interface from the modelDescription.xml of an FMU ------------------------------------------------
@@ -102,8 +106,10 @@ class Part:
         guid: GUID of the FMU.
         interface: Variables of the FMU with their start values.
         states: Number of values that its model keeps from step to step.
-        data: Content of vehicle_data.h for a vehicle; empty for a shock, whose values are all parameters.
+        data: Content of vehicle_data.h for a vehicle, or of settings_data.h for a shock with settings; empty for any
+            other shock, whose values are all parameters.
         validity: Validity that the FMU states for its model; None if it states none.
+        settings: Settings of a shock; None if it has none.
     """
 
     name: str
@@ -114,6 +120,18 @@ class Part:
     states: int
     data: str
     validity: bytes | None = None
+    settings: Settings | None = None
+
+    @property
+    def unit(self) -> str:
+        """Name of the part's compilation unit: its kind, and for a shock with settings the digest of their tables.
+
+        Parts with the same unit have the same code and constants.
+        """
+        if self.settings is None:
+            return self.kind
+        header = interface_header(layout(self.interface, self.states), self.kind, "")
+        return f"{self.kind}_{hashlib.sha256((header + self.data).encode()).hexdigest()[:8]}"
 
     @property
     def kind(self) -> str:
@@ -162,11 +180,6 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
         raise _CannotBeError(f"is not an FMU of eightpost, so its equations are not known; {_NOT_ASSEMBLED}")
     if interface.kind not in (VEHICLE, *shock_kinds()):
         raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_NOT_ASSEMBLED}")
-    if BEYOND_SETTINGS in interface.names("local"):
-        raise _CannotBeError(
-            "has adjusters as parameters, whose tables an assembly cannot contain; build the shock at one setting: "
-            "write_shock(shock.at(clicks=...), ...) in Python"
-        )
     _refuse_closed(root, members)
     header = members["sources/interface.h"].decode()
     states = int(_found(r"\bSTATES = (\d+)", header))
@@ -178,9 +191,25 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
         guid=root.get("guid", ""),
         interface=interface,
         states=states,
-        data=members.get("sources/vehicle_data.h", b"").decode(),
+        data=(members.get("sources/vehicle_data.h") or members.get("sources/settings_data.h") or b"").decode(),
         validity=members.get(MEMBER),
+        settings=_settings(members, interface, root),
     )
+
+
+def _settings(members: Mapping[str, bytes], interface: Interface, root: ET.Element) -> Settings | None:
+    """Return the settings of a shock; an error if this version would write their tables differently."""
+    if BEYOND_SETTINGS not in interface.names("local"):
+        return None
+    data = members.get("sources/settings_data.h", b"").decode()
+    try:
+        settings = settings_of(data, interface)
+        law = law_of(interface.kind, {v.name: v.start for v in interface.variables if v.start is not None})
+        if settings_data(settings, law, interface) == data:
+            return settings
+    except MALFORMED:  # as another version may have written it
+        pass
+    raise _CannotBeError(_other_version(root))
 
 
 def _refuse_closed(root: ET.Element, members: Mapping[str, bytes]) -> None:
@@ -202,10 +231,14 @@ def _refuse_other_version(root: ET.Element, interface: Interface, members: Mappi
         members.get(f"sources/{name}") == content for name, content in model_files(interface.kind).items()
     )
     if not same:
-        raise _CannotBeError(
-            f"contains a different model than eightpost {__version__} builds (it was built by "
-            f"{root.get('generationTool')}); build it again"
-        )
+        raise _CannotBeError(_other_version(root))
+
+
+def _other_version(root: ET.Element) -> str:
+    return (
+        f"contains a different model than eightpost {__version__} builds (it was built by "
+        f"{root.get('generationTool')}); build it again"
+    )
 
 
 def model_files(kind: str) -> dict[str, bytes]:

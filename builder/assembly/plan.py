@@ -148,8 +148,9 @@ REFERENCES_PER_PART = 1000
 #: Row of interface.toml that becomes one variable for each shock.
 _ERROR = "<shock>.coupling_error"
 
-#: Parameters that affect the force of a shock at rest; all others only have an effect when it moves.
-_AT_REST = ("motion_ratio", "gas_stiffness", "gas_preload")
+#: Parameters that affect the force of a shock at rest; all others only have an effect when it moves. The temperature
+#: and the clicks change the gas preload.
+_AT_REST = ("motion_ratio", "gas_stiffness", "gas_preload", "temperature")
 
 
 def assembly_interface(assembly: Assembly) -> Interface:
@@ -296,7 +297,8 @@ def _at_shock(assembly: Assembly, part: Part, output: str, found: Mapping[str, s
     named = part.interface
     behind = {name: set(_behind(assembly, part, name, found)) for name in named.names("input")}
     for name in named.initial[output]:
-        at_rest = output == "force" and name in _AT_REST and (name != "gas_stiffness" or behind["displacement"])
+        is_spring = name in _AT_REST or name.startswith("clicks.")
+        at_rest = output == "force" and is_spring and (name != "gas_stiffness" or behind["displacement"])
         if name not in behind and (at_rest or behind["velocity"]):
             yield f"{part.name}.{name}"
     for name in set(behind) & set(named.initial[output]):

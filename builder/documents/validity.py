@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from builder.documents.reference import Disclosure
 from eightpost.errors import InputError
 from eightpost.shock import Shock
+from eightpost.shock.fit_uncertainty import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import StructuralVehicle, Vehicle
 from eightpost.verdict import Grade, Rule, Rules, Verdict
@@ -33,14 +34,17 @@ PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicl
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:
-    """Return the validity of a shock or vehicle."""
+    """Return the validity of a shock or vehicle; that of a shock contains the uncertainty of its fit."""
+    if isinstance(source, Shock):
+        known = source.validity or _unknown(SHOCK_UNKNOWN, source.name)
+        return replace(known, uncertainty=shock_uncertainty(source))
     if isinstance(source, StructuralVehicle):
         figure = f"{len(fields(source.parameters))} parameters"
         summary = "the car's parameters were stated, not identified"
         return Validity(Verdict([PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)]))
     if source.validity is not None:
         return source.validity
-    return _unknown(SHOCK_UNKNOWN if isinstance(source, Shock) else VEHICLE_UNKNOWN, source.name)
+    return _unknown(VEHICLE_UNKNOWN, source.name)
 
 
 def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:

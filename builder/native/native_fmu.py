@@ -36,6 +36,7 @@ COMMON = (
     "message.h",
     "model_exchange.c",
     "names.h",
+    "real.h",
     "refusals.c",
     "state_check.c",
     "step.c",
@@ -44,7 +45,16 @@ COMMON = (
 )
 SHOCK = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h")
 #: Files of fmus/vehicle_ss besides model.c.
-VEHICLE = ("modal.h", "phi.h", "port_forces.h", "rates.c", "steady_state.h")
+VEHICLE = (
+    "advance.h",
+    "factors.h",
+    "modal.h",
+    "phi.h",
+    "port_forces.h",
+    "rates.c",
+    "steady_state.h",
+    "sub_steps.h",
+)
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:

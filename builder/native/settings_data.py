@@ -8,12 +8,16 @@ from builder.fmu.interface import Interface
 from builder.native.tables import c_array
 from eightpost.shock import Settings, ShockLaw
 from eightpost.shock.curve import KNOTS
+from eightpost.shock.settings import LAGGED_SLOPE
 
-#: The lagged part of a law keeps its share of the slope at each knot, as in settings.py.
-_LAGGED = """    for (int k = 0; k < KNOTS; k++) {
-        const double before = given->curve_knot_slope[k], slope = now->curve_knot_slope[k];
-        const double part = before > 0.0 ? now->curve_lagged_slope[k] * (slope / before) : 0.0;
-        now->curve_lagged_slope[k] = part < slope ? part : slope;
+#: Slope of the lagged part at a knot, as in settings.py: with its own deviation, or its share of the curve's slope.
+_CHANGED = """        const double slope = now->curve_knot_slope[k];
+        const double part = not_negative(now->curve_lagged_slope[k] + changes[k]);""".splitlines()
+_SHARED = """        const double before = given->curve_knot_slope[k], slope = now->curve_knot_slope[k];
+        const double part = before > 0.0 ? now->curve_lagged_slope[k] * (slope / before) : 0.0;""".splitlines()
+
+#: The lagged part is never steeper than the curve.
+_LIMITED = """        now->curve_lagged_slope[k] = part < slope ? part : slope;
     }
     if (now->curve_lagged_slope[0] > now->curve_rebound_slope) {
         now->curve_lagged_slope[0] = now->curve_rebound_slope;
@@ -33,7 +37,7 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         "TERMS": len(settings.terms),
         "TESTED": len(settings.tested),
         "MOST_NODES": most,
-        "DEVIATIONS": KNOTS + len(settings.parameters) + 1,
+        "DEVIATIONS": settings.deviation_count,
         "TEMPERATURE_INPUT": _temperature_input(interface),
     }
     lines = [
@@ -64,10 +68,10 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         *_readings(settings, interface),
         "}",
         "",
-        "/* Scales the law's own parameters, given the logarithms of their factors. */",
-        "static void scale_own(Parameters *now, const Parameters *given, const double *logarithms)",
+        "/* Changes the law's own parameters by the deviations that follow those of the curve. */",
+        "static void change_own(Parameters *now, const Parameters *given, const double *changes)",
         "{",
-        *_scalings(settings, law),
+        *_changes(settings, law),
         "}",
         "",
     ]
@@ -98,19 +102,21 @@ def _readings(settings: Settings, interface: Interface) -> Iterator[str]:
         yield f"    setting[{k}] = v->named.{kind}.{axis.variable.replace('.', '_')};"
 
 
-def _scalings(settings: Settings, law: ShockLaw) -> Iterator[str]:
-    """Yield the lines that scale the law's parameters; the lagged part keeps its share of the slope at each knot."""
-    own = iter(enumerate(settings.parameters))
-    if not settings.parameters:
-        yield "    (void)logarithms;"
-    for k, name in own:
+def _changes(settings: Settings, law: ShockLaw) -> Iterator[str]:
+    """Yield the lines that change the law's parameters: factors by their logarithms, then the lagged slopes."""
+    first = KNOTS * settings.has_lagged_slope
+    for k, name in enumerate(settings.factors):
         value = getattr(law, name)
         places = [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
         for place in places:
-            yield f"    now->{place} *= exponential(logarithms[{k}]);"
-    if hasattr(law, "lagged_slope"):
-        yield from _LAGGED
-    else:
+            yield f"    now->{place} *= exponential(changes[{first + k}]);"
+    if not settings.parameters:
+        yield "    (void)changes;"
+    if settings.has_lagged_slope or not hasattr(law, LAGGED_SLOPE):
         yield "    (void)given;"
-        if not settings.parameters:
-            yield "    (void)now;"
+    if hasattr(law, LAGGED_SLOPE):
+        yield "    for (int k = 0; k < KNOTS; k++) {"
+        yield from (_CHANGED if settings.has_lagged_slope else _SHARED)
+        yield from _LIMITED
+    elif not settings.parameters:
+        yield "    (void)now;"

@@ -287,11 +287,22 @@ def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, fi
     """Step part c and read its signals; return 1 if it refused. Record its number first: a call may not return."""
     m.failure[1] = c
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
-        if _follow(plan, m, c, drive, step, final):
-            return 1
-    elif _go(plan, m, c, drive, step, mode, final):
+        return 1 if _follow(plan, m, c, drive, step, final) else _read(plan, m, c)
+    if _go(plan, m, c, drive, step, mode, final) or _read(plan, m, c):
+        _keep_inputs(plan, m, c, mode)
         return 1
-    return _read(plan, m, c)
+    return 0
+
+
+@shared
+def _keep_inputs(plan: Plan, m: Memory, c: int, mode: int) -> None:
+    """Copy the inputs that part c had from the start of the step to `value`, where errors find them.
+
+    Held inputs are there already.
+    """
+    if plan.parts.ramps[c] == 1 or _stands_still(plan, c, mode):
+        for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
+            m.value[i] = m.start[i]
 
 
 @shared

@@ -67,7 +67,7 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     Raises:
         StepError: A component failed, or the coupling diverged.
     """
-    grid, count = _grid(setup), setup.times.size - 1
+    grid, count = grid_of(setup), setup.times.size - 1
     march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
     began, end, ended_by = clock.perf_counter(), DONE, ""
     chunk = _chunk(setup, marching)
@@ -98,7 +98,7 @@ def _reached(setup: Setup, running: Running) -> float:
     return float(setup.times[int(running.memory.failure[3])])
 
 
-def _grid(setup: Setup) -> Grid:
+def grid_of(setup: Setup) -> Grid:
     """Return the communication points, and the drive at these and at its own points between them."""
     scenario, times = setup.scenario, setup.times
     steps = step_sizes(times, setup.step)

@@ -5,16 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.study.certainty import Certainty, read_certainty
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import read_spreads
 from cosim.study.choice.selection import Selection, read_selection
 from cosim.study.report import write_study_report
+from cosim.study.report.shock_pages import copy_shock_pages, shock_curves
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError
 
 #: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
+
+#: Certainty of the study, and the one before the last `eightpost confirm`.
+CERTAINTY, PREVIOUS = "certainty.parquet", "certainty.previous.parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +30,21 @@ class Chosen:
         selection: Setups to confirm on the rig; None without a selection.
         spreads: Uncertainty of the measures of the leading setups.
         notes: Sentences about files in the folder that belong to another study.
+        certainty: Certainty of the study; None if the folder has none.
     """
 
     selection: Selection | None
     spreads: tuple[Spread, ...]
     notes: tuple[str, ...]
+    certainty: Certainty | None = None
 
 
 def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
-    """Return the selection and the spreads in a study's folder; files of another study are named in the notes."""
-    selection, spreads, notes = None, tuple[Spread, ...](), list[str]()
+    """Return the selection, the spreads and the certainty in a study's folder.
+
+    Files of another study are named in the notes.
+    """
+    selection, spreads, certainty, notes = None, tuple[Spread, ...](), None, list[str]()
     try:
         if (folder / SELECTION).is_file():
             selection = read_selection(folder / SELECTION, result)
@@ -45,7 +55,12 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
             spreads = read_spreads(folder / SPREADS, digest=result.provenance.digest)
     except FileFormatError as error:
         notes.append(f"left out of the page: {error}")
-    return Chosen(selection, spreads, tuple(notes))
+    try:
+        if (folder / CERTAINTY).is_file():
+            certainty = read_certainty(folder / CERTAINTY, digest=result.provenance.digest)
+    except FileFormatError as error:
+        notes.append(f"left out of the page: {error}")
+    return Chosen(selection, spreads, tuple(notes), certainty)
 
 
 def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
@@ -63,6 +78,8 @@ def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command:
         folder,
         traces=traces(result, dict.fromkeys(index for index in traced if index in done)),
         selection=chosen.selection,
-        bands=chosen.spreads,
+        certainty=chosen.certainty,
+        curves=shock_curves(result.study),
+        shock_pages=copy_shock_pages(result.study, folder),
         trace_command=trace_command,
     ).page

@@ -144,7 +144,7 @@ _ORDER = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sections:
+class Sections:
     """A filter and its steady state for a unit step; both are cached because computing them is slow.
 
     Attributes:
@@ -154,6 +154,11 @@ class _Sections:
 
     rows: Array
     rest: Array
+
+    @property
+    def pad(self) -> int:
+        """Number of samples of odd reflection at each end."""
+        return 3 * (2 * len(self.rows) + 1)
 
     def forward_and_backward(self, values: Array, pad: int) -> Array:
         """Return values (N,) filtered like scipy's sosfiltfilt, with `pad` samples of odd reflection at each end."""
@@ -185,10 +190,10 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
             f"measure {what!r}: the band {low:g} to {high:g} Hz exceeds half the sample rate of {rate:g} Hz; use a "
             "smaller record_step, or inf as the upper edge"
         )
-    sections = _sections(low, high, rate)
+    sections = sections_of(low, high, rate)
     if sections is None:
         return values
-    pad = 3 * (2 * len(sections.rows) + 1)
+    pad = sections.pad
     if values.shape[-1] <= pad:
         raise InputError(
             f"measure {what!r}: {values.shape[-1]} samples are too few for the band-pass filter; it needs {pad + 1}"
@@ -197,7 +202,7 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
 
 
 @lru_cache(maxsize=64)
-def _sections(low: float, high: float, rate: float) -> _Sections | None:
+def sections_of(low: float, high: float, rate: float) -> Sections | None:
     """Return the filter, or None if both sides are open."""
     if low > 0.0 and np.isfinite(high):
         rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
@@ -207,7 +212,7 @@ def _sections(low: float, high: float, rate: float) -> _Sections | None:
         rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
     else:
         return None
-    return _Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
+    return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,6 +233,10 @@ class Filtered:
             begin, end = np.searchsorted(self.series.time, (first - 1e-9, last + 1e-9)).tolist()
             self._windows[first, last] = slice(begin, end)
         return self._windows[first, last]
+
+    def keep(self, name: str, band: tuple[float, float], values: Array) -> None:
+        """Store a channel (N,) that was filtered to a band [Hz] elsewhere."""
+        self._kept[name, band] = values
 
     def channel(self, name: str, band: tuple[float, float] | None, what: str) -> Array:
         """Return a channel (N,) in SI, unfiltered or filtered to a band [Hz]; `what` is the measure, for messages.

@@ -10,6 +10,8 @@ import numpy as np
 
 from cosim.results.rules import LARGEST_ERROR
 from cosim.results.validity import MODEL_UNKNOWN, NOTABLE_POWER
+from cosim.study.certainty import Certainty
+from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 from eightpost.validity import Validity
@@ -83,9 +85,15 @@ WITHIN_BAND = RULES.add("measures within the identified band", "band of the vehi
 )  # fmt: skip
 
 
-def study_verdict(result: StudyResult) -> Verdict:
-    """Return the verdict on a study."""
-    return Verdict((*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result)))
+def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Verdict:
+    """Return the verdict on a study.
+
+    Args:
+        result: Result of the study.
+        certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
+    """
+    own = (*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result))
+    return Verdict((*own, *certainty_reasons(certainty)))
 
 
 def _setups(result: StudyResult) -> Iterator[Reason]:

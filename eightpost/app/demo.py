@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from eightpost.app.build import build_with_progress, show_built
+from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
@@ -159,7 +160,8 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
     workers = ProcessWorkers(usable_processors())
     try:
         result = run_with_workers(console, sweep, workers)
+        certainty = assess(console, result, sweep.folder, workers)
     finally:
         workers.close()
-    show_study_result(console, result, top=5)
+    show_study_result(console, result, certainty, top=5)
     return page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))

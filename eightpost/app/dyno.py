@@ -29,7 +29,8 @@ TESTS = ("random", "sine", "static", "bump", "all")
 @click.option("--test", "test_name", type=click.Choice(TESTS), default="random", show_default=True,
               help="Motion of the dynamometer. all: every test of 3.2.3, each in a file of its own.")  # fmt: skip
 @click.option("--amplitude", type=Quantity("m"), metavar="LENGTH",
-              help="Amplitude of the sine, e.g. '1 in'; no default: --test sine needs it.")  # fmt: skip
+              help="Amplitude of the sine, e.g. '1 in', which --test sine needs; or peak displacement of the random "
+              "test, default '1 in'.")  # fmt: skip
 @click.option("--speed", type=Quantity("m/s"), metavar="SPEED",
               help="Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.")  # fmt: skip
 @click.option("--duration", type=Quantity("s"), metavar="TIME",
@@ -60,6 +61,7 @@ def dyno(  # one parameter per option
       eightpost dyno --configuration 1 --test random --seed 1 -o dyno.parquet
       eightpost dyno --build C/B --gas '150 psi' --clicks 14 -o c_b.csv
       eightpost dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o sine.parquet
+      eightpost dyno --build C/B --amplitude '0.5 in' --seed 7 -o as_on_the_lap.parquet
       eightpost dyno --configuration 1 --test all -o tests/
     """
     from eightpost.rig.dynamometer import Specimen, drivefile_of, program
@@ -95,7 +97,9 @@ def _check_options(test_name: str, *, amplitude: float | None, speed: float | No
         raise InputError(
             "--test sine needs --amplitude '1 in' and --speed '10 in/s'; --test all runs the sines of Table 3.3"
         )
-    if test_name != "sine" and (amplitude is not None or speed is not None):
-        raise InputError(f"--amplitude and --speed are options of --test sine; omit them with --test {test_name}")
+    if test_name != "sine" and speed is not None:
+        raise InputError(f"--speed is an option of --test sine; omit it with --test {test_name}")
+    if test_name not in ("sine", "random") and amplitude is not None:
+        raise InputError(f"--amplitude is an option of --test sine and random; omit it with --test {test_name}")
     if test_name != "random" and duration is not None:
         raise InputError(f"--duration is an option of --test random; omit it with --test {test_name}")

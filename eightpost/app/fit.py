@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,10 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow "
               "record; not for knots.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
-@click.option("--build", help="Team's own name for the shock build; default: that in the file.")
+@click.option("--build", "builds", metavar="[FILE=]NAME", multiple=True,
+              help="Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be "
+              "repeated. Default: that in the file. Records of several builds are fitted together, and the shock file "
+              "states their spread (docs/law_choice.md).")  # fmt: skip
 @click.option("--clicks", metavar="TEXT",
               help="Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those "
               "in the file.")  # fmt: skip
@@ -103,12 +107,12 @@ def fit(  # one parameter per option
     cutoff: float | None,
     transition_speed: float | None,
     name: str | None,
-    build: str | None,
+    builds: tuple[str, ...],
     clicks: str | None,
     gas_pressure: float | None,
     plot: Path | None,
 ) -> None:
-    """Fit a shock law to a dynamometer file, or to several runs of one build together.
+    """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
     DYNO is a text file, spreadsheet, .parquet, .mat, .mf4, .tdms or .lvm file with time, force, and velocity or
     displacement (docs/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several tables in
@@ -120,6 +124,7 @@ def fit(  # one parameter per option
       eightpost fit dyno.csv -o shock.json
       eightpost fit run1.csv run2.csv --law lpf1 --order 9 --shape monotone -o shock.json
       eightpost fit sines.csv --split -o shock.json
+      eightpost fit a.csv b.csv --build a.csv='front 1' --build b.csv='front 2' -o front.json
       eightpost fit peak_velocities.csv -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
@@ -132,13 +137,14 @@ def fit(  # one parameter per option
     console = Console()
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
+    build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     if tables := tables_in(dyno_files, given):
         _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
     channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
-    tests = _read_tests(console, dyno_files, reading, split=split)
+    tests = _read_tests(console, dyno_files, reading, of_files, split=split)
     shock_fit = fit_shock(
         tests,
         _law(law, recipe),
@@ -174,11 +180,38 @@ def _check_options_of_tables(law: str, curve: str) -> None:
         )
 
 
-def _read_tests(console: Console, files: Sequence[Path], reading: Mapping[str, Any], *, split: bool) -> list[DynoTest]:
+def _builds(words: Sequence[str], files: Sequence[Path]) -> tuple[str | None, dict[Path, str]]:
+    """Return the build of all files, None if not given, and the builds of single files."""
+    names = {name: file for file in files for name in (str(file), file.name, file.stem)}
+    common: str | None = None
+    of_files: dict[Path, str] = {}
+    for word in words:
+        name, equals, build = word.partition("=")
+        if equals and name in names:
+            of_files[names[name]] = build
+        elif common is not None:
+            listed = ", ".join(file.name for file in files)
+            raise InputError(f"--build {word!r}: write FILE=NAME with one of the files: {listed}")
+        else:
+            common = word
+    return common, of_files
+
+
+def _read_tests(
+    console: Console,
+    files: Sequence[Path],
+    reading: Mapping[str, Any],
+    builds: Mapping[Path, str],
+    *,
+    split: bool,
+) -> list[DynoTest]:
     """Return the records of all files and print their channels; `reading` are options of `read_dyno_tests`."""
     from eightpost.rig import read_dyno_tests, split_runs
 
-    tests = [test for file in files for test in read_dyno_tests(file, **reading)]
+    tests: list[DynoTest] = []
+    for file in files:
+        own = {"conditions": replace(reading["conditions"], build=builds[file])} if file in builds else {}
+        tests += read_dyno_tests(file, **{**reading, **own})
     if split:
         tests = [run for test in tests for run in split_runs(test)]
     for test in tests:
@@ -243,6 +276,8 @@ def show_fit(console: Console, shock_fit: ShockFit) -> None:
         console.print(f"{escape(shock_fit.choice.reason)}.", highlight=False, soft_wrap=True)
     console.print(fit_table([shock_fit]))
     console.print(parameter_table(shock_fit))
+    if shock_fit.between_builds is not None:
+        console.print(f"{escape(shock_fit.between_builds.summary())}.", highlight=False, soft_wrap=True)
     for change in shock_fit.changes:
         console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, shock_fit.verdict)

@@ -9,12 +9,14 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, Quantity, flip_option, map_option
+from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eightpost.ident.preparation.plausibility import Finding
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.rig.post import RigTest
     from eightpost.signals import ChannelMap, TimeSeries
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
 @COLUMNS
 @map_option("docs/signs_and_units.md", "file")
 @flip_option("force")
+@click.option("--mass", type=Quantity("kg", positive=True), metavar="MASS",
+              help="Mass of the car on the rig, e.g. '3400 lbm', by which its forces are checked; default: "
+              "unknown.")  # fmt: skip
 @click.pass_context
 def inspect(
     ctx: click.Context,
@@ -35,21 +40,22 @@ def inspect(
     columns: tuple[tuple[str, str], ...],
     channel_map: ChannelMap | None,
     flip: tuple[str, ...],
+    mass: float | None,
 ) -> None:
     """Show the content of a dynamometer or rig file, and everything suspicious in it.
 
     First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
-    it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges and
-    channels that are late. A rig file is recognized by its wheelloaders (`lf.road` or `road`, in the file or in the
-    map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/dyno_files.md), or a
-    peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if something is suspicious, and 2 if the file
-    cannot be used as it is.
+    it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges,
+    channels that are late, and channels that contradict mechanics. A rig file is recognized by its wheelloaders
+    (`lf.road` or `road`, in the file or in the map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms
+    or .lvm file (docs/dyno_files.md), or a peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if
+    something is suspicious, and 2 if the file cannot be used as it is.
 
     \b
     Examples:
       eightpost inspect run7.csv
       eightpost inspect run7.mf4 --units force=lbf --flip force
-      eightpost inspect rig.csv --map rig_map.toml
+      eightpost inspect rig.csv --map rig_map.toml --mass '3400 lbm'
     """
     from eightpost.rig import read_dyno_tests, split_runs
     from eightpost.rig.dyno_columns import with_channels
@@ -64,7 +70,9 @@ def inspect(
         show_record(console, record)
     if _is_rig(records[0], channel_map):
         rig_test = read_rig_test(path, channel_map=channel_map, units=dict(units), flip=flip)
-        ctx.exit(int(_show_rig_test(console, rig_test)))
+        ctx.exit(int(_show_rig_test(console, rig_test, mass)))
+    if mass is not None:
+        raise InputError(f"{path} is not a rig file, and --mass is an option of rig files; omit it")
     if is_peak_velocity(records[0]):
         tables = read_peak_velocity(path, units=dict(units))
         for table in tables:
@@ -167,13 +175,14 @@ def _is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
     return bool(names & {"road", "lf.road", "rf.road", "lr.road", "rr.road"})
 
 
-def _show_rig_test(console: Console, test: RigTest) -> bool:
+def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
     """Print channels, conditions and lags of a rig test; return whether something is suspicious.
 
     Raises:
         ConstantChannelError: A channel becomes constant during the record.
     """
     from eightpost.ident.preparation import check_lost_channels
+    from eightpost.ident.preparation.plausibility import record_findings
 
     series = test.series
     check_lost_channels(series, test.corners, path=test.source)
@@ -185,8 +194,11 @@ def _show_rig_test(console: Console, test: RigTest) -> bool:
             console.print(escape(line))
     for note in test.derived:
         console.print(f"[yellow]note[/] {escape(note)}")
-    is_late = _show_lags(console, test)
-    return _show_findings(console, test) or is_late
+    findings = record_findings(series, test.corners, mass=mass)
+    is_late = _show_lags(console, test, findings)
+    for finding in findings:
+        console.print(f"[red]warning[/] {escape(str(finding))}")
+    return bool(findings) or is_late
 
 
 def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
@@ -198,26 +210,18 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     return console_table(["channel", "unit", *statistics], rows)
 
 
-def _show_lags(console: Console, test: RigTest) -> bool:
+def _show_lags(console: Console, test: RigTest, findings: Sequence[Finding]) -> bool:
+    """Print the lags, with a warning if a channel is late and no finding says so; return whether there is a warning."""
     from eightpost.ident.preparation import drifts, record_lags
+    from eightpost.ident.preparation.preparation import unexplained_lags
 
     lags, changes = record_lags(test.series, test.corners), drifts(test.series, test.corners)
-    late = [lag for lag in lags if lag.is_notable]
+    late = unexplained_lags(lags, findings)
     for lag in lags:
-        word = "[red]warning[/] " if lag.is_notable else ""
+        word = "[red]warning[/] " if lag in late else ""
         console.print(f"{word}{escape(str(lag))}")
     if late:
         console.print("shift the channels of a late logger with delays (docs/rig_data.md)")
     for drift in changes:
         console.print(f"[red]warning[/] from start to end {escape(drift.drift_text)}")
     return bool(late or changes)
-
-
-def _show_findings(console: Console, test: RigTest) -> bool:
-    """Print the channels that contradict the mechanics of the car; return whether there are any."""
-    from eightpost.ident.preparation.plausibility import record_findings
-
-    findings = record_findings(test.series, test.corners)
-    for finding in findings:
-        console.print(f"[red]warning[/] {escape(str(finding))}")
-    return bool(findings)

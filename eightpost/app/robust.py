@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,77 +9,97 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.certainty import measured_noise, show_certainty, with_runs
 from eightpost.app.options import RANK, WORKERS, seed_option
-from eightpost.app.progress import each
-from eightpost.errors import InputError
-from eightpost.report.console import Table, console_table
+from eightpost.app.progress import bar, each
+from eightpost.errors import FileFormatError, InputError
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
-    from cosim.study.choice.robust import Draws, Spread
+    from cosim.study.choice.robust import Draws
     from cosim.study.choice.robust_file import Uncertainty
     from cosim.study.result import StudyResult
+    from cosim.study.running.workers import Workers
 
 
 @click.command()
 @click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
 @click.argument("uncertain", metavar="UNCERTAIN", type=click.Path(path_type=Path))
 @click.option("--top", type=click.IntRange(min=2), metavar="N", default=20, show_default=True,
-              help="Number of leading setups to compare; the baseline is added.")  # fmt: skip
+              help="Number of leading setups that are simulated with drawn parameters; the baseline is "
+              "added.")  # fmt: skip
 @RANK
-@click.option("--draws", type=click.IntRange(min=2), metavar="N", default=32, show_default=True,
-              help="Number of draws of the uncertain parameters.")  # fmt: skip
-@seed_option(0, "Seed of the draws.")
+@click.option("--draws", type=click.IntRange(min=0), metavar="N", default=32, show_default=True,
+              help="Number of simulated draws of the uncertain parameters, which check the linear effects; 0: no "
+              "check.")  # fmt: skip
+@seed_option(0, "Seed of the simulated draws.")
 @WORKERS
 def robust(
     folder: Path, uncertain: Path, top: int, rank: str | None, draws: int, seed: int, workers: int | None
 ) -> None:
-    """Show which of a study's best setups differ by more than the stated uncertainty.
+    """Compute how sure a study's choice is with an uncertainty file of your own.
 
     STUDY is a folder that `eightpost study` wrote. UNCERTAIN is a TOML file that states what is not known exactly:
     fitted shocks, parameters, other vehicles, and the difference between two runs on the rig (docs/study_choice.md).
-    Every setup is run with every draw, so that errors common to all setups cancel. Setups that differ by less than two
-    standard deviations are a tie. The page of the study is rewritten and shows the confidence intervals.
+    Its entries replace what the models state. The certainty of the study is written again (docs/certainty.md), and
+    rig runs of `eightpost confirm` stay in it. The leading setups are also simulated with drawn parameters, and the
+    largest difference from the linear effects is printed. The page of the study is rewritten.
 
     \b
     Example:
       eightpost robust out/ uncertain.toml --top 20
     """
-    from cosim.study.choice.robust import OBJECTIVE, leading, robust_verdict, spreads_of
+    from cosim.study.certainty import write_certainty
+    from cosim.study.certainty.assess import certainty_of
+    from cosim.study.choice.robust import leading, spreads_of
     from cosim.study.choice.robust_file import read_uncertainty, write_spreads
-    from cosim.study.folder import RESULTS, SPREADS
+    from cosim.study.choice.uncertain_effects import knowledge_of, linearity_check
+    from cosim.study.folder import CERTAINTY, RESULTS, SPREADS
     from cosim.study.result import StudyResult
+    from cosim.study.running.workers import ProcessWorkers
+    from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict, write_page
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)
-    known = read_uncertainty(uncertain, result)
-    plan = _plan(console, known, draws, seed)
-    setups = leading(result, top, rank).tolist()
-    if not plan.any and not any(known.run_to_run.values()):
+    stated = read_uncertainty(uncertain, result)
+    plan = _plan(console, stated, draws, seed)
+    if not plan.any and not any(stated.run_to_run.values()):
         raise InputError(f"{uncertain}: no uncertainty is stated; add fits, uncertain, vehicles or run_to_run")
-    spreads = spreads_of(
-        result, _run(console, result, folder, plan, setups, workers), known.run_to_run, runs=known.runs
-    )
-    kept = tuple(spread.only(setups) for spread in spreads)
-    first = rank or (OBJECTIVE if result.study.objective else result.measures[0].name)
-    shown = next(spread for spread in kept if spread.measure == first)
-    console.print(spread_table(shown, result))
-    show_choice(console, shown, result)
-    show_verdict(console, robust_verdict(shown, len(result)))
-    write_spreads(kept, folder / SPREADS, digest=result.provenance.digest)
-    console.print(f"wrote {folder / SPREADS}", highlight=False, soft_wrap=True)
+    noise = {**measured_noise(folder), **stated.run_to_run}
+    setups = leading(result, top, rank).tolist()
+    pool = ProcessWorkers(workers or usable_processors())
+    try:
+        with bar(console, "uncertain parameters", 1) as advance:
+            known = knowledge_of(result, plan, noise, folder, pool, advance)
+        drawn = _drawn(console, result, folder, plan, setups, pool)
+    finally:
+        pool.close()
+    known = with_runs(known, result, folder)
+    certainty = certainty_of(result, known, criterion=rank)
+    write_certainty(certainty, folder / CERTAINTY)
+    show_certainty(console, result, certainty)
+    spreads = spreads_of(result, drawn, stated.run_to_run, runs=stated.runs)
+    check = linearity_check(result, known, spreads)
+    if check is not None:
+        console.print(check.summary(), highlight=False, soft_wrap=True)
+    show_verdict(console, study_verdict(result, certainty).about("choice", "rig runs"))
+    write_spreads(tuple(s.only(setups) for s in spreads), folder / SPREADS, digest=result.provenance.digest)
+    console.print(f"wrote {folder / CERTAINTY} and {SPREADS}", highlight=False, soft_wrap=True)
     write_page(console, result, folder)
 
 
 def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     """Add the uncertainty of the fits to that of the file, and print all distributions."""
     from cosim.study.choice.robust import Draws, Uncertain
-    from eightpost.ident.shock.uncertainty import fitted_parameters
+    from eightpost.shock import read_shock
+    from eightpost.shock.fit_uncertainty import fitted_parameters
 
     parts = list(known.parts)
     for build, path in known.fits.items():
-        fit = fitted_parameters(path)
+        fit = fitted_parameters(read_shock(path))
+        if fit is None:
+            raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
         parts.append(Uncertain(build, fit.names, fit.values, fit.covariance, fit.lowest, fit.highest))
         for note in fit.held:
             console.print(f"[yellow]note[/] {escape(f'{build}: {note}')}", highlight=False, soft_wrap=True)
@@ -94,56 +112,12 @@ def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     return Draws(tuple(parts), draws, seed, known.vehicles)
 
 
-def _run(
-    console: Console, result: StudyResult, folder: Path, plan: Draws, setups: list[int], workers: int | None
+def _drawn(
+    console: Console, result: StudyResult, folder: Path, plan: Draws, setups: list[int], pool: Workers
 ) -> tuple[StudyResult, ...]:
+    """Return the leading setups with drawn parameters; none if nothing is drawn."""
     from cosim.study.choice.robust import run_draws
-    from cosim.study.running.workers import ProcessWorkers
 
-    if not plan.any:
+    if not plan.any or plan.count < 2:
         return ()
-    pool = ProcessWorkers(workers or usable_processors())
-    try:
-        drawn = run_draws(result, folder, pool, plan, setups)
-        return tuple(each(console, drawn, "draws", plan.count))
-    finally:
-        pool.close()
-
-
-def spread_table(spread: Spread, result: StudyResult) -> Table:
-    """Return a table of setups in groups of ties, best first: no member differs significantly from the first."""
-    from cosim.study.choice.robust import REACH
-
-    unit, shown = _shown(spread.measure, result)
-    sigma = f"± {REACH:g} sigma"
-    groups = []
-    for number, group in enumerate(spread.groups(), start=1):
-        rows = []
-        for row, levels in zip(group.tolist(), spread.compared(group).tolist(), strict=True):
-            setup = result.study.space.setup(int(spread.setups[row]))
-            cells = [f"{shown(level):.4g}" for level in levels]
-            rows.append((str(number), str(setup.index), *setup.builds.values(), *cells))
-        groups.append(rows)
-    columns = (escape(f"{spread.measure} [{unit}]"), sigma, "difference from the group's first", sigma)
-    return console_table(["group", "setup", *result.study.corners, *columns], *groups)
-
-
-def show_choice(console: Console, spread: Spread, result: StudyResult) -> None:
-    """Print the best setup, and whether it is better than the baseline by more than the stated uncertainty."""
-    group = spread.groups()[0]
-    best = result.study.space.setup(int(spread.setups[group[0]]))
-    console.print(f"best setup of the first group: {best.index} ({best})", highlight=False, soft_wrap=True)
-    baseline = result.study.baseline_setup
-    rows = [] if baseline is None else [row for row, n in enumerate(spread.setups.tolist()) if n == baseline.index]
-    for row in rows:
-        relation = "better than" if spread.worse_than(int(group[0]))[row] else "a tie with"
-        console.print(f"it is {relation} the baseline, within the stated uncertainty", highlight=False)
-
-
-def _shown(measure: str, result: StudyResult) -> tuple[str, Callable[[float], float]]:
-    """Return the display unit of a measure, and the conversion of a difference from SI to it."""
-    from cosim.study.choice.robust import OBJECTIVE
-
-    if measure == OBJECTIVE:
-        return "1", float
-    return result.display(measure), partial(result.shown_difference, measure)
+    return tuple(each(console, run_draws(result, folder, pool, plan, setups), "draws", plan.count))

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.build import build_with_progress
+from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.errors import InputError
@@ -19,6 +20,7 @@ from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
+    from cosim.study.certainty import Certainty
     from cosim.study.result import StudyResult
     from cosim.study.running.evaluator import Coupling
     from cosim.study.running.sweep import Sweep
@@ -47,6 +49,9 @@ _NAMED, _SHOWN = 5, 3
 @click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
               help="Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be "
               "repeated.")  # fmt: skip
+@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
+              help="Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups "
+              "again with changed shocks.")  # fmt: skip
 @click.pass_context
 def study(
     ctx: click.Context,
@@ -58,6 +63,7 @@ def study(
     rank: str | None,
     top: int,
     traced: tuple[int, ...],
+    sure: bool,
 ) -> None:
     """Run every setup of shocks that a study allows, and rank them.
 
@@ -91,13 +97,15 @@ def study(
     show_study(console, sweep)
     with running_workers(workers, scheduler, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
-    show_result(console, result, rank=rank, top=top)
+        sure = sure and bool(result.done.any()) and not result.partial
+        certainty = assess(console, result, output, pool, criterion=rank) if sure else None
+    show_result(console, result, certainty, rank=rank, top=top)
     for index, series in traces(result, traced).items():
         write_series(series, output / "traces" / f"{index}.parquet")
         console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
     console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
     write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
-    ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result).is_acceptable else 1)
+    ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
 
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
@@ -179,8 +187,15 @@ def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
         )
 
 
-def show_result(console: Console, result: StudyResult, *, rank: str | None = None, top: int = 10) -> None:
-    """Print the ranking, and the setups that failed or have a mark."""
+def show_result(
+    console: Console,
+    result: StudyResult,
+    certainty: Certainty | None = None,
+    *,
+    rank: str | None = None,
+    top: int = 10,
+) -> None:
+    """Print the ranking, how sure it is, and the setups that failed or have a mark."""
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict
 
@@ -195,7 +210,9 @@ def show_result(console: Console, result: StudyResult, *, rank: str | None = Non
     console.print(f"{len(result)} setups, {result.seconds:.1f} s of worker time{worst}", highlight=False)
     if result.partial:
         console.print("[yellow]partial[/]: run it again with the same folder to resume", highlight=False)
-    show_verdict(console, study_verdict(result))
+    if certainty is not None:
+        show_certainty(console, result, certainty)
+    show_verdict(console, study_verdict(result, certainty))
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:

@@ -24,6 +24,9 @@ from eightpost.units import convert
 #: Length of the random test [s].
 RANDOM_DURATION = 30.0
 
+#: Peak displacement of the random test, and the largest one for which the shock has travel [m].
+RANDOM_PEAK, LARGEST_PEAK = convert(1.0, "in", "m"), convert(2.0, "in", "m")
+
 
 def program(*, seed: int) -> dict[str, Drivefile]:
     """Return all tests of 3.2.3 by name. There are two random tests: one to fit, and another draw to validate.
@@ -47,17 +50,24 @@ def drivefile_of(
     Args:
         test: Kind of the test: random, sine, static or bump.
         seed: Seed of the random phases.
-        amplitude: Amplitude of a sine [m].
+        amplitude: Amplitude of a sine, or peak displacement of a random test [m].
         speed: Peak velocity of a sine [m/s].
         duration: Length of a random test [s].
+
+    Raises:
+        ParameterError: The duration or the peak displacement of a random test is out of range.
     """
     if amplitude is not None and speed is not None:
         return sine_test(amplitude, speed).drivefile
     if test == "random":
         seconds = RANDOM_DURATION if duration is None else duration
+        peak = RANDOM_PEAK if amplitude is None else amplitude
         if not 0.5 <= seconds <= 600.0:
             raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
-        return random_multisine(seed, duration=seconds)
+        if not 0.0 < peak <= LARGEST_PEAK:
+            inches = convert(peak, "m", "in")
+            raise ParameterError(f"--amplitude of the random test must be above 0 and at most 2 in, not {inches:g} in")
+        return random_multisine(seed, duration=seconds, peak=peak)
     return static_steps() if test == "static" else bump()
 
 

@@ -7,6 +7,10 @@ the law's positive parameters by a factor, and the gas preload:
 
     a_k(s) = max(a_k + sum over terms of d_k(s), 0),   p(s) = p exp(sum of d_p(s)),   F_0(s) = F_0 + sum of d_0(s)
 
+The slopes c_k of the lagged part of the law `hysteresis` have deviations of their own, c_k(s) = max(c_k + sum of
+d_ck(s), 0), but are never above a_k(s), so the law is passive at every setting. Without such deviations the lagged part
+keeps its share of the curve at each knot.
+
 Each term is interpolated in the settings of its adjusters by piecewise cubics, whose tangents at a measured setting are
 those of the parabola through it and its neighbours. All slopes at all knots use the same weights, so the curves
 themselves are interpolated. No slope becomes negative, so the force rises with velocity at every setting. Beyond
@@ -27,6 +31,9 @@ from .law import ShockLaw
 
 #: Name of the axis of the temperature; all others are adjusters.
 TEMPERATURE = "temperature"
+
+#: Name of the law's parameter that changes by a slope at each knot instead of by a factor.
+LAGGED_SLOPE = "lagged_slope"
 
 
 def node_weights(nodes: tuple[float, ...], value: float) -> tuple[float, ...]:
@@ -184,8 +191,10 @@ class Settings:
 
     Args:
         axes: Adjusters, and the temperature if it was varied.
-        parameters: Names of the law's own parameters that change with the setting, each by a factor.
-        terms: Deviations: the slopes at the 25 knots [N.s/m], the logarithms of the factors, the gas preload [N].
+        parameters: Names of the law's own parameters that change with the setting, each by a factor; `lagged_slope`,
+            which changes at each knot, comes first.
+        terms: Deviations: the slopes at the 25 knots [N.s/m], then those of `lagged_slope` (25,) [N.s/m] if it is one
+            of the parameters, the logarithms of the factors, the gas preload [N].
         tested: Measured combinations; a value per axis each.
         half_width: Half-width of the 95 % band of each tested combination's force (T, 25) at the knots [N].
 
@@ -203,7 +212,9 @@ class Settings:
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names) or not names:
             raise ValueError(f"settings: the axes must have different names, not {names!r}")
-        count = KNOTS + len(self.parameters) + 1
+        if LAGGED_SLOPE in self.parameters[1:]:
+            raise ValueError(f"settings: {LAGGED_SLOPE} must be the first of the parameters {self.parameters!r}")
+        count = self.deviation_count
         for term in self.terms:
             if unknown := sorted(set(term.axes) - set(names)):
                 raise ValueError(f"settings: a term names the unknown axis {unknown[0]!r}; known are {names!r}")
@@ -228,6 +239,21 @@ class Settings:
         return {axis.name: axis for axis in self.axes}[name]
 
     @property
+    def has_lagged_slope(self) -> bool:
+        """Whether the slopes of a law's lagged part have deviations of their own."""
+        return LAGGED_SLOPE in self.parameters
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the law's own parameters that change by a factor."""
+        return self.parameters[1:] if self.has_lagged_slope else self.parameters
+
+    @property
+    def deviation_count(self) -> int:
+        """Number P of values in a row of deviations."""
+        return KNOTS * (1 + self.has_lagged_slope) + len(self.factors) + 1
+
+    @property
     def reference(self) -> tuple[float, ...]:
         """The setting of the shock's own law, a value per axis."""
         return tuple(axis.reference for axis in self.axes)
@@ -235,7 +261,7 @@ class Settings:
     def deviations(self, setting: tuple[float, ...]) -> tuple[float, ...]:
         """Return the sum of all terms (P,) at a setting."""
         weights = {axis.name: node_weights(axis.nodes, value) for axis, value in zip(self.axes, setting, strict=True)}
-        total = [0.0] * (KNOTS + len(self.parameters) + 1)
+        total = [0.0] * self.deviation_count
         for term in self.terms:
             combinations = itertools.product(*(weights[name] for name in term.axes))
             for shares, row in zip(combinations, term.deviations, strict=True):
@@ -255,19 +281,30 @@ class Settings:
         deviations = self.deviations(setting)
         own = {
             name: _scaled(getattr(law, name), exp(deviation))
-            for name, deviation in zip(self.parameters, deviations[KNOTS:-1], strict=True)
+            for name, deviation in zip(self.factors, deviations[-1 - len(self.factors) : -1], strict=True)
         }
         curve = curve_with_slopes(law.curve, deviations[:KNOTS])
-        if hasattr(law, "lagged_slope"):  # the lagged part keeps its share of the curve at each knot
-            own["lagged_slope"] = _lagged_slope(law, curve)
+        if hasattr(law, LAGGED_SLOPE):
+            changes = deviations[KNOTS : 2 * KNOTS] if self.has_lagged_slope else None
+            own[LAGGED_SLOPE] = _lagged_slope(law, curve, changes)
         port = replace(law.port, gas_preload=law.port.gas_preload + deviations[-1])
         return replace(law, curve=curve, port=port, **own)
 
 
-def _lagged_slope(law: Any, curve: StaticCurve) -> tuple[float, ...]:
-    """Return the slopes of the lagged part of a law on another curve, never above those of the curve."""
-    shares = zip(law.lagged_slope, curve.knot_slope, law.curve.knot_slope, strict=True)
-    found = [min(part * (now / before), now) if before > 0.0 else 0.0 for part, now, before in shares]
+def _lagged_slope(law: Any, curve: StaticCurve, changes: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Return the slopes of the lagged part of a law on another curve, never above those of the curve.
+
+    Args:
+        law: Law at the reference setting.
+        curve: Curve at another setting.
+        changes: Changes of the slopes (25,) [N.s/m]; None: the lagged part keeps its share of the curve at each knot.
+    """
+    if changes is not None:
+        parts = zip(law.lagged_slope, changes, curve.knot_slope, strict=True)
+        found = [min(max(part + change, 0.0), now) for part, change, now in parts]
+    else:
+        shares = zip(law.lagged_slope, curve.knot_slope, law.curve.knot_slope, strict=True)
+        found = [min(part * (now / before), now) if before > 0.0 else 0.0 for part, now, before in shares]
     found[0], found[-1] = min(found[0], curve.rebound_slope), min(found[-1], curve.compression_slope)
     return tuple(found)
 

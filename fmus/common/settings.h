@@ -8,7 +8,16 @@
 #include "elementary.h"
 
 #ifdef HAS_SETTINGS
-#include "settings_data.h"
+static double not_negative(double value)
+{
+    return value > 0.0 ? value : 0.0;
+}
+
+/* A part of an assembly has a file of its own. */
+#ifndef SETTINGS_DATA
+#define SETTINGS_DATA "settings_data.h"
+#endif
+#include SETTINGS_DATA
 
 /* Parameters at a setting, the values that they were computed from, and where the setting is among the measured ones. */
 typedef struct {
@@ -118,11 +127,6 @@ static void sum_deviations(double *total, const double *setting)
     }
 }
 
-static double not_negative(double value)
-{
-    return value > 0.0 ? value : 0.0;
-}
-
 /* Changes the slopes at the knots, and the forces by the trapezoids of these changes, from zero velocity outwards. */
 static void change_slopes(Parameters *now, const double *by)
 {
@@ -204,7 +208,7 @@ static Parameters parameters_at(const Parameters *given, const double *setting)
     Parameters now = *given;
     sum_deviations(by, setting);
     change_slopes(&now, by);
-    scale_own(&now, given, by + KNOTS);
+    change_own(&now, given, by + KNOTS);
     now.gas_preload += by[DEVIATIONS - 1];
     return now;
 }

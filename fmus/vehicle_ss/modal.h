@@ -6,12 +6,13 @@
 
 #include "component.h"
 #include "fresh.h"
+#include "real.h"
 #include "vehicle_data.h"
 
 /* Real parts of all modes, then imaginary parts of the pairs, each padded to a multiple of LANES; the padding is zero and stays
  * so. */
 typedef struct {
-    double at[STATE_BLOCKS * BLOCK];
+    real at[STATE_BLOCKS * BLOCK];
 } Modal;
 
 /* Memory.state: z, the corresponding inputs including the forces of the ports, and the deflections of the bristles. Outputs are
@@ -21,28 +22,42 @@ enum { REACHED = STATE_COUNT, BENT = STATE_COUNT + INPUTS };
 /* Upper limit of any state and input, in any unit: far below an overflow of an output, a derivative or the next step. */
 static const double LARGEST = 1e150;
 
+/* The factors of one step. */
+typedef struct {
+    double h;
+    double e_re[MODES], e_im[MODES]; /* e^(lambda h) */
+    double first_re[MODES], first_im[MODES]; /* h (phi1 - phi2) */
+    double second_re[MODES], second_im[MODES]; /* h phi2 */
+} Factors;
+
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */
-static inline void load(const double *u, Modal *w)
+static inline void load(const real *u, Modal *w)
 {
+    int moving[INPUTS], count = 0;
+    for (int c = 0; c < INPUTS; c++) {
+        moving[count] = c;
+        count += in_any(u[c] != 0.0);
+    }
     for (int b = 0; b < STATE_BLOCKS; b++) {
-        double sum[BLOCK] = {0.0};
-        for (int c = 0; c < INPUTS; c++) {
-            if (u[c] == 0.0) {
-                continue;
+        for (int first = 0; first < BLOCK; first += TILE) {
+            real sum[TILE] = {ZERO};
+            for (int k = 0; k < count; k++) {
+                const real input = u[moving[k]];
+                const double *column = &B[b][moving[k]][first];
+                for (int r = 0; r < TILE; r++) {
+                    sum[r] += column[r] * input;
+                }
             }
-            for (int r = 0; r < BLOCK; r++) {
-                sum[r] += B[b][c][r] * u[c];
-            }
+            memcpy(w->at + b * BLOCK + first, sum, sizeof sum);
         }
-        memcpy(w->at + b * BLOCK, sum, sizeof sum);
     }
 }
 
 /* One row of C times z, as four sums. */
-static inline double row_times(const double *row, const double *z)
+static inline real row_times(const double *row, const real *z)
 {
-    double sum[LANES] = {0.0};
+    real sum[LANES] = {ZERO};
     for (int k = 0; k < STATE_COUNT; k += LANES) {
         for (int i = 0; i < LANES; i++) {
             sum[i] += row[k + i] * z[k + i];

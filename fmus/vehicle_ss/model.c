@@ -8,34 +8,21 @@
  * each sub-step, from their values at the start to their values at the predicted end (second order; eightpost/vehicle/friction.py). */
 #include <string.h>
 
+#include "advance.h"
 #include "component.h"
 #include "elementary.h"
+#include "factors.h"
 #include "fresh.h"
 #include "modal.h"
-#include "phi.h"
 #include "port_forces.h"
 #include "steady_state.h"
+#include "sub_steps.h"
 #include "vehicle_data.h"
 
 enum { KEPT = 4 };
 
-/* Number of doublings for a mode's exponent lambda h; beyond 32, exp, sin and cos are used. */
-enum { MOST_DOUBLINGS = 6 };
-
-/* A sub-step is at most this share of the fastest time constant of the friction that creeps, and of a radian of the fastest swinging
- * on bristles and springs, with the stiffness of the springs at a displacement of SPRING_TRAVEL [m]. */
-static const double SUB_STEP_SHARE = 0.0625, SUB_STEP_ANGLE = 0.125, SPRING_TRAVEL = 0.05;
-static const double MOST_SUB_STEPS = 100000.0;
-
-/* The factors of one step; kept for the last few step sizes, because a host's steps differ only by rounding. */
-typedef struct {
-    double h;
-    double e_re[MODES], e_im[MODES]; /* e^(lambda h) */
-    double first_re[MODES], first_im[MODES]; /* h (phi1 - phi2) */
-    double second_re[MODES], second_im[MODES]; /* h phi2 */
-} Factors;
-
-/* The last two b u are kept too: most steps begin with the inputs with which the last one ended. */
+/* The factors are kept for the last few step sizes, because a host's steps differ only by rounding; and so are the last two b u:
+ * most steps begin with the inputs with which the last one ended. */
 typedef struct {
     Factors kept[KEPT];
     size_t newest;
@@ -43,47 +30,6 @@ typedef struct {
     size_t loaded;
     Modal load[2];
 } Work;
-
-/* ---- Factors of a step ---------------------------------------------------------------------------------------------- */
-
-static void keep_factors(Factors *f, int first, const Exponentials *a)
-{
-    for (int i = 0; i < LANES; i++) {
-        f->e_re[first + i] = a->e.re[i];
-        f->e_im[first + i] = a->e.im[i];
-        f->first_re[first + i] = f->h * (a->phi1.re[i] - a->phi2.re[i]);
-        f->first_im[first + i] = f->h * (a->phi1.im[i] - a->phi2.im[i]);
-        f->second_re[first + i] = f->h * a->phi2.re[i];
-        f->second_im[first + i] = f->h * a->phi2.im[i];
-    }
-}
-
-static Lanes exponents(int first, double h)
-{
-    Lanes x;
-    for (int i = 0; i < LANES; i++) {
-        x.re[i] = SIGMA[first + i] * h;
-        x.im[i] = OMEGA[first + i] * h;
-    }
-    return x;
-}
-
-static void discretise(Factors *f, double h)
-{
-    int doublings = 0;
-    double part = h;
-    while (doublings <= MOST_DOUBLINGS && FASTEST * part > 0.5) {
-        doublings++;
-        part *= 0.5;
-    }
-    f->h = h;
-    for (int first = 0; first < MODES; first += LANES) {
-        const int is_large = doublings > MOST_DOUBLINGS;
-        const Lanes x = exponents(first, is_large ? h : part);
-        const Exponentials a = is_large ? exponentials_in_closed_form(&x) : exponentials_by_series(&x, doublings);
-        keep_factors(f, first, &a);
-    }
-}
 
 /* ---- A step --------------------------------------------------------------------------------------------------------- */
 
@@ -132,116 +78,7 @@ static void load_ends(Work *work, const double *from, const double *to, const Mo
     }
 }
 
-/* z(h) from z, b u0 and b u1. */
-static void advance(const Factors *restrict f, const double *restrict z, const Modal *restrict w0,
-                    const Modal *restrict w1, Modal *restrict end)
-{
-    const double *x = z, *y = z + MODES, *a = w0->at, *b = w0->at + MODES, *c = w1->at, *d = w1->at + MODES;
-    for (int k = 0; k < PAIRS; k++) {
-        end->at[k] = (f->e_re[k] * x[k] - f->e_im[k] * y[k]) + (f->first_re[k] * a[k] - f->first_im[k] * b[k]) +
-                     (f->second_re[k] * c[k] - f->second_im[k] * d[k]);
-        end->at[MODES + k] = (f->e_re[k] * y[k] + f->e_im[k] * x[k]) +
-                             (f->first_re[k] * b[k] + f->first_im[k] * a[k]) +
-                             (f->second_re[k] * d[k] + f->second_im[k] * c[k]);
-    }
-    for (int k = PAIRS; k < MODES; k++) {
-        end->at[k] = f->e_re[k] * x[k] + f->first_re[k] * a[k] + f->second_re[k] * c[k];
-    }
-}
-
-/* ---- Friction and springs at the ports ------------------------------------------------------------------------------ */
-
-/* 1/s: the sum over the ports of the friction's slope at zero velocity times the port's mobility. */
-static double friction_rate(const Parameters *p)
-{
-    double rate = 0.0;
-    for (int i = 0; i < PORT_COUNT; i++) {
-        rate += p->friction_force[i] / p->friction_velocity[i] * MOBILITY[i];
-    }
-    return rate;
-}
-
-/* rad2/s2: the sum over the ports of the stiffness of bristle and spring times the port's mobility. */
-static double squared_frequency(const Parameters *p)
-{
-    double stiffness[PORTS], sum = 0.0;
-    for (int i = 0; i < PORT_COUNT; i++) {
-        stiffness[i] = p->bristle_force[i] / p->bristle_reach[i];
-    }
-    for (int s = 0; s < SPRING_COUNT; s++) {
-        stiffness[SPRING_PORT[s]] += 2.0 * SPRING_TRAVEL * magnitude(p->port_spring[s]);
-    }
-    for (int i = 0; i < PORT_COUNT; i++) {
-        sum += stiffness[i] * MOBILITY[i];
-    }
-    return sum;
-}
-
-static int whole_number_above(double count)
-{
-    const int whole = (int)count;
-    return whole < 1 ? 1 : whole + ((double)whole < count);
-}
-
-/* The number of sub-steps of a step; 0 if there are too many. */
-static int sub_steps(const Parameters *p, double h)
-{
-    const double creeping = h * friction_rate(p) / SUB_STEP_SHARE, angle = h / SUB_STEP_ANGLE;
-    const double square = angle * angle * squared_frequency(p);
-    if (!(creeping >= 0.0 && creeping <= MOST_SUB_STEPS && square <= MOST_SUB_STEPS * MOST_SUB_STEPS)) {
-        return 0;
-    }
-    int count = whole_number_above(creeping);
-    while ((double)count * (double)count < square) { /* takes less time than the sub-steps */
-        count++;
-    }
-    return count;
-}
-
-static void interpolate(const double *from, const double *to, double share, double *u)
-{
-    for (int i = 0; i < INPUTS; i++) {
-        u[i] = from[i] + (to[i] - from[i]) * share;
-    }
-}
-
-/* A state of the vehicle and of its bristles. */
-typedef struct {
-    Modal z;
-    double bend[PORTS];
-} Whole;
-
-/* One sub-step with friction; u0 and u1 are the inputs at its ends. */
-static void rub(const Parameters *p, const Factors *f, const double *u0, const double *u1, Whole *now)
-{
-    double start[INPUTS], end[INPUTS], force[PORTS], v0[PORTS], v1[PORTS], bent[PORTS] = {0.0};
-    const int sticks = has_bristles(p);
-    Modal w0, w1, predicted, corrected;
-    memcpy(start, u0, sizeof start);
-    memcpy(end, u1, sizeof end);
-    port_velocities(now->z.at, v0);
-    port_forces(p, now->z.at, v0, now->bend, force);
-    add_to_inputs(force, start);
-    add_to_inputs(force, end);
-    load(start, &w0);
-    load(end, &w1);
-    advance(f, now->z.at, &w0, &w1, &predicted);
-    port_velocities(predicted.at, v1);
-    if (sticks) {
-        bend_bristles(p, now->bend, v0, v1, f->h, bent);
-    }
-    memcpy(end, u1, sizeof end);
-    port_forces(p, predicted.at, v1, bent, force);
-    add_to_inputs(force, end);
-    load(end, &w1);
-    advance(f, now->z.at, &w0, &w1, &corrected);
-    if (sticks) {
-        port_velocities(corrected.at, v1);
-        bend_bristles(p, now->bend, v0, v1, f->h, bent);
-        memcpy(now->bend, bent, sizeof bent);
-    }
-    now->z = corrected;
-}
+/* ---- A step with friction and springs at the ports ------------------------------------------------------------------ */
 
 static void step_with_friction(const Parameters *p, Work *work, const double *from, const double *to, double h, int count,
                                Whole *now)

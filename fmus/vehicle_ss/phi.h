@@ -31,11 +31,11 @@ static Lanes product(const Lanes *a, const Lanes *b)
     return c;
 }
 
-static Lanes plus(const Lanes *a, double real)
+static Lanes plus(const Lanes *a, double number)
 {
     Lanes c = *a;
     for (int i = 0; i < LANES; i++) {
-        c.re[i] += real;
+        c.re[i] += number;
     }
     return c;
 }

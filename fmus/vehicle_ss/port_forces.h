@@ -30,7 +30,7 @@ static inline int has_port_forces(const Parameters *p)
     return any;
 }
 
-static inline void port_velocities(const double *z, double *v)
+static inline void port_velocities(const real *z, real *v)
 {
     for (int i = 0; i < PORT_COUNT; i++) {
         v[i] = row_times(C[PORT_OUTPUT[i]], z);
@@ -38,10 +38,10 @@ static inline void port_velocities(const double *z, double *v)
 }
 
 /* The forces in state z, with the ports' velocities there. */
-static inline void port_forces(const Parameters *p, const double *z, const double *v, const double *bend, double *force)
+static inline void port_forces(const Parameters *p, const real *z, const real *v, const real *bend, real *force)
 {
     for (int i = 0; i < PORT_COUNT; i++) {
-        force[i] = 0.0;
+        force[i] = uniform(0.0);
         if (p->friction_force[i] > 0.0) {
             force[i] = p->friction_force[i] * hyperbolic_tangent(v[i] / p->friction_velocity[i]);
         }
@@ -51,13 +51,13 @@ static inline void port_forces(const Parameters *p, const double *z, const doubl
     }
     for (int s = 0; s < SPRING_COUNT; s++) {
         if (p->port_spring[s] != 0.0) {
-            const double d = row_times(C[SPRING_OUTPUT[s]], z);
+            const real d = row_times(C[SPRING_OUTPUT[s]], z);
             force[SPRING_PORT[s]] += p->port_spring[s] * (d * d);
         }
     }
 }
 
-static inline void add_to_inputs(const double *force, double *u)
+static inline void add_to_inputs(const real *force, real *u)
 {
     for (int i = 0; i < PORT_COUNT; i++) {
         u[PORT_INPUT[i]] += force[i];
@@ -65,36 +65,36 @@ static inline void add_to_inputs(const double *force, double *u)
 }
 
 /* The inputs' increase by the forces in state z. */
-static inline void add_port_forces(const Parameters *p, const double *z, const double *bend, double *u)
+static inline void add_port_forces(const Parameters *p, const real *z, const real *bend, real *u)
 {
-    double v[PORTS], force[PORTS];
+    real v[PORTS], force[PORTS];
     port_velocities(z, v);
     port_forces(p, z, v, bend, force);
     add_to_inputs(force, u);
 }
 
 /* Part (rho - 1) e^(-(v / v_s)^2) of z_b / z_s. */
-static inline double static_excess(const Parameters *p, int i, double v)
+static inline real static_excess(const Parameters *p, int i, real v)
 {
-    const double ratio = v / p->bristle_stribeck_velocity[i], excess = p->bristle_static_ratio[i] - 1.0;
-    return excess == 0.0 ? 0.0 : excess * exponential(-ratio * ratio);
+    const real ratio = v / p->bristle_stribeck_velocity[i];
+    const double excess = p->bristle_static_ratio[i] - 1.0;
+    return excess == 0.0 ? uniform(0.0) : excess * exponential(-ratio * ratio);
 }
 
 /* z_b(v): the deflection at which the bristle of port i slides. */
-static inline double sliding_deflection(const Parameters *p, int i, double v)
+static inline real sliding_deflection(const Parameters *p, int i, real v)
 {
     return p->bristle_reach[i] * (1.0 + static_excess(p, i, v));
 }
 
 /* The bristles' deflections after h seconds from `bend`, exact for constant velocities; those without force stay. */
-static inline void bend_bristles(const Parameters *p, const double *bend, const double *v0, const double *v1, double h,
-                                 double *bent)
+static inline void bend_bristles(const Parameters *p, const real *bend, const real *v0, const real *v1, double h, real *bent)
 {
     for (int i = 0; i < PORT_COUNT; i++) {
         bent[i] = bend[i];
         if (p->bristle_force[i] > 0.0) {
-            const double v = 0.5 * (v0[i] + v1[i]), limit = sliding_deflection(p, i, v);
-            const double travel = (v < 0.0 ? -v : v) * h, end = v < 0.0 ? -limit : limit;
+            const real v = 0.5 * (v0[i] + v1[i]), limit = sliding_deflection(p, i, v);
+            const real travel = either(v < 0.0, -v, v) * h, end = either(v < 0.0, -limit, limit);
             bent[i] = bend[i] - (end - bend[i]) * exponential_minus_1(-travel / limit);
         }
     }

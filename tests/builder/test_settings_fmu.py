@@ -2,68 +2,25 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from builder.assembly import read_parts
 from builder.build import build
 from builder.fmu.product import shock_product
 from builder.native.native_fmu import c_sources
 from cosim import Bond, FmuComponent, GaussSeidel, Scenario, System, run
 from eightpost.errors import FmuError
-from eightpost.shock import LAWS, Axis, Port, Settings, Shock, Term, fit_parameters, write_shock
+from eightpost.shock import write_shock
 from eightpost.shock.settings import is_tested
 from eightpost.signals import TimeSeries
 from eightpost.signals.drivefile import Drivefile
 
-_SPEC = importlib.util.spec_from_file_location(
-    "example_curve", Path(__file__).parents[1] / "shock" / "example_curve.py"
-)
-example_curve = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(example_curve)
+from .shock_over_settings import SHOCKS, shock_of
 
 NAMES = ("clicks.rebound", "clicks.compression", "temperature")
 REPORTED = ("force", "beyond_settings", "untested_settings")
-
-
-def shock_of(name):
-    """A shock of a law with random effects of two adjusters, the temperature and one combination."""
-    law = LAWS[name]
-    own = {p.name: p.start for p in fit_parameters(law)}
-    varied = tuple(p.name for p in fit_parameters(law) if p.scale == "logarithmic")
-    curve = example_curve.knot_curve()
-    if name == "hysteresis":
-        half = tuple(0.5 * slope for slope in curve.knot_slope)
-        stop = {"stop_stiffness": 2e5, "stop_yield": 4e-4, "stop_time": 0.02}
-        own, varied = {"lagged_slope": half, "time_constant": (4e-3, 2e-3, 5e-3), **stop}, ("time_constant",)
-    random = np.random.default_rng(1)
-    axes = (
-        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
-        Axis("compression", (0.0, 3.0), 0.0),
-        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
-    )
-
-    def rows(count, kept):
-        parts = [(400.0, 25), (0.1, len(varied)), (20.0, 1)]
-        found = np.hstack([random.normal(0.0, size, (count, width)) for size, width in parts])
-        found[[k for k in range(count) if k not in kept]] = 0.0
-        return tuple(map(tuple, found.tolist()))
-
-    terms = (
-        Term(("rebound",), rows(4, (0, 2, 3))),
-        Term(("compression",), rows(2, (1,))),
-        Term(("temperature",), rows(3, (0, 2))),
-        Term(("rebound", "compression"), rows(8, (5, 7))),
-    )
-    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
-    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
-    settings = Settings(axes, varied, terms, tested, ((1.0,) * 25,) * len(tested))
-    port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
-    return Shock(name, law(curve, port=port, **own), settings=settings)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +55,7 @@ def settings_and_moves(count=60):
 
 @pytest.mark.parametrize("temperature_input", [False, True])
 @pytest.mark.parametrize("target", ["native", "python"])
-@pytest.mark.parametrize("name", list(LAWS))
+@pytest.mark.parametrize("name", SHOCKS)
 def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built, name, target, temperature_input):
     shock = shock_of(name)
     fmu = FmuComponent(built(name, target, temperature_input=temperature_input), name)
@@ -195,8 +152,3 @@ def test_a_temperature_that_was_not_varied_cannot_be_an_input():
     plain = replace(shock_of("lpf1"), settings=None)
     with pytest.raises(FmuError, match="no temperature that could be an input"):
         shock_product(plain, "plain", temperature_input=True)
-
-
-def test_an_assembly_refuses_a_shock_with_adjusters_and_says_what_to_do(built, fmus):
-    with pytest.raises(FmuError, match="build the shock at one setting"):
-        read_parts({"car": fmus["quarter_car"], "shock": built("lpf1")})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from cosim import system_file
+from eightpost.reproduce import inventory
 from eightpost.signals import ChannelMap, read_series
 from eightpost.signals.raw_record import split_header
 from eightpost.units import convert
@@ -69,10 +71,15 @@ def test_a_name_that_does_not_exist_does_not_resolve():
         resolve("eightpost.shock.lpnl3.Lpnl3")
 
 
-@pytest.mark.parametrize("name", ["ports.md", "verdict.md"])
+@pytest.mark.parametrize("name", ["ports.md", "verdict.md", "equations.md"])
 def test_the_tables_that_come_from_the_code_are_up_to_date(make_tables, name):
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     assert make_tables.rewrite(page) == page, "run: python docs/make_tables.py"
+
+
+def test_the_index_has_a_result_for_every_item_of_the_inventory():
+    results = json.loads((ROOT / "docs" / "reproduced.json").read_text(encoding="utf-8"))["items"]
+    assert list(results) == [item.name for item in inventory()], "run: python docs/make_reproduce.py"
 
 
 def test_the_page_lists_every_rule_of_a_verdict():
@@ -82,7 +89,7 @@ def test_the_page_lists_every_rule_of_a_verdict():
         path.relative_to(ROOT)
         for package in ("eightpost", "cosim", "builder")
         for path in (ROOT / package).rglob("*.py")
-        if re.search(r"^from eightpost\.verdict import .*\bRule\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+        if re.search(r"^from eightpost\.verdict import .*\bRules\b", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
     assert {f"<!-- rules {'.'.join(path.with_suffix('').parts)} -->" for path in stated} == set(
         re.findall(r"<!-- rules .*? -->", page)

@@ -25,15 +25,17 @@ from eightpost.vehicle import Channel, StateSpace
 
 
 def runs_of(rows, rate=100.0):
-    """Records of so many rows each, whose blocks are as long as is asked."""
+    """Records of so many rows each, whose blocks are as long as is asked, and in which nothing changes slowly."""
 
     def blocks(length):
         size = round(length * rate)
         starts = np.concatenate([[0], np.cumsum(rows)])
         return [slice(k, min(k + size, stop)) for start, stop in pairwise(starts) for k in range(start, stop, size)]
 
+    still = np.zeros(sum(rows))
     return SimpleNamespace(
-        filters=[SimpleNamespace(rows=np.arange(n), row_rate=rate) for n in rows], blocks=blocks
+        filters=[SimpleNamespace(rows=np.arange(n), row_rate=rate) for n in rows], blocks=blocks,
+        weights=np.ones(sum(rows)), covariate=still, target=still, row_velocity=still,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident import choose_law, evaluate, fit_shock
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
-from eightpost.ident.shock.hysteresis_search import Projection, _non_negative
+from eightpost.ident.shock.hysteresis_search import Projection, non_negative
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.runs import prepare_runs
@@ -224,7 +224,7 @@ def test_the_linear_parameters_are_the_best_ones_for_given_states(has_stop):
 def test_a_free_element_may_be_negative_and_others_may_not():
     columns = np.random.default_rng(0).standard_normal((50, 4))
     target = columns @ np.array([2.0, -3.0, -1.0, 1.0])
-    found = _non_negative(columns.T @ columns, columns.T @ target, np.array([False, False, True, False]))
+    found = non_negative(columns.T @ columns, columns.T @ target, np.array([False, False, True, False]))
     best = lsq_linear(columns, target, bounds=([0.0, 0.0, -np.inf, 0.0], np.inf)).x
     assert found == pytest.approx(best, abs=1e-6)
     assert found[1] == 0.0

@@ -123,7 +123,7 @@ def test_the_same_seed_gives_the_same_file_and_the_librarys_result(tmp_path):
         (("--configuration", "1", "--test", "sine"), "--amplitude"),
         (("--configuration", "1", "--test", "sine", "--amplitude", "9 in", "--speed", "10 in/s"), "travel"),
         (("--configuration", "1", "--test", "sine", "--amplitude", "0 in", "--speed", "10 in/s"), "above 0"),
-        (("--configuration", "1", "--test", "bump", "--speed", "10 in/s"), "omit them"),
+        (("--configuration", "1", "--test", "bump", "--speed", "10 in/s"), "omit it"),
         (("--configuration", "1", "--duration", "0.1 s"), "0.5 to 600"),
         (("--configuration", "1", "--test", "bump", "--duration", "5 s"), "omit it"),
     ],

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.shock import Axis, Lpf1, Settings, Shock, Term, read_shock, write_shock
+from eightpost.shock import Axis, Hysteresis, Lpf1, Settings, Shock, Term, read_shock, write_shock
 from eightpost.shock.settings import is_tested, node_weights
 from eightpost.verdict import Grade
 
@@ -70,6 +70,23 @@ def test_the_curve_rises_at_every_setting_and_is_that_of_its_slopes(seed, reboun
     rises = 0.5 * (np.add(curve.knot_slope[1:], curve.knot_slope[:-1])) * np.diff(curve.knot_velocity)
     assert np.diff(curve.knot_force) == pytest.approx(rises, abs=1e-6)
     assert at.time_constant > 0.0
+
+
+@given(st.integers(0, 50), st.floats(-5.0, 30.0), st.floats(-2.0, 8.0), st.floats(250.0, 400.0))
+def test_the_lagged_part_of_hysteresis_is_between_zero_and_the_curve_at_every_setting(seed, rebound, compression, warm):
+    """`Hysteresis` refuses anything else: the law is then passive."""
+    curve, random = example_curve.knot_curve(), np.random.default_rng(seed)
+    shared = tuple((random.uniform(0.0, 1.0, 25) * curve.knot_slope).tolist())
+    base = Hysteresis(curve, shared, (4e-3, 2e-3, 5e-3))
+    found = settings(seed, size=3000.0)
+    terms = tuple(
+        Term(term.axes, tuple((*row[:25], *random.normal(0.0, 3000.0, 25), *row[25:]) for row in term.deviations))
+        for term in found.terms
+    )
+    found = replace(found, parameters=("lagged_slope", "time_constant"), terms=terms)
+    at = found.law_at(base, (rebound, compression, warm))
+    assert min(at.lagged_slope) >= 0.0
+    assert all(part <= whole for part, whole in zip(at.lagged_slope, at.curve.knot_slope, strict=True))
 
 
 def test_at_the_reference_the_law_is_the_measured_one():

@@ -25,7 +25,7 @@ _MISSING = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class _MeasuredRun:
+class MeasuredRun:
     """One run on the rig.
 
     Attributes:
@@ -54,7 +54,7 @@ class Measured:
     missing: Mapping[str, str]
 
 
-def read_run_list(path: str | Path, study: Study) -> tuple[_MeasuredRun, ...]:
+def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
     """Read the list of rig runs: a CSV with a header.
 
     Columns: `file` (relative to the list's folder), `setup` (number) or one per corner (name of the build), and, if the
@@ -82,7 +82,7 @@ def read_run_list(path: str | Path, study: Study) -> tuple[_MeasuredRun, ...]:
     return tuple(_run(row, study, path, number) for row, (number, _) in zip(rows, numbered[1:], strict=True))
 
 
-def measured_runs(runs: Sequence[_MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
+def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Path], TimeSeries]) -> Measured:
     """Compute a study's measures from measured runs.
 
     A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
@@ -133,7 +133,7 @@ def _comparison(result: StudyResult, name: str, setups: Integers, values: Array)
     return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise)
 
 
-def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> _MeasuredRun:
+def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
     cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
         raise FileFormatError(
@@ -146,7 +146,7 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
         setup = _setup(cells, study.space)
     except ValueError as error:
         raise FileFormatError(str(error), path=path, line=line) from error
-    return _MeasuredRun(path.parent / cells["file"], setup, drive)
+    return MeasuredRun(path.parent / cells["file"], setup, drive)
 
 
 def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
@@ -197,7 +197,7 @@ class _RigComparison:
         notes: Sentences about records and measures that are left out.
     """
 
-    runs: tuple[_MeasuredRun, ...]
+    runs: tuple[MeasuredRun, ...]
     comparisons: tuple[Comparison, ...]
     notes: tuple[str, ...]
 
@@ -219,7 +219,7 @@ def compare_with_rig(
     """
     for name in measures:
         result.study.measure(name)
-    runs, notes = _with_records(read_run_list(path, result.study), path)
+    runs, notes = runs_with_records(read_run_list(path, result.study), path)
     rig = measured_runs(runs, result.study, read)
     notes += [f"{name}: the rig has no {channels}" for name, channels in rig.missing.items()]
     means = [] if measures else [name for name in rig.values if result.study.measure(name).absolute]
@@ -232,7 +232,7 @@ def compare_with_rig(
     return _RigComparison(runs, compared, tuple(notes))
 
 
-def _with_records(runs: Sequence[_MeasuredRun], path: str | Path) -> tuple[tuple[_MeasuredRun, ...], list[str]]:
+def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
     """Return the runs whose records exist, and a note about the others."""
     there = tuple(run for run in runs if run.file.is_file())
     missing = [run.file.name for run in runs if not run.file.is_file()]

@@ -1,4 +1,4 @@
-"""Robustness of a ranking: setups compared under the stated uncertainty."""
+"""Spread of the leading setups over draws of uncertain parameters, each of them simulated."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
+from cosim.study.certainty.certainty import OBJECTIVE
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested
@@ -19,13 +20,9 @@ from cosim.study.study import Parameters, Study
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
-from eightpost.verdict import Grade, Rules, Verdict
 
-# ---- Robust choice --------------------------------------------------------------------------------------------------
+# ---- Spread of setups -----------------------------------------------------------------------------------------------
 
-
-#: Name of the weighted sum of Eq 2.6 among the measures.
-OBJECTIVE = "objective"
 
 #: Half-width of a band, in standard deviations (Fig 7.7).
 REACH = 2.0
@@ -79,33 +76,10 @@ class Spread:
         noise = np.where(np.arange(self.setups.size) == other, 0.0, 2.0 * self._noise)
         return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
 
-    def compared(self, group: Integers) -> Array:
-        """Return the levels of a group of setups (G, 4).
-
-        The columns are the value and the half-width of its band, then the difference from the group's first setup and
-        the half-width of its band.
-        """
-        difference, deviation = self.difference(int(group[0]))
-        return np.stack([self.values, REACH * self.deviation, difference, REACH * deviation], axis=1)[group]
-
     def worse_than(self, other: int) -> Flags:
         """Return whether each setup is higher than another by more than the uncertainty of the difference (K,)."""
         above, deviation = self.difference(other)
         return np.asarray(above > REACH * deviation, dtype=np.bool_)
-
-    def groups(self) -> tuple[Integers, ...]:
-        """Return the rows of the setups, lowest first, in groups: the members of a group are tied with its first one.
-
-        Failed setups are in no group.
-        """
-        left = np.argsort(self.values, kind="stable")
-        left = left[np.isfinite(self.values[left])]
-        found = []
-        while left.size:
-            worse = self.worse_than(int(left[0]))[left]
-            found.append(left[~worse])
-            left = left[worse]
-        return tuple(found)
 
     def only(self, setups: Sequence[int]) -> Spread:
         """Return the spread of some of the setups, by number."""
@@ -265,42 +239,6 @@ def _over(own: Parameters, drawn: Mapping[str, float] | None) -> Parameters:
     return {**own, **(drawn or {})}
 
 
-# ---- Verdict on the choice among the best setups --------------------------------------------------------------------
-
-ABOUT = "choice"
-
-#: Contributions that the stated uncertainty does not contain.
-_LEFT_OUT = (
-    "it excludes errors of the car and of the form of the laws unless vehicles are given, and run-to-run differences "
-    "unless run_to_run is given, and it is not corrected for the choice among many setups"
-)
-
-RULES = Rules()
-
-LEADS = RULES.add("one setup leads", ABOUT, Grade.LIMITED,
-    condition=f"every other setup is worse by more than {REACH:g} standard deviations of the difference, pair by pair",
-    why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
-    remedy="confirm the setup on the rig or on the track, together with the next ones (eightpost select)",
-)  # fmt: skip
-TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
-    condition=f"other setups are within {REACH:g} standard deviations of the difference from the best",
-    why=f"the uncertainty is that of the uncertainty file: {_LEFT_OUT}",
-    remedy="choose among them by other measures, or test them on the rig (eightpost select)",
-)  # fmt: skip
-
-
-def robust_verdict(spread: Spread, setups: int) -> Verdict:
-    """Return the verdict on a spread of the best setups, chosen among all `setups` of the study."""
-    group = spread.groups()[0]
-    evaluated = f"{spread.setups.size} of {setups} setups evaluated, {len(spread.draws)} draws"
-    origin = f"measure {spread.measure}; {_LEFT_OUT}"
-    if group.size == 1:
-        statement = "one setup is better than the other evaluated ones by more than the stated uncertainty"
-        return Verdict([LEADS.reason(statement, figure=evaluated, origin=origin)])
-    figure = f"{group.size} setups; {evaluated}"
-    return Verdict([TIED.reason("the best setups are tied", figure=figure, origin=origin)])
-
-
 # ---- Robustness of a choice -----------------------------------------------------------------------------------------
 
 
@@ -355,6 +293,6 @@ def run_draws(
     """
     if not draws.any:
         return
-    coupling = coupling_of(result)
+    coupling = coupling_of(result).in_fast_batches()
     for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
         yield Requested(study, folder).request(workers, coupling, setups)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from scipy.linalg import helmert
+from scipy.linalg import cho_factor, cho_solve, helmert
 
 from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
@@ -220,7 +221,7 @@ def _checked(shape: tuple[int, ...], levels: Integers, values: Array, measure: s
     numbers = np.ravel_multi_index(tuple(levels[done].T), shape)
     if np.unique(numbers).size != numbers.size:
         raise InputError(f"{measure}: a setup occurs twice; give each setup once")
-    return levels[done], values[done]
+    return np.ascontiguousarray(levels[done], dtype=np.int64), values[done]
 
 
 def _exact(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
@@ -243,33 +244,88 @@ def _average(grid: Array, *, keep: tuple[int, ...]) -> Array:
 
 def _fitted(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
     """Fit the terms, with pairs if the setups determine them and leave degrees of freedom, else without."""
-    codes = {f.name: helmert(len(f.builds)).T for f in factors}  # columns of sum 0, orthonormal
-    main = {f.name: codes[f.name][levels[:, i]] for i, f in enumerate(factors)}
-    pairs = {(f, g): _products(main[f], main[g]) for f, g in combinations(main, 2)}
-    for kept in (pairs, {}):
-        columns = np.hstack([np.ones((values.size, 1)), *main.values(), *kept.values()])
-        if values.size > columns.shape[1] == np.linalg.matrix_rank(columns):
+    for pairs in (tuple(combinations(range(len(factors)), 2)), ()):
+        design = _design(tuple(len(factor.builds) for factor in factors), levels.tobytes(), pairs)
+        if design is not None:
             break
     else:
         raise InputError(_too_few(factors, values.size, measure))
-    solution, squares, *_ = np.linalg.lstsq(columns, values, rcond=None)
-    parts = iter(np.split(solution, np.cumsum([1, *(b.shape[1] for b in (*main.values(), *kept.values()))])[:-1]))
-    mean = float(next(parts)[0])
-    effects = {name: code @ next(parts) for name, code in codes.items()}
-    joint = {(f, g): _joint(codes[f], codes[g], next(parts)) for f, g in kept}
-    rest = float(squares[0]) / (values.size - columns.shape[1])
-    method: Method = "fitted" if kept else "fitted main effects"
-    return Sensitivity(measure, tuple(factors), mean, effects, joint, rest, values.size, method)
+    (mean, *effects), squares = design.solve(values)
+    main = {factor.name: effect for factor, effect in zip(factors, effects, strict=False)}
+    joint = {
+        (factors[i].name, factors[j].name): effect.reshape(len(factors[i].builds), -1)
+        for (i, j), effect in zip(pairs, effects[len(factors) :], strict=True)
+    }
+    method: Method = "fitted" if pairs else "fitted main effects"
+    rest = squares / (values.size - design.columns)
+    return Sensitivity(measure, tuple(factors), float(mean[0]), main, joint, rest, values.size, method)
 
 
-def _products(a: Array, b: Array) -> Array:
-    """Return every product of a column of `a` (N, p) with one of `b` (N, q): (N, p q)."""
-    return np.asarray((a[:, :, None] * b[:, None, :]).reshape(a.shape[0], -1), dtype=np.float64)
+#: Smallest eigenvalue of the normal equations, relative to the largest, of effects that the setups determine.
+_DETERMINED = 1e-10
 
 
-def _joint(a: Array, b: Array, solution: Array) -> Array:
-    """Return the interaction (L_f, L_g) of two factors from the coefficients of its products (p q,)."""
-    return np.asarray(a @ solution.reshape(a.shape[1], b.shape[1]) @ b.T, dtype=np.float64)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Design:
+    """Least squares for the mean, the main effects and the interactions.
+
+    The normal equations are sums over tables of counts, so that no matrix has a row per setup.
+
+    Attributes:
+        cells: Cell of every setup in each term, e.g. the level of a factor (N,).
+        codes: Effects of the cells for each coefficient of a term (cells, columns); they sum to zero.
+        factor: Cholesky factor of the normal equations.
+    """
+
+    cells: tuple[Integers, ...]
+    codes: tuple[Array, ...]
+    factor: tuple[Array, bool]
+
+    @property
+    def columns(self) -> int:
+        """Number of coefficients."""
+        return sum(code.shape[1] for code in self.codes)
+
+    def solve(self, values: Array) -> tuple[list[Array], float]:
+        """Return the effects of every term's cells, and the sum of the squared residuals, for values (N,)."""
+        sums = [np.bincount(cell, values, len(code)) for cell, code in zip(self.cells, self.codes, strict=True)]
+        right = np.concatenate([code.T @ one for code, one in zip(self.codes, sums, strict=True)])
+        solution = cho_solve(self.factor, right)
+        parts = np.split(solution, np.cumsum([code.shape[1] for code in self.codes])[:-1])
+        effects = [code @ part for code, part in zip(self.codes, parts, strict=True)]
+        fitted = np.sum([effect[cell] for effect, cell in zip(effects, self.cells, strict=True)], axis=0)
+        return effects, float(np.sum((values - fitted) ** 2))
+
+
+@lru_cache(maxsize=2)  # most measures of a study are known for the same setups
+def _design(sizes: tuple[int, ...], levels: bytes, pairs: tuple[tuple[int, int], ...]) -> _Design | None:
+    """Return the design of the mean, all main effects and some pairs; None if the setups do not determine them.
+
+    Args:
+        sizes: Number of builds of each factor.
+        levels: Content of the levels (N, F), 64-bit integers.
+        pairs: Pairs of factors that interact.
+    """
+    columns = np.frombuffer(levels, dtype=np.int64).reshape(-1, len(sizes)).T
+    coded = [np.asarray(helmert(size).T, dtype=np.float64) for size in sizes]  # columns of sum 0, orthonormal
+    cells = [np.zeros_like(columns[0]), *columns, *(columns[i] * sizes[j] + columns[j] for i, j in pairs)]
+    products = [np.asarray(np.kron(coded[i], coded[j]), dtype=np.float64) for i, j in pairs]
+    codes: list[Array] = [np.ones((1, 1)), *coded, *products]
+    if columns.shape[1] <= sum(code.shape[1] for code in codes):
+        return None
+    terms = list(zip(cells, codes, strict=True))
+    normal = np.block([[_block(first, second) for second in terms] for first in terms])
+    found = np.linalg.eigvalsh(normal)
+    if found[0] <= _DETERMINED * found[-1]:
+        return None
+    return _Design(tuple(cells), tuple(codes), cho_factor(normal))
+
+
+def _block(first: tuple[Integers, Array], second: tuple[Integers, Array]) -> Array:
+    """Return one block of the normal equations from the number of setups in each pair of cells."""
+    (cell, code), (other, coded) = first, second
+    counts = np.bincount(cell * len(coded) + other, minlength=len(code) * len(coded)).reshape(len(code), len(coded))
+    return np.asarray(code.T @ counts @ coded, dtype=np.float64)
 
 
 def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ from cosim.report.origin import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import Column, Scale, Sheet, build_colors, packed, shown_columns
+from cosim.study.report.answer import answer_of
+from cosim.study.report.sheet import Column, Extras, Scale, Sheet, build_colors, packed, shown_columns
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.pictures import Axes, Figure, color_legend, new_figure, panels_of, save_for_print
 from eightpost.report.tables import Tile
-from eightpost.signals import TimeSeries
 
 # ---- Corner whose build explains most of a measure ------------------------------------------------------------------
 
@@ -158,20 +158,16 @@ def _best(sheet: Sheet) -> Iterator[str]:
     feasible = int(np.sum(sheet.allowed & sheet.done))
     if feasible:
         best = int(sheet.order[0])
-        yield f"Best: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
+        yield f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
         if sheet.background.constraints:
             yield f"{feasible} setups meet all constraints."
         yield from _remarks_on_best(sheet, best)
 
 
 def _remarks_on_best(sheet: Sheet, best: int) -> Iterator[str]:
-    """Yield remarks on the best setup: its mark, and how many setups are tied with it."""
+    """Yield remarks on the setup with the best prediction: its mark."""
     if best in sheet.marks:
-        yield f"The best setup is marked: {sheet.marks[best]}."
-    column = sheet.ranked_by
-    if column.uncertainty is not None:
-        close = np.abs(column.values - column.values[best]) <= column.uncertainty.from_best
-        yield f"{int(np.sum(close & sheet.allowed)) - 1} other setups are tied with the best."
+        yield f"This setup is marked: {sheet.marks[best]}."
 
 
 def tiles(sheet: Sheet) -> tuple[Tile, ...]:
@@ -229,7 +225,7 @@ def shares(terms: Sequence[Sensitivity], places: Mapping[str, int]) -> tuple[Sha
 # ---- The study's page -----------------------------------------------------------------------------------------------
 
 #: Parts of the page's script, in the order of their dependencies.
-_SCRIPTS = ("state", "table", "dots", "plots", "setup", "sensitivity", "page")
+_SCRIPTS = ("state", "table", "dots", "plots", "parallel", "setup", "compare", "sensitivity", "weights", "page")
 
 #: Number of trade-offs that are drawn when the page opens.
 _TRADES = 6
@@ -237,30 +233,18 @@ _TRADES = 6
 #: Number of columns of the ranking when the page opens, including the objective; the others can be added.
 _TABLED = 7
 
+#: Number of findings of the verdict that are shown at once: the answer and the ranking stay on the first screen.
+_FOLDED = 2
+
 #: Largest number of setups in the list of failed and marked setups; the ranking contains all of them.
 _LISTED = 200
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Extras:
-    """Optional content of a report.
-
-    Attributes:
-        traces: Time traces by setup number.
-        sensitivities: Sensitivities of all or some measures.
-        selection: Setups to confirm on the rig.
-    """
-
-    traces: Mapping[int, TimeSeries] = field(default_factory=dict)
-    sensitivities: Sequence[Sensitivity] = ()
-    selection: Sequence[Selected] = ()
 
 
 def page(sheet: Sheet, extras: Extras) -> str:
     """Return the page's HTML; names of measures, builds and files are escaped."""
     groups = _groups(sheet, extras.selection)
     picked = sorted({row for _, rows in groups for row in rows})
-    manifest, numbers = packed(sheet, extras.traces, extras.sensitivities, picked)
+    manifest, numbers = packed(sheet, extras, picked)
     context = _words(sheet) | _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
         "cosim.study.report",
@@ -270,7 +254,9 @@ def page(sheet: Sheet, extras: Extras) -> str:
         places=_places(sheet, groups),
         sheet=sheet,
         background=sheet.background,
+        answer=answer_of(sheet),
         groups=groups,
+        shock_pages=extras.shock_pages,
         ranks=np.argsort(sheet.order) + 1,
         selection_columns=_selected_for(sheet, extras.selection),
         traced=sorted(extras.traces),
@@ -279,7 +265,8 @@ def page(sheet: Sheet, extras: Extras) -> str:
 
 
 def _places(sheet: Sheet, groups: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("setup", "Setup"))
+    yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("parallel", "Measures"))
+    yield from (("setup", "Setup"), ("comparison", "Side by side"))
     yield "sensitivity", "Sensitivity"
     if groups:
         yield "selected", "Selected"
@@ -292,6 +279,7 @@ def _words(sheet: Sheet) -> dict[str, Any]:
     problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
     return {
         "verdict": sheet.background.verdict,
+        "fold": _FOLDED,
         "headline": headline(sheet),
         "tiles": tiles(sheet),
         "problems": problems[:_LISTED],
@@ -307,7 +295,7 @@ def _choices(sheet: Sheet) -> dict[str, Any]:
     return {
         "columns": columns,
         "colors": build_colors(len(sheet.builds)),
-        "present": [set(column.tolist()) for column in sheet.placed.T],
+        "present": [sorted(set(column.tolist())) for column in sheet.placed.T],
         "focus": first,
         "tabled": set(range(_TABLED)),
         "against": {first, *others[:_TRADES]},

@@ -10,11 +10,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from cosim.report.origin import Origin
+from cosim.study.certainty import Certainty
+from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
+from cosim.study.report.shock_pages import ShockCurve
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display
-from eightpost.report.packing import TRACES_CAPACITY, Store, traces
+from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
 from eightpost.signals import TimeSeries
 from eightpost.units import metric
 from eightpost.verdict import Verdict
@@ -31,6 +34,10 @@ def build_colors(count: int) -> tuple[str, ...]:
 
 
 # ---- Display units of the page --------------------------------------------------------------------------------------
+
+
+#: Highest frequency of the spectra of the page [Hz].
+_HIGHEST = 60.0
 
 
 class Scale(NamedTuple):
@@ -59,16 +66,15 @@ class Uncertainty:
     """Uncertainty of one measure of S setups; NaN if not known.
 
     Attributes:
-        spread: (S,) two standard deviations of the value [SI].
-        from_best: (S,) two standard deviations of the difference from the setup that is ranked first [SI]; errors that
-            both setups share cancel in it.
-        from_baseline: (S,) the same for the difference from the baseline.
-        tied: (S,) whether a setup is tied with the one that has the best value.
+        low: (S,) lower ends of the 95 % intervals of the true values [SI].
+        high: (S,) upper ends [SI].
+        best: (S,) probability of having the best true value of all feasible setups [1].
+        tied: (S,) whether a setup is one of the smallest set that contains the best with a probability of 95 %.
     """
 
-    spread: Array
-    from_best: Array
-    from_baseline: Array
+    low: Array
+    high: Array
+    best: Array
     tied: Flags
 
 
@@ -117,6 +123,14 @@ class Bound:
         return f"{self.measure} {self.word} {self.scale.us(self.value):.4g} {self.scale.us.unit}"
 
 
+class Weighted(NamedTuple):
+    """Term of the objective: the weight times the measure in the unit of `display`."""
+
+    measure: str
+    weight: float
+    display: Display
+
+
 @dataclass(frozen=True, slots=True)
 class Background:
     """Title, objective, constraints, notes and provenance of a report.
@@ -158,6 +172,8 @@ class Sheet:
         marks: Marks of setups by row.
         coupling_error: Estimated coupling error [%] (S,); NaN if not known.
         baseline: Row of the baseline setup.
+        terms: Terms of the objective.
+        certainty: Certainty of the choice; None if it was not computed.
         background: Title, objective, constraints, notes and provenance.
     """
 
@@ -172,6 +188,8 @@ class Sheet:
     failures: Mapping[int, str] = field(default_factory=dict)
     marks: Mapping[int, str] = field(default_factory=dict)
     baseline: int | None = None
+    terms: tuple[Weighted, ...] = ()
+    certainty: Certainty | None = None
     background: Background = field(default_factory=Background)
 
     @property
@@ -209,22 +227,39 @@ class Sheet:
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Extras:
+    """Optional content of a report.
+
+    Attributes:
+        traces: Time traces by setup number.
+        sensitivities: Sensitivities of all or some measures.
+        selection: Setups to confirm on the rig.
+        curves: Curves of the shocks, by build.
+        shock_pages: Pages of the shocks relative to the page, by build.
+    """
+
+    traces: Mapping[int, TimeSeries] = field(default_factory=dict)
+    sensitivities: Sequence[Sensitivity] = ()
+    selection: Sequence[Selected] = ()
+    curves: Mapping[str, ShockCurve] = field(default_factory=dict)
+    shock_pages: Mapping[str, str] = field(default_factory=dict)
+
+
 # ---- Data of the page's script --------------------------------------------------------------------------------------
 
 
-def packed(
-    sheet: Sheet, recorded: Mapping[int, TimeSeries], terms: Sequence[Sensitivity], picked: Sequence[int]
-) -> tuple[dict[str, Any], str]:
+def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[str, Any], str]:
     """Return the manifest, which states where each number is stored, and the numbers.
 
     Args:
         sheet: Report data.
-        recorded: Time traces by setup number.
-        terms: Sensitivities of some measures.
+        extras: Optional content.
         picked: Rows that are picked when the page opens.
     """
     store = Store()
     order, done = sheet.order, int(sheet.done.sum())
+    place = {column.name: k for k, column in enumerate(shown_columns(sheet))}
     manifest = {
         "setups": sheet.numbers.size,
         "done": done,
@@ -237,14 +272,22 @@ def packed(
         "allowed": store.add(sheet.allowed.astype(float)),
         "error": store.add(sheet.coupling_error),
         "columns": [_column(store, column) for column in shown_columns(sheet)],
+        "objective": sheet.objective.name if sheet.objective else None,
+        "terms": [{"column": place[one.measure], "weight": one.weight} | asdict(one.display) for one in sheet.terms],
+        "bounds": [{"column": place[name]} | ends for name, ends in _limits(sheet).items()],
         "failures": sheet.failures,
         "marks": sheet.marks,
         "baseline": sheet.baseline,
         "best": int(order[0]) if done else None,
         "picked": list(picked),
-        "traces": dict(_traces(store, recorded)),
+        "traces": dict(_traces(store, extras.traces)),
         "trace_command": sheet.background.trace_command,
-        "sensitivities": list(_sensitivities(sheet, terms)),
+        "sensitivities": list(_sensitivities(sheet, extras.sensitivities)),
+        "spectra": dict(_spectra(store, extras.traces)),
+        "curves": {name: _curve(store, curve) for name, curve in extras.curves.items()},
+        "force": _scale(Scale.of("N")),
+        "velocity": _scale(Scale.of("m/s")),
+        "pages": extras.shock_pages,
     }
     return manifest, store.text
 
@@ -252,6 +295,15 @@ def packed(
 def shown_columns(sheet: Sheet) -> tuple[Column, ...]:
     """Return the objective, if there is one, and the measures."""
     return (*((sheet.objective,) if sheet.objective else ()), *sheet.measures)
+
+
+def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:
+    """Return the limits of the constraints by measure [SI]; None where there is no limit."""
+    limits: dict[str, dict[str, float | None]] = {}
+    for bound in sheet.background.constraints:
+        ends = limits.setdefault(bound.measure, {"low": None, "high": None})
+        ends["low" if bound.word == "at least" else "high"] = bound.value
+    return limits
 
 
 def _scale(scale: Scale) -> dict[str, Any]:
@@ -273,9 +325,9 @@ def _column(store: Store, column: Column) -> dict[str, Any]:
 
 def _uncertainty(store: Store, uncertainty: Uncertainty) -> dict[str, Any]:
     return {
-        "spread": store.add(uncertainty.spread),
-        "best": store.add(uncertainty.from_best),
-        "baseline": store.add(uncertainty.from_baseline),
+        "low": store.add(uncertainty.low),
+        "high": store.add(uncertainty.high),
+        "best": store.add(uncertainty.best),
         "tied": store.add(uncertainty.tied.astype(float)),
         "ties": int(uncertainty.tied.sum()),
     }
@@ -301,6 +353,24 @@ def _traces(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple[
                 "channels": channels,
             },
         )
+
+
+def _spectra(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the amplitude spectral densities of the traces by setup number, up to the highest frequency of interest."""
+    for number, series in recorded.items():
+        found = spectra(series)
+        if found is None:
+            continue
+        kept = found.frequency <= _HIGHEST
+        channels = [
+            {"name": name, **_scale(Scale.of(unit)), "at": store.add_single(np.sqrt(density[kept]))}
+            for name, unit, density in zip(series.names, series.units, found.density, strict=True)
+        ]
+        yield number, {"at": store.add_single(found.frequency[kept]), "count": int(kept.sum()), "channels": channels}
+
+
+def _curve(store: Store, curve: ShockCurve) -> dict[str, Any]:
+    return {"velocity": store.add(curve.velocity), "force": store.add(curve.force), "count": curve.velocity.size}
 
 
 def _channel(store: Store, name: str, unit: str, values: Array) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path, PurePath
@@ -12,39 +12,32 @@ import numpy as np
 import pyarrow as pa
 
 from cosim.report.origin import Origin
-from cosim.study.choice.robust import REACH, Spread
+from cosim.study.certainty import OBJECTIVE, Certainty, Levels
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
-from cosim.study.report.page import Extras, page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Scale, Sheet, Uncertainty
+from cosim.study.report.answer import tied_rows
+from cosim.study.report.page import page, write_figures
+from cosim.study.report.sheet import Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
+from cosim.study.report.shock_pages import ShockCurve
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import DONE, StudyResult
-from cosim.study.study import Build, Parameters, Study, Vehicle
+from cosim.study.study import Build, Parameters, Study, Term, Vehicle
 from cosim.study.verdict import study_verdict
 from eightpost.array_types import Array, Integers
+from eightpost.report.numbers import Display
 from eightpost.report.page import write_page
 from eightpost.signals import TimeSeries
 
 # ---- Uncertainty of the measures of a study, setup by setup ---------------------------------------------------------
 
 
-def _uncertainty_of(result: StudyResult, band: Spread) -> Uncertainty:
-    """Return the uncertainty of a result's setups according to a spread; NaN for setups that it does not contain."""
-    places = np.searchsorted(result.setups, band.setups)
-    sign = 1.0 if _better_end(result, band.measure) == "low" else -1.0
-    first = _place(band, result, int(result.ranking()[0]) if result.ranking().size else None)
-    known = np.isfinite(band.values)
-    best = int(np.nanargmin(sign * band.values)) if known.any() else None
-    above, deviation = (np.zeros(known.size),) * 2 if best is None else band.difference(best)
-    tied = np.zeros(len(result), dtype=np.bool_)
-    tied[places] = known & ~(sign * above > REACH * deviation)
-    return Uncertainty(
-        _spread_out(result, places, REACH * band.deviation),
-        _spread_out(result, places, _of_difference(band, first)),
-        _spread_out(result, places, _of_difference(band, _place(band, result, result.baseline_row))),
-        tied,
-    )
+def _uncertainty_of(levels: Levels | None) -> Uncertainty | None:
+    """Return the uncertainty of a measure; None if it is not known."""
+    if levels is None or not levels.is_known:
+        return None
+    low, high = levels.interval()
+    return Uncertainty(low, high, levels.best, tied_rows(levels.best))
 
 
 def _better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
@@ -53,36 +46,18 @@ def _better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
     return "high" if rewarded else "low"
 
 
-def _place(band: Spread, result: StudyResult, row: int | None) -> int | None:
-    """Return the position of a result's row in the spread; None if the spread does not contain it."""
-    found = np.flatnonzero(band.setups == result.setups[row]) if row is not None else np.empty(0, dtype=np.int64)
-    return int(found[0]) if found.size else None
-
-
-def _of_difference(band: Spread, place: int | None) -> Array:
-    if place is None:
-        return np.full(band.setups.size, np.nan)
-    return np.asarray(REACH * band.difference(place)[1], dtype=np.float64)
-
-
-def _spread_out(result: StudyResult, places: Integers, values: Array) -> Array:
-    whole = np.full(len(result), np.nan)
-    whole[places] = values
-    return whole
-
-
 # ---- Conversion of a study's result into the data of the report -----------------------------------------------------
 
 
-def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command: str = "") -> Sheet:
+def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_command: str = "") -> Sheet:
     """Return the report data of a result.
 
     Args:
         result: Result of the study.
-        bands: Spreads of measures in SI, for the measures whose spread is known.
+        certainty: Certainty of the study; None if it was not computed.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    uncertainties = {band.measure: _uncertainty_of(result, band) for band in bands}
+    levels = certainty.levels if certainty else {}
     builds = tuple(result.study.bank)
     return Sheet(
         corners=tuple(result.study.corners),
@@ -90,19 +65,21 @@ def sheet_of(result: StudyResult, *, bands: Sequence[Spread] = (), trace_command
         numbers=result.setups,
         placed=_placed(result, builds),
         measures=tuple(
-            _column(result, measure.name, uncertainties.get(measure.name)) for measure in _by_interest(result.study)
+            _column(result, measure.name, levels.get(measure.name)) for measure in _by_interest(result.study)
         ),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
-        objective=_objective(result),
+        objective=_objective(result, levels.get(OBJECTIVE)),
         failures=_failures(result),
         marks=_texts(result.table, "marks"),
         baseline=result.baseline_row,
-        background=background(result, trace_command),
+        certainty=certainty,
+        terms=tuple(_weighted(result, term) for term in result.study.objective),
+        background=background(result, trace_command, certainty),
     )
 
 
-def background(result: StudyResult, trace_command: str) -> Background:
+def background(result: StudyResult, trace_command: str, certainty: Certainty | None = None) -> Background:
     """Return objective, constraints, notes, settings and files of a result."""
     study = result.study
     terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
@@ -114,7 +91,7 @@ def background(result: StudyResult, trace_command: str) -> Background:
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
         trace_command=trace_command,
-        verdict=study_verdict(result),
+        verdict=study_verdict(result, certainty),
     )
 
 
@@ -132,14 +109,19 @@ def _by_interest(study: Study) -> list[Measure]:
     return [*named, *sorted(others, key=lambda measure: measure.absolute)]
 
 
-def _column(result: StudyResult, name: str, uncertainty: Uncertainty | None) -> Column:
+def _column(result: StudyResult, name: str, levels: Levels | None) -> Column:
     scale = Scale.of(result.unit(name), result.display(name))
-    return Column(name, scale, result.values(name), _better_end(result, name), uncertainty)
+    return Column(name, scale, result.values(name), _better_end(result, name), _uncertainty_of(levels))
 
 
-def _objective(result: StudyResult) -> Column | None:
+def _objective(result: StudyResult, levels: Levels | None) -> Column | None:
     values = result.objective
-    return None if values is None else Column("objective", Scale.of("1"), values)
+    return None if values is None else Column(OBJECTIVE, Scale.of("1"), values, uncertainty=_uncertainty_of(levels))
+
+
+def _weighted(result: StudyResult, term: Term) -> Weighted:
+    own = result.unit(term.measure)
+    return Weighted(term.measure, term.weight, Display.of(own, term.unit or own))
 
 
 def _numbers(table: pa.Table, name: str) -> Array:
@@ -257,7 +239,9 @@ def write_study_report(
     *,
     traces: Mapping[int, TimeSeries] | None = None,
     selection: Selection | None = None,
-    bands: Sequence[Spread] = (),
+    certainty: Certainty | None = None,
+    curves: Mapping[str, ShockCurve] | None = None,
+    shock_pages: Mapping[str, str] | None = None,
     trace_command: str = "",
 ) -> ReportPaths:
     """Write all files of a study's report without running a simulation.
@@ -267,11 +251,14 @@ def write_study_report(
         out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
         traces: Time traces of some setups by setup number.
         selection: Setups to confirm on the rig.
-        bands: Spreads of measures in SI.
+        certainty: Certainty of the study.
+        curves: Curves of the shocks, by build.
+        shock_pages: Pages of the shocks relative to the folder, by build.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    sheet, folder = sheet_of(result, bands=bands, trace_command=trace_command), Path(out_dir)
-    extras = Extras(traces or {}, available_sensitivities(result), selection.chosen if selection else ())
+    sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
+    chosen = selection.chosen if selection else ()
+    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {})
     return ReportPaths(
         page=write_page(folder / "report.html", page(sheet, extras)),
         workbook=write_workbook(sheet, folder / "ranking.xlsx"),

@@ -48,7 +48,7 @@ def study_digest(study: Study, digests: dict[str, str]) -> str:
     for name in _AFTER:
         del document[name]
     document = _without_paths(document, digests)
-    text = json.dumps({"study": document, "tool": __version__}, sort_keys=True)
+    text = json.dumps({"study": document, "tool": __version__, "batch": BATCH}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -69,13 +69,16 @@ def _without_paths(value: Any, digests: dict[str, str]) -> Any:
 #: Approximate number of chunks of a study, and largest number of setups in one: few are lost if a process is killed.
 _CHUNKS, _LARGEST = 200, 64
 
+#: Number of setups in a full batch: a chunk has a whole number of them.
+BATCH = 8
+
 _NAME = re.compile(r"chunk_(\d+)\.parquet")
 
 
 def cut(study: Study) -> tuple[Chunk, ...]:
     """Return all setups of a study in chunks; the chunks depend on the study only."""
     indices = study.space.indices.tolist()
-    size = min(_LARGEST, max(1, -(-len(indices) // _CHUNKS)))
+    size = min(_LARGEST, max(1, -(-len(indices) // (_CHUNKS * BATCH))) * BATCH)
     return tuple(Chunk(k, tuple(indices[first : first + size])) for k, first in enumerate(range(0, len(indices), size)))
 
 

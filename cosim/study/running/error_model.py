@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from cosim.results.result import Result
+from cosim.results.result import Coupled, Result
 from eightpost.array_types import Array
+
+
+class CoupledRun(Protocol):
+    """Run with the local errors of its bonds."""
+
+    @property
+    def coupled(self) -> Mapping[str, Coupled]:
+        """Local errors by bond."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +35,27 @@ class ErrorModel:
     channels: Mapping[str, tuple[float, ...]]
     measures: Mapping[str, tuple[float, ...]]
 
-    def worst_channel(self, result: Result) -> float:
+    def worst_channel(self, result: CoupledRun) -> float:
         """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        return max((self._error(gains, result) for gains in self.channels.values()), default=0.0)
+        squares = self._squares(result)
+        return max((_error(gains, squares) for gains in self.channels.values()), default=0.0)
 
-    def of_measure(self, name: str, result: Result) -> float | None:
+    def of_measure(self, name: str, result: CoupledRun) -> float | None:
         """Return the estimated error of a measure, in its SI unit; None if the pilots did not have the measure."""
-        return self._error(self.measures[name], result) if name in self.measures else None
+        return self.of_measures(result).get(name)
 
-    def _error(self, gains: Sequence[float], result: Result) -> float:
+    def of_measures(self, result: CoupledRun) -> dict[str, float]:
+        """Return the estimated error of every measure that the pilots had, in its SI unit."""
+        squares = self._squares(result)
+        return {name: _error(gains, squares) for name, gains in self.measures.items()}
+
+    def _squares(self, result: CoupledRun) -> list[float]:
         local = local_errors(result)
-        return float(np.sqrt(sum(g * local[end] ** 2 for g, end in zip(gains, self.ends, strict=True))))
+        return [local[end] ** 2 for end in self.ends]
+
+
+def _error(gains: Sequence[float], squares: Sequence[float]) -> float:
+    return math.sqrt(sum(g * square for g, square in zip(gains, squares, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +86,7 @@ def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
     )
 
 
-def local_errors(result: Result) -> dict[str, float]:
+def local_errors(result: CoupledRun) -> dict[str, float]:
     """Return the local error of every bond end of a run, in SI."""
     found: dict[str, float] = {}
     for bond, coupled in result.coupled.items():

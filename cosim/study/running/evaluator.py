@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from cosim.components.component import Component
@@ -22,7 +20,10 @@ from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
+from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.result import DONE, FAILED, StudyResult, error_column
+from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
+from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
@@ -30,50 +31,8 @@ from cosim.study.study import Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import Bond, System
 from eightpost.errors import EightpostError, InputError, WiringError
-from eightpost.signals import ChannelMap, Drivefile, TimeSeries
+from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
-
-# ---- Drive files of a study for the co-simulation master ------------------------------------------------------------
-
-#: Number of cached samples; a run requests the drive at its start and at all of its steps.
-_CACHED = 4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _RememberedDrive(Drivefile):
-    """Drive file with cached samples: every setup requests the same times."""
-
-    _samples: dict[bytes, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
-
-    def sample(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values (C, K) at `times` (K,) [s]."""
-        key = times.tobytes()
-        if key not in self._samples:
-            found = Drivefile.sample(self, times)
-            found.setflags(write=False)
-            if len(self._samples) == _CACHED:
-                self._samples.clear()
-            self._samples[key] = found
-        return self._samples[key]
-
-
-def _read_drive(drive: Drive) -> _RememberedDrive:
-    """Read a drive file.
-
-    Raises:
-        InputError: The run exceeds the time range of the file.
-        DataError: The file cannot be read.
-    """
-    mapping = ChannelMap.read(drive.channel_map) if drive.channel_map else None
-    found = Drivefile.read(drive.file, channel_map=mapping, units=drive.units or None)
-    first, last = float(found.series.time[0]), float(found.series.time[-1])
-    if drive.start < first - 1e-9 or drive.start + drive.stop > last * (1.0 + 1e-9) + 1e-9:
-        raise InputError(
-            f"drive {drive.name!r}: the run needs {drive.start:g} to {drive.start + drive.stop:g} s of {drive.file}, "
-            f"which contains {first:g} to {last:g} s; change stop or start"
-        )
-    return _RememberedDrive(found.series)
-
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------
 
@@ -90,7 +49,10 @@ class Coupling:
         step: Coupling step [s].
         errors: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.
         stated_error: Largest coupling error of the setups on which the coupling was chosen [%].
-        notes: Description of the steps that were compared.
+        notes: Description of the steps that were compared, and of how the setups are run.
+        batch: `exact` or `fast` if setups are run in batches (cosim.study.running.batches); empty: through the FMUs.
+        batch_difference: Largest difference of a measure between batch and FMUs that was found, relative to the
+            measure's scale; None if none was compared.
     """
 
     scheme: str
@@ -98,6 +60,12 @@ class Coupling:
     errors: ErrorModel | None = None
     stated_error: float = 0.0
     notes: tuple[str, ...] = ()
+    batch: str = ""
+    batch_difference: float | None = None
+
+    def in_fast_batches(self) -> Coupling:
+        """Return the coupling with fast batches if it has batches: for values of which the last bits do not matter."""
+        return replace(self, batch=FAST) if self.batch else self
 
     @classmethod
     def from_json(cls, found: object) -> Coupling:
@@ -129,6 +97,7 @@ class Evaluator:
         self._vehicle = FmuComponent(vehicle.fmu, vehicle.name)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
+        self._batches: dict[tuple[str, float, str], Batches | None] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
@@ -140,7 +109,7 @@ class Evaluator:
         if replace(own, **shocks) != study:
             return None
         found = copy(self)
-        found.study = study
+        found.study, found._batches = study, {}
         return found
 
     def system(self, setup: Setup) -> System:
@@ -191,6 +160,38 @@ class Evaluator:
             found |= {"status": FAILED, "message": str(error), "coupling_error_percent": None, "marks": ""}
         return found | {"seconds": clock.perf_counter() - began}
 
+    def rows(self, setups: Sequence[Setup], coupling: Coupling) -> list[Row]:
+        """Return the rows of setups, in their order: from batches if the coupling says so, else one after the other.
+
+        A setup that a batch does not finish regularly is run through the FMUs, which say why.
+        """
+        batches = self.batches(coupling) if coupling.batch else None
+        if batches is None:
+            return [self._row_alive(setup, coupling) for setup in setups]
+        return [
+            self._row_alive(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
+            for setup, runs, seconds in batches.runs(setups)
+        ]
+
+    def batches(self, coupling: Coupling) -> Batches | None:
+        """Return the batches of the study at a coupling; None if it cannot run as a batch."""
+        key = (coupling.scheme, coupling.step, coupling.batch)
+        if key not in self._batches:
+            try:
+                self._batches[key] = Batches(self, *key)
+            except (NotInBatchError, EightpostError):  # the rows state the reason
+                self._batches[key] = None
+        return self._batches[key]
+
+    def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
+        heartbeat()
+        return self.row(setup, coupling)
+
+    def _batch_row(self, setup: Setup, coupling: Coupling, runs: Mapping[str, BatchRun], seconds: float) -> Row:
+        found: Row = {"setup": setup.index, **setup.builds}
+        pairs = [(drive, runs[drive.name].values, runs[drive.name].summary) for drive in self.study.drives]
+        return found | self._measured_on(pairs, coupling) | {"seconds": seconds}
+
     @cached_property
     def measure_units(self) -> Mapping[str, str]:
         """SI unit of every measure.
@@ -221,19 +222,29 @@ class Evaluator:
         return self.system(setup).decisive
 
     def _measured(self, setup: Setup, coupling: Coupling) -> Row:
-        values: Row = {}
-        marks, worst = list[str](), 0.0
+        found = []
         for drive in self.study.drives:
             result = self.run(setup, drive, coupling)
             if not result.converged:
                 return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
-            values |= self.measured(result, drive)
+            found.append((drive, self.measured(result, drive), result))
+        return self._measured_on(found, coupling)
+
+    def _measured_on(
+        self, runs: Iterable[tuple[Drive, Mapping[str, float], Result | RunSummary]], coupling: Coupling
+    ) -> Row:
+        """Return the part of a row that states values, marks and errors, from the runs on all drives."""
+        values: Row = {}
+        marks, worst = list[str](), 0.0
+        for drive, measured, result in runs:
+            values |= measured
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
             if coupling.errors is not None:
                 worst = max(worst, coupling.errors.worst_channel(result))
+                errors = coupling.errors.of_measures(result)
                 for measure in self.study.measures_of(drive):
-                    values[error_column(measure.name)] = coupling.errors.of_measure(measure.name, result)
+                    values[error_column(measure.name)] = errors.get(measure.name)
         if worst > self.study.accuracy:
             marks.append(f"coupling error {worst:.2g} %")
         return values | {
@@ -271,7 +282,7 @@ class Evaluator:
         channels = [channel for measure in self.study.measures_of(drive) for channel in measure.channels]
         return Scenario(
             stop=drive.stop,
-            drive=_read_drive(drive),
+            drive=read_drive(drive),
             targets=drive.targets,
             record=tuple(dict.fromkeys(channels)),
             record_step=self.study.record_step,
@@ -322,7 +333,7 @@ def local_error(result: Result) -> float:
     return max((coupled.percent for coupled in result.coupled.values()), default=0.0)
 
 
-def _marks(result: Result) -> Iterator[str]:
+def _marks(result: Result | RunSummary) -> Iterator[str]:
     """Yield marks of a run: an early end, limits that were exceeded, energy that was gained or lost in the coupling."""
     if result.ended_by:
         yield f"{result.ended_by} ended the simulation at {result.ended_at:g} s"

@@ -13,7 +13,7 @@ from cosim.session.setup import Setup as SessionSetup
 from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure, own_function
 from cosim.study.result import Provenance, StudyResult, in_order, result_table, study_schema
-from cosim.study.running.chunks import ChunkFolder, cut, file_digests, study_digest
+from cosim.study.running.chunks import BATCH, ChunkFolder, cut, file_digests, study_digest
 from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.setup import Setup
@@ -258,8 +258,9 @@ class Requested(Sweep):
         """
         new = [index for index in dict.fromkeys(int(i) for i in indices) if index not in self._rows]
         if new:
-            alone = [Chunk(place, (index,)) for place, index in enumerate(new)]
-            found = [row for _, rows in workers.rows(self.study, coupling, alone, lambda: False) for row in rows]
+            size = max(1, min(BATCH, -(-len(new) // workers.count)))  # every worker gets some
+            groups = [Chunk(k, tuple(new[first : first + size])) for k, first in enumerate(range(0, len(new), size))]
+            found = [row for _, rows in workers.rows(self.study, coupling, groups, lambda: False) for row in rows]
             self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
             self._batches += 1
             self._rows |= {int(row["setup"]): row for row in found}

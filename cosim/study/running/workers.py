@@ -12,11 +12,12 @@ from itertools import islice
 from typing import Protocol
 
 from cosim.study.result import FAILED
+from cosim.study.running.batch_check import with_batch
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.study import Study
 from eightpost.errors import StepError
-from eightpost.workers.pool import POLL, Pool, heartbeat, working
+from eightpost.workers.pool import POLL, Pool, working
 
 # ---- Functions that run in worker processes; all arguments are plain values, so that they can run on ----------------
 
@@ -43,17 +44,15 @@ def _open_study(study: str) -> None:
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, given as JSON."""
     with working():
-        return choose_coupling(_evaluator_for(study))
+        evaluator = _evaluator_for(study)
+        return with_batch(evaluator, choose_coupling(evaluator))
 
 
 def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
     """Run setups by number."""
     with working():
-        evaluator, found = _evaluator_for(study), list[Row]()
-        for index in indices:
-            heartbeat()
-            found.append(evaluator.row(evaluator.study.space.setup(index), coupling))
-        return found
+        evaluator = _evaluator_for(study)
+        return evaluator.rows([evaluator.study.space.setup(index) for index in indices], coupling)
 
 
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_
 from eightpost.signals import TimeSeries
 
 _VELOCITY, _FORCE, _DISPLACEMENT = Axis("velocity", "m/s"), Axis("force", "N"), Axis("displacement", "m")
-_WITHOUT, _TIME = Axis("force without that at v = 0", "N"), Axis("time [s]")
+_TIME = Axis("time [s]")
 _WHOLE = (0.0, 1.0)
 #: Line styles of the runs of one build, and of laws.
 _DASHES, _LAW_DASH = ("solid", "dot", "dashdot", "longdash"), "dash"
@@ -29,6 +29,8 @@ _DOTS, _POINTS = 2500, 600
 _CYCLES, _SPAN = 2, 1.0
 #: Longest time of the runs shown together, over the shortest.
 _LONGEST = 2.0
+#: Number of runs that a caption names.
+_NAMED = 4
 #: Number of panels in a row of the overview.
 _COLUMNS = 4
 
@@ -68,8 +70,8 @@ def overview_figure(report: DynoReport) -> Figure:
     ]  # fmt: skip
     rows = -(-len(variants) // columns)
     caption = (
-        "Every build on the same axes: mean force over velocity without that at zero velocity, measured (grey) and of "
-        "laws (coloured, with their 95 % bands); dots are points of peak-velocity tables."
+        f"Every build on the same axes: mean force over velocity {without_text(report.entries)}, measured (grey) and "
+        "of laws (coloured, with their 95 % bands); dots are points of peak-velocity tables."
     )
     figure = grid_figure(caption, {1: 330, 2: 520}.get(rows, 210 * rows + 60), panels, columns, gap=(0.05, 0.14))
     for k, variant in enumerate(variants):
@@ -98,11 +100,11 @@ def _common_ranges(report: DynoReport) -> tuple[Array, Array]:
 def curves_figure(report: DynoReport) -> Figure:
     """Return force over velocity of all entries together, and magnified at low speed."""
     panels = (
-        Panel(_VELOCITY, _WITHOUT, (0.0, 0.62), _WHOLE, "all builds"),
+        Panel(_VELOCITY, without_axis(report.entries), (0.0, 0.62), _WHOLE, "all builds"),
         Panel(_VELOCITY, Axis("force", "N"), (0.70, 1.0), _WHOLE, "low speed"),
     )
     caption = (
-        "Mean force over velocity without the force at zero velocity: runs (solid, then dotted and dash-dotted for "
+        f"Mean force over velocity {without_text(report.entries)}: runs (solid, then dotted and dash-dotted for "
         "further runs of a build), laws (dashed) with 95 % bands, peak-velocity tables (marks). A colour is a build. "
         "Right: the lowest quarter of the speeds."
     )
@@ -137,21 +139,40 @@ def _curve(figure: Figure, panel: int, entry: Entry, name: str, style: Style, *,
 
 # ---- Runs -----------------------------------------------------------------------------------------------------------
 
-_RUN = (
-    Panel(_VELOCITY, _WITHOUT, (0.0, 0.29), _WHOLE, "force over velocity"),
-    Panel(_DISPLACEMENT, _FORCE, (0.36, 0.63), _WHOLE, "force over displacement"),
-    Panel(Axis(""), _FORCE, (0.70, 1.0), (0.57, 1.0), "force over time"),
-    Panel(_TIME, _VELOCITY, (0.70, 1.0), (0.0, 0.40), "velocity over time"),
-)
+
+def without_axis(entries: Sequence[Entry]) -> Axis:
+    """Return the axis of forces without a constant part: that at zero velocity, the gas force of slow runs, or both."""
+    shared = [entry.shared_gas is not None for entry in entries if entry.kind == "run"]
+    if not any(shared):
+        return Axis("force without that at v = 0", "N")
+    return Axis("force without gas (slow run)" if all(shared) else "force without gas or that at v = 0", "N")
+
+
+def without_text(entries: Sequence[Entry]) -> str:
+    """Return what is subtracted from the forces of runs over velocity, as part of a caption."""
+    names = [entry.name for entry in entries if entry.shared_gas is not None]
+    if not names:
+        return "without the force at zero velocity"
+    listed = f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more" if len(names) > _NAMED else ", ".join(names)
+    return f"without the force at zero velocity ({listed}: without the gas force of a slow run instead)"
+
+
+def _panels_of_runs(entries: Sequence[Entry]) -> tuple[Panel, ...]:
+    return (
+        Panel(_VELOCITY, without_axis(entries), (0.0, 0.29), _WHOLE, "force over velocity"),
+        Panel(_DISPLACEMENT, _FORCE, (0.36, 0.63), _WHOLE, "force over displacement"),
+        Panel(Axis(""), _FORCE, (0.70, 1.0), (0.57, 1.0), "force over time"),
+        Panel(_TIME, _VELOCITY, (0.70, 1.0), (0.0, 0.40), "velocity over time"),
+    )
 
 
 def runs_figure(report: DynoReport) -> Figure:
     """Return the loops of all runs together: force over displacement, and force and velocity over time."""
     caption = (
-        "All runs: one loop of force over velocity, without the force at zero velocity, and over displacement from the "
+        f"All runs: one loop of force over velocity, {without_text(report.runs)}, and over displacement from the "
         "middle of the stroke; force and velocity over time from the same change of direction."
     )
-    figure, styled = Figure(caption, 430, _RUN), styles(report)
+    figure, styled = Figure(caption, 430, _panels_of_runs(report.runs)), styles(report)
     lengths = [float(np.ptp(_even(entry).time[_cycles_in(_even(entry), _CYCLES)])) for entry in report.runs]
     for variant in report.variants:
         for entry in variant.of_kind("run"):
@@ -182,12 +203,16 @@ def run_figures(report: DynoReport) -> Iterator[Figure]:
             yield _run_figure(entry, variant)
 
 
+def _single_text(entry: Entry) -> str:
+    return "without the force at zero velocity" if entry.shared_gas is None else "without the gas force of a slow run"
+
+
 def _run_figure(entry: Entry, variant: Variant) -> Figure:
     caption = (
-        f"{entry.name}: samples (grey), one loop (blue), mean of both branches (orange), peaks of the half cycles "
-        "(green), knees (crosses), and the laws of the build (dashed, without lag)."
+        f"{entry.name}: samples (grey), one loop (blue), over velocity {_single_text(entry)}, mean of both branches "
+        "(orange), peaks of the half cycles (green), knees (crosses), and the laws of the build (dashed, without lag)."
     )
-    figure, series, offset = Figure(caption, 400, _RUN), _even(entry), _offset(entry)
+    figure, series, offset = Figure(caption, 400, _panels_of_runs((entry,))), _even(entry), _offset(entry)
     every = slice(None, None, max(1, len(series) // _DOTS))
     figure.dots(0, series["velocity"][every], series["force"][every] - offset, name="samples", size=2.0)
     if "displacement" in series:

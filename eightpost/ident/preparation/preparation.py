@@ -22,6 +22,7 @@ from eightpost.ident.preparation.lags import (
     record_lags,
 )
 from eightpost.ident.preparation.plausibility import Finding, record_findings
+from eightpost.ident.preparation.plausibility.rules import WRONG_DELAY
 from eightpost.ident.threads import for_each
 from eightpost.rig.post.car import Geometry
 from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
@@ -299,14 +300,24 @@ def _steps(single: _Single, how: Preparation) -> tuple[str, ...]:
     return tuple(steps)
 
 
+def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Finding]) -> tuple[Lag, ...]:
+    """Return the notable lags of a record, without those of channels that a finding already reports as out of step.
+
+    The lag `tire_force` is that of all corners together, so it is reported by a finding on any of them.
+    """
+    delayed = {name for finding in findings if finding.rule is WRONG_DELAY for name in finding.channels}
+    delayed |= {name.rpartition(".")[2] for name in delayed}
+    return tuple(lag for lag in lags if lag.is_notable and lag.channel not in delayed)
+
+
 def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) -> tuple[str, ...]:
     notes = []
     for single in singles:
         lost = [name for name in single.series.names if name not in shared]
         if lost:
             notes.append(f"{single.name}: omitted, because not all records have them: {', '.join(lost)}")
-        for lag in single.lags:
-            if lag.is_notable and lag.channel != how.same_start:
+        for lag in unexplained_lags(single.lags, single.findings):
+            if lag.channel != how.same_start:
                 notes.append(
                     f"{single.name}: {lag}; if its logger is late, give each of that logger's channels a delay of "
                     f"{lag.seconds:.5f} s"

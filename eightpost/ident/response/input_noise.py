@@ -9,7 +9,6 @@ import numpy as np
 from scipy.signal import stft
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response.averaged import Recipe
 from eightpost.ident.response.records import Records
 
 #: Frequencies at which records have noise only, relative to their sample rate [1]: above the drive, and below the edge
@@ -32,6 +31,7 @@ _KINDS = {
     "LocalPolynomial": ("local polynomials, a regression on the inputs like H1", _ATTENUATED),
     "LocalRational": ("local rational functions, a regression on the inputs like H1", _ATTENUATED),
     "Sequential": ("sequential H1 (4.4.1)", _ATTENUATED),
+    "OutputError": ("output error, a simulation with the measured inputs, a regression on them like H1", _ATTENUATED),
     "SameDrive": ("differences of two tests with the same drive, like H1", _ATTENUATED),
 }  # fmt: skip
 
@@ -49,13 +49,13 @@ class InputNoise:
     bias: Mapping[str, float]
     quiet: tuple[float, float]
 
-    def summary(self, recipe: Recipe) -> str:
+    def summary(self, estimator: object) -> str:
         """Return the estimator and its bias as a sentence.
 
         Args:
-            recipe: Estimator of the response.
+            estimator: Estimator of the response, or of the parameters of a simulated model.
         """
-        kind, effect = _KINDS.get(type(recipe).__name__, (type(recipe).__name__, _ATTENUATED))
+        kind, effect = _KINDS.get(type(estimator).__name__, (type(estimator).__name__, _ATTENUATED))
         if not self.bias or effect != _ATTENUATED:
             return f"Estimator: {kind}. {effect}."
         worst: dict[str, str] = {}

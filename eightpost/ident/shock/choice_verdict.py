@@ -97,11 +97,12 @@ def _prediction(choice: LawChoice, runs: Runs, origin: str) -> Reason:
     percent, count = held.mean_percent, len(runs.prepared)
     rule = PREDICTS if percent <= DOUBTFUL else PREDICTS_ROUGHLY if percent <= POOR else PREDICTS_POORLY
     verb = "predicts" if rule is PREDICTS else "does not predict"
-    if choice.left_out == "runs":
-        where = f"whole runs, {count} of them"
-    else:
-        where = "quarters of one run" if count == 1 else f"quarters of {count} runs, whose speeds differ"
-        where += "; other runs were not tried"
+    where = {
+        "builds": f"whole builds, {len(runs.builds)} of them with {count} runs",
+        "runs": f"whole runs, {count} of them",
+        "quarters": "quarters of one run" if count == 1 else f"quarters of {count} runs, whose speeds differ",
+    }[choice.left_out]
+    where += "; other runs were not tried" if choice.left_out == "quarters" else ""
     low, high = float(runs.velocity[runs.inside].min()), float(runs.velocity[runs.inside].max())
     errors = f"held-out error {percent:.3g} % (typically {held.percent:.3g} +- {held.spread:.2g} %) on {where}"
     return rule.reason(

@@ -34,7 +34,7 @@ TIE = 1e-3
 #: Smallest mean square error [1] that counts; smaller ones are rounding.
 _FLOOR = 1e-14
 
-#: Maximum number of fits that leave out runs; with more runs, several are left out together.
+#: Maximum number of fits that leave out runs or builds; with more of these, several are left out together.
 _MOST_FITS = 8
 
 
@@ -143,6 +143,22 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
+def left_out_builds(runs: Runs) -> list[LeftOut]:
+    """Return all runs of each build, of many builds in groups; nothing if there is one build, or one run of each."""
+    builds, rows = runs.builds, _rows_of(runs)
+    if not 2 <= len(builds) < len(rows):
+        return []
+    found = []
+    fits = min(len(builds), _MOST_FITS)
+    for number in range(fits):
+        kept, group = np.ones(runs.target.size, dtype=bool), builds[number::fits]
+        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build in group)
+        for part in parts:
+            kept[part] = False
+        found.append(LeftOut(kept, parts, is_whole=True))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
     """A fitted law and its predictions of parts that are left out, each computed once when it is needed.
@@ -161,9 +177,26 @@ class CrossValidation:
         """Return the errors on whole runs, with weights (R,) of the rows; None if there is only one run."""
         return self._errors(self._runs, counted) if self._runs else None
 
+    def builds(self, counted: Array) -> HeldOut | None:
+        """Return the errors on all runs of a build, with weights (R,) of the rows; None if there is only one build.
+
+        With one run of each build these are the errors on whole runs.
+        """
+        if self._builds:
+            return self._errors(self._builds, counted)
+        return self.runs(counted) if len(self.fit.runs.builds) > 1 else None
+
     def decisive(self, counted: Array) -> HeldOut:
-        """Return the errors that decide: on whole runs if each has another of its speed, else on quarters."""
-        found = self.runs(counted) if self.fit.runs.has_repeated_speeds else None
+        """Return the errors that decide.
+
+        These are the errors on whole builds or whole runs, if each run has another of its speed that is not left out
+        with it, else those on quarters.
+        """
+        runs, found = self.fit.runs, None
+        if runs.has_repeated_builds:
+            found = self.builds(counted)
+        elif runs.has_repeated_speeds:
+            found = self.runs(counted)
         return found or self.blocks(counted)
 
     @cached_property
@@ -173,6 +206,10 @@ class CrossValidation:
     @cached_property
     def _runs(self) -> list[tuple[LeftOut, Array]]:
         return self._predicted(left_out_runs(self.fit.runs))
+
+    @cached_property
+    def _builds(self) -> list[tuple[LeftOut, Array]]:
+        return self._predicted(left_out_builds(self.fit.runs))
 
     def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
         """Return each part with the force (R,) [N] of a fit without it."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
+from eightpost.ident.shock.between_builds import BuildSpread, build_spread
 from eightpost.ident.shock.boggs import Boggs
-from eightpost.ident.shock.curve import Shape
+from eightpost.ident.shock.curve import CurveKind, Shape
 from eightpost.ident.shock.curve_choice import fit_with_best_curve
 from eightpost.ident.shock.law_choice import LawChoice, best_law
 from eightpost.ident.shock.law_fit import models_for
@@ -36,11 +37,12 @@ def fit_shock(
     cutoff: float | None = None,
     transition_speed: float | None = None,
 ) -> ShockFit:
-    """Fit a law to a dynamometer test, or to several runs of one build together.
+    """Fit a law to a dynamometer test, or to several runs of one build, or of several builds, together.
 
     Args:
         tests: Records of velocity and force, for the gas stiffness also displacement; positive in compression. Several
-            runs share curve, law and gas stiffness; each has its own gas offset.
+            runs share curve, law and gas stiffness; each has its own gas offset. If they are of several builds
+            (`DynoConditions.build`), the fit also states the spread between these.
         law: Name in `LAWS`, or `auto` for a choice by cross-validation (`choose_law`).
         recipe: `joint` or `boggs`; see `Choices` for this and the next five arguments.
         gas: Treatment of the gas force.
@@ -70,19 +72,32 @@ def fit_shock(
         runs, spikes, notes = screened_runs(given, prepared) if choices.is_screened else (prepared(given), 0, [])
         solved = _solved(runs, law, choices)
         changes = (*runs.changes, *notes, *solved.notes, *solved.solution.notes)
-        story = Story(recipe, gas, name, changes, spikes + solved.downweighted, solved.choice)
+        spread, unfitted = _between_builds(runs, solved, choices)
+        changes = (*changes, *unfitted)
+        story = Story(recipe, gas, name, changes, spikes + solved.downweighted, solved.choice, spread)
         result = result_of(given, solved.solution, story, 0.0)
     return replace(result, seconds=time.perf_counter() - started)
 
 
 @dataclass(frozen=True, slots=True)
 class _Solved:
-    """A solution with its notes, the number of down-weighted samples, and the choice of its law if it was chosen."""
+    """A solution with its notes, the number of down-weighted samples, the choice of its law, its law and its curve."""
 
     solution: Solution
     notes: tuple[str, ...]
     downweighted: int = 0
     choice: LawChoice | None = None
+    law: str = ""
+    curve: CurveKind = "polynomial"
+
+
+def _between_builds(runs: Runs, solved: _Solved, choices: Choices) -> tuple[BuildSpread | None, tuple[str, ...]]:
+    """Return the spread between the builds of the runs, and notes; None for the runs of one build."""
+    if len(runs.builds) < 2:
+        return None, ()
+    if choices.recipe == "boggs":
+        return None, ("the spread between builds is stated with the recipe 'joint' only",)
+    return build_spread(runs, solved.solution, solved.law, choices, solved.curve)
 
 
 def _solved(runs: Runs, law: str, choices: Choices) -> _Solved:
@@ -95,4 +110,4 @@ def _solved(runs: Runs, law: str, choices: Choices) -> _Solved:
         choice, (fitted, curve) = None, fit_with_best_curve(runs, law, choices)
     solution, (samples, notes) = fitted.solution(), fitted.downweighted()
     reasons = [curve.reason] if curve.reason else []
-    return _Solved(solution, (*reasons, *fitted.notes, *notes), samples, choice)
+    return _Solved(solution, (*reasons, *fitted.notes, *notes), samples, choice, fitted.law, curve.kind)

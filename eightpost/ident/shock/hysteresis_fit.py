@@ -14,7 +14,7 @@ from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity
-from eightpost.ident.shock.hysteresis_search import Found, Projection, minimum_from
+from eightpost.ident.shock.hysteresis_search import Found, Projected, Projection, minimum_from
 from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
@@ -61,7 +61,7 @@ class HysteresisFit(FittedLaw):
         stop_note: Sentence on whether the law has a stop, and why.
     """
 
-    found: Found
+    found: Found[Projected]
     stop_note: str
 
     @property
@@ -101,7 +101,7 @@ class HysteresisFit(FittedLaw):
     def solution(self) -> Solution:
         """Return the solution with its covariance."""
         end, model = self.found.end, self.model
-        to_linear, to_states = _coordinates(model)
+        to_linear, to_states = search_coordinates(model)
         parameters = np.linalg.solve(np.vstack([to_linear, to_states]), np.append(end.linear, end.parameters))
         low, high = end.problem.dynamics.state_bounds()
         at_bound = (end.parameters <= low) | (end.parameters >= high)
@@ -121,7 +121,7 @@ class HysteresisFit(FittedLaw):
         return Solution(model, parameters, spread, self.found.converged, self.found.status, (self.stop_note,))
 
 
-def _coordinates(model: ForceModel) -> tuple[Array, Array]:
+def search_coordinates(model: ForceModel) -> tuple[Array, Array]:
     """Return matrices from the parameters of a model (n + g + k,) to the linear ones of the search and to the states'.
 
     The model's parameters are the slopes of the whole curve, gas, and theta; those of the search are the slopes of f0,
@@ -179,30 +179,30 @@ def _with_note(found: CrossValidation, note: str) -> CrossValidation:
     return other
 
 
-def _search(problem: Projection, start: Array, effort: tuple[float, int]) -> Found:
+def _search(problem: Projection, start: Array, effort: tuple[float, int]) -> Found[Projected]:
     tolerance, evaluations = effort
     return minimum_from(problem, start, tolerance=tolerance, evaluations=evaluations)
 
 
-def _best(problem: Projection, starts: list[Array]) -> Found:
+def _best(problem: Projection, starts: list[Array]) -> Found[Projected]:
     """Return the best minimum from some starts, of which the best are followed."""
     rough = sorted((_search(problem, start, _ROUGH) for start in starts), key=lambda found: found.cost)
     ends = [_search(problem, found.end.parameters, _FINE) for found in rough[:_FOLLOWED]]
     return min(ends, key=lambda found: found.cost)
 
 
-def _without_stop(problem: Projection) -> Found:
+def _without_stop(problem: Projection) -> Found[Projected]:
     return _best(problem, [np.full(NODES, np.log(tau)) for tau in _TAUS])
 
 
-def _with_stop(problem: Projection, taus: Array) -> Found:
+def _with_stop(problem: Projection, taus: Array) -> Found[Projected]:
     """Return the minimum with a stop; taus (3,) are the logarithms of the time constants without one."""
     return _best(problem, [np.append(taus, np.log(stop)) for stop in _STOPS])
 
 
 def _robust(
-    first: Callable[[Projection], Found], model: ForceModel, weigh: Callable[[Array, float], Array] | None
-) -> Found:
+    first: Callable[[Projection], Found[Projected]], model: ForceModel, weigh: Callable[[Array, float], Array] | None
+) -> Found[Projected]:
     """Return the minimum on the whole record with weights that follow its own residuals.
 
     Args:

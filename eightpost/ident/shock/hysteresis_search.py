@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,18 +65,22 @@ class Projection:
         assert isinstance(self.model.dynamics, LaggedVelocity), "the projection is that of the law hysteresis"
         return self.model.dynamics
 
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest parameters of the states."""
+        return self.dynamics.state_bounds()
+
     def at(self, parameters: Array) -> Projected:
         """Return the projection at parameters of the states (3,) or (5,)."""
-        states = self._states(parameters)
-        columns = self._columns(states)
+        states = self.states_at(parameters)
+        columns = self.columns_of(states)
         weighted = self.model.runs.weights[:, None] * columns
         gram = weighted.T @ columns + self.penalty.T @ self.penalty
-        linear = _non_negative(gram, weighted.T @ self.model.runs.target, self.is_free)
+        linear = non_negative(gram, weighted.T @ self.model.runs.target, self.is_free)
         return Projected(self, states, linear, columns, gram)
 
     def rows(self, parameters: Array, linear: Array) -> Array:
         """Return the force at the rows (R,) [N] for given parameters of the states (s,) and linear parameters (n,)."""
-        return np.asarray(self._columns(self._states(parameters)) @ linear)
+        return np.asarray(self.columns_of(self.states_at(parameters)) @ linear)
 
     @cached_property
     def penalty(self) -> Array:
@@ -95,10 +100,12 @@ class Projection:
         """The runs over which the states are computed."""
         return _thinned(self.model.runs) if self.is_thin else self.model.runs
 
-    def _states(self, parameters: Array) -> States:
+    def states_at(self, parameters: Array) -> States:
+        """Return the states for their parameters (s,)."""
         return States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
 
-    def _columns(self, states: States) -> Array:
+    def columns_of(self, states: States) -> Array:
+        """Return the columns (R, n) of the linear parameters at the rows."""
         return np.hstack([self._static_rows, self.motion.rows(states.columns().T).T, self.model.gas_rows])
 
     @cached_property
@@ -185,7 +192,7 @@ def _thinned(runs: Runs) -> Runs:
     return runs.thinned(max((k for k in shared if runs.rate / k >= _THIN_RATE), default=1))[0]
 
 
-def _non_negative(gram: Array, towards: Array, is_free: NDArray[np.bool_]) -> Array:
+def non_negative(gram: Array, towards: Array, is_free: NDArray[np.bool_]) -> Array:
     """Return x (n,) that minimises x' gram x - 2 towards' x; only free elements of x may be negative."""
     # Free elements are eliminated first: x_free = inverse (towards_free - across x).
     inverse = np.linalg.pinv(gram[np.ix_(is_free, is_free)], hermitian=True)
@@ -203,17 +210,47 @@ def _non_negative(gram: Array, towards: Array, is_free: NDArray[np.bool_]) -> Ar
 # ---- Search over the parameters of the states -----------------------------------------------------------------------
 
 
+class SearchPoint(Protocol):
+    """A minimum over the linear parameters for given other ones, from which a search can step."""
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters of the search (s,)."""
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares [N2]."""
+
+    @property
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Matrix (s, s) and right side (s,) for a step of the parameters."""
+
+
+_Point = TypeVar("_Point", bound=SearchPoint)
+_Reached_co = TypeVar("_Reached_co", bound=SearchPoint, covariant=True)
+
+
+class SearchProblem(Protocol[_Reached_co]):
+    """A problem whose linear parameters follow from the others."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest parameters."""
+
+    def at(self, parameters: Array) -> _Reached_co:
+        """Return the minimum over the linear parameters."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Found(Generic[_Point]):
     """The end of a search.
 
     Attributes:
-        end: Projection at the end.
+        end: Minimum over the linear parameters at the end.
         converged: Whether it is a minimum.
         status: Description of how the search ended.
     """
 
-    end: Projected
+    end: _Point
     converged: bool
     status: str
 
@@ -223,8 +260,8 @@ class Found:
         return self.end.cost
 
 
-def minimum_from(problem: Projection, start: Array, *, tolerance: float, evaluations: int) -> Found:
-    """Search for the minimum over the parameters of the states by damped Gauss-Newton steps within their bounds.
+def minimum_from(problem: SearchProblem[_Point], start: Array, *, tolerance: float, evaluations: int) -> Found[_Point]:
+    """Search for the minimum over the parameters of a problem by damped Gauss-Newton steps within their bounds.
 
     Args:
         problem: Problem to minimise.
@@ -232,7 +269,7 @@ def minimum_from(problem: Projection, start: Array, *, tolerance: float, evaluat
         tolerance: Relative decrease of the cost below which the search stops.
         evaluations: Maximum number of evaluations.
     """
-    low, high = problem.dynamics.state_bounds()
+    low, high = problem.bounds()
     here, damping, rise = problem.at(np.clip(start, low, high)), _DAMPING, _CHANGE
     for count in range(2, evaluations + 1):
         after = np.clip(here.parameters + _step(here, low, high, damping), low, high)
@@ -251,7 +288,7 @@ def minimum_from(problem: Projection, start: Array, *, tolerance: float, evaluat
     return Found(here, False, f"No minimum after {evaluations} evaluations.")
 
 
-def _step(here: Projected, low: Array, high: Array, damping: float) -> Array:
+def _step(here: SearchPoint, low: Array, high: Array, damping: float) -> Array:
     """Return a damped step (s,); parameters at a bound that would leave it stay."""
     matrix, right = here.normal_equations
     stays = ((here.parameters <= low) & (right < 0.0)) | ((here.parameters >= high) & (right > 0.0))

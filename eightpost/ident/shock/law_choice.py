@@ -1,7 +1,8 @@
 """Choice of the law for a shock: every law is fitted, cross-validated, and compared.
 
-The choice is the simplest law whose held-out error is within one standard error of the best. If every run has another
-one of its speed, each run is left out once; otherwise each quarter of the runs.
+The choice is the simplest law whose held-out error is within one standard error of the best. All runs of a build are
+left out once if every run has another one of its speed in another build; else each run if every run has another one of
+its speed; else each quarter of the runs.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _SAME_FIT = (3e-3, 2e-2)
 
 
 #: Parts of the records that are left out.
-LeftOutParts = Literal["runs", "quarters"]
+LeftOutParts = Literal["builds", "runs", "quarters"]
 
 #: A fitted law with the comparison of its curves.
 _Fitted = tuple[CrossValidation, CurveComparison]
@@ -50,8 +51,9 @@ class LawScore:
         step_cost: Cost of a step of the native FMU relative to Polylinear [1], measured once; None if not stated.
         trouble: Cause that excludes the law; empty for a law that can be chosen.
         curve: Comparison of the kinds of static curve for the law; None if the law was not fitted.
-        decides: Parts whose errors decide: `runs` (quarters if there is only one), or `quarters` if a run has a speed
-            that no other has. Leaving that run out would be an extrapolation, which the fit to all runs is not.
+        decides: Parts whose errors decide: `builds`, `runs` (quarters if there is only one), or `quarters` if a run has
+            a speed that no other has. Leaving that run out would be an extrapolation, which the fit to all runs is not.
+        builds: Errors on all runs of a build that were left out; None if there is only one build.
     """
 
     law: str
@@ -64,11 +66,13 @@ class LawScore:
     trouble: str = ""
     curve: CurveComparison | None = None
     decides: LeftOutParts = "runs"
+    builds: HeldOut | None = None
 
     @property
     def held_out(self) -> HeldOut:
         """Errors that decide."""
-        found = (self.runs if self.decides == "runs" else None) or self.blocks
+        whole = {"builds": self.builds, "runs": self.runs, "quarters": None}
+        found = whole[self.decides] or self.blocks
         assert found is not None, "a law that was not cross-validated has no errors"
         return found
 
@@ -96,7 +100,7 @@ class LawChoice:
 
     @property
     def left_out(self) -> LeftOutParts:
-        """What was left out for the errors that decide: `runs`, or `quarters` of them."""
+        """What was left out for the errors that decide: `builds`, `runs`, or `quarters` of them."""
         return self.chosen.decides if self.chosen.runs is not None else "quarters"
 
     def __getitem__(self, law: str) -> LawScore:
@@ -127,6 +131,7 @@ def _json_of(score: LawScore) -> dict[str, Any]:
         "standard_error_percent": held.spread,
         "held_out_with_level_percent": held.raw_percent,
         "held_out_quarters_percent": None if score.blocks is None else score.blocks.percent,
+        **({} if score.builds is None or score.runs is None else {"held_out_runs_percent": score.runs.percent}),
         "fit_percent": score.fit_percent,
         "parameters": score.parameters,
         "step_cost": score.step_cost,
@@ -256,11 +261,12 @@ def _without_errors(fit: FittedLaw, counted: Array) -> LawScore:
 
 def _cross_validated(found: CrossValidation, score: LawScore, counted: Array) -> LawScore:
     try:
-        blocks, runs = found.blocks(counted), found.runs(counted)
+        blocks, runs, builds = found.blocks(counted), found.runs(counted), found.builds(counted)
     except ValueError as error:  # raised by laws and fits that reject a part of the data
         return replace(score, trouble=f"a part of the record cannot be fitted: {error}")
-    decides: LeftOutParts = "runs" if found.fit.runs.has_repeated_speeds else "quarters"
-    return replace(score, blocks=blocks, runs=runs, decides=decides)
+    by: LeftOutParts = "runs" if found.fit.runs.has_repeated_speeds else "quarters"
+    by = "builds" if found.fit.runs.has_repeated_builds else by
+    return replace(score, blocks=blocks, runs=runs, builds=builds, decides=by)
 
 
 def _excluded(law: str, trouble: str) -> LawScore:

@@ -48,10 +48,14 @@ def parameter_table(fit: ShockFit) -> Table:
     return console_table(columns, map(_parameter_row, fit.parameters), title=title)
 
 
+_QUARTERS = "quarters of the record"
+
+
 def choice_table(choice: LawChoice) -> Table:
     """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost."""
     columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "cost, x Polylinear")
-    what = "whole runs, without their level" if choice.left_out == "runs" else "quarters of the record"
+    whole = {"builds": "builds, all runs of each,", "runs": "runs,"}
+    what = f"whole {whole[choice.left_out]} without their level" if choice.left_out in whole else _QUARTERS
     rows = [_choice_row(score, choice) for score in choice.scores]
     title = f"Choice of the law: errors on left-out {what}"
     return console_table([*unbroken("law"), *unbroken("curve"), *columns, "note"], rows, title=title)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
@@ -107,6 +108,8 @@ class Prepared:
         transition_width: Width of the transition [m/s].
         single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
         changes: Every departure from the dissertation's choices, one sentence each.
+        temperature: Temperature (N,) [K], averaged over a second; None if it was not measured.
+        build: Build of the shock; None if it is not stated.
     """
 
     record: TimeSeries
@@ -118,6 +121,8 @@ class Prepared:
     transition_width: float
     single_frequency: float | None
     changes: tuple[str, ...]
+    temperature: Array | None = None
+    build: str | None = None
 
     @property
     def step(self) -> float:
@@ -142,6 +147,10 @@ class Prepared:
     def filtered(self, values: Array) -> Array:
         """Return values (..., N) behind the record's own low-pass."""
         return lowpass(values, self.rate, self.cutoff)
+
+
+#: Time over which the temperature is averaged [s].
+_AVERAGE = 1.0
 
 
 def prepare(
@@ -188,7 +197,18 @@ def prepare(
         transition_width=width,
         single_frequency=single_frequency(series["velocity"][inside], series.sample_rate),
         changes=tuple(changes),
+        temperature=_temperature(test.series, record.time),
+        build=test.conditions.build,
     )
+
+
+def _temperature(series: TimeSeries, time: Array) -> Array | None:
+    """Return the temperature (N,) [K] at times (N,) [s] from the start of a record, without the sensor's noise."""
+    if "temperature" not in series:
+        return None
+    count = max(round(_AVERAGE * series.sample_rate), 1)
+    smooth = uniform_filter1d(series["temperature"], min(count, len(series)), mode="nearest")
+    return np.asarray(np.interp(time, series.time - series.time[0], smooth))
 
 
 def single_frequency(velocity: Array, rate: float) -> float | None:

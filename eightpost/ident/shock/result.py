@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.choice_verdict import choice_reasons
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.gas import GasColumns
@@ -167,6 +168,7 @@ class ShockFit:
         predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
         digest: SHA-256 of the first record's file, or of its samples if it has none.
         choice: Comparison of the laws if the law was chosen automatically.
+        between_builds: Spread between the builds of the records if there are several.
     """
 
     shock: Shock
@@ -185,6 +187,7 @@ class ShockFit:
     predicted: TimeSeries
     digest: str
     choice: LawChoice | None = None
+    between_builds: BuildSpread | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -218,6 +221,7 @@ class Story:
         changes: Every departure from the dissertation's choices.
         downweighted: Number of samples treated as outliers.
         choice: Comparison of the laws if the law was chosen automatically.
+        between_builds: Spread between the builds of the records if there are several.
     """
 
     recipe: str
@@ -226,6 +230,7 @@ class Story:
     changes: tuple[str, ...]
     downweighted: int
     choice: LawChoice | None = None
+    between_builds: BuildSpread | None = None
 
 
 def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:
@@ -244,7 +249,8 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = _band(solution)
-    chosen = {"law_choice": story.choice.to_json()} if story.choice else {}
+    chosen: dict[str, Any] = {"law_choice": story.choice.to_json()} if story.choice else {}
+    chosen |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
     choices = chosen | {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
@@ -279,6 +285,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         predicted=predicted,
         digest=digest_of(tests[0]),
         choice=story.choice,
+        between_builds=story.between_builds,
     )
 
 

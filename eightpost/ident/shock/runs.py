@@ -15,6 +15,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.temperature import SMALLEST_SPREAD
 
 #: Peak speeds of sines within this factor count as one speed.
 ONE_SPEED = 1.5
@@ -75,10 +76,36 @@ class Runs:
         return np.concatenate([p.record["force"][f.rows] for p, f in zip(self.prepared, self.filters, strict=True)])
 
     @cached_property
+    def row_velocity(self) -> Array:
+        """Damper velocity at the rows (R,) [m/s]."""
+        return np.concatenate([p.record["velocity"][f.rows] for p, f in zip(self.prepared, self.filters, strict=True)])
+
+    @cached_property
     def deviation(self) -> float:
         """Standard deviation of `measured`, each run about its own mean [N]."""
         squares = [float(np.var(p.measured)) * p.measured.size for p in self.prepared]
         return float(np.sqrt(sum(squares) / self.measured.size))
+
+    @cached_property
+    def covariate(self) -> Array:
+        """What may change a shock slowly, at the rows (R,): the temperature [K] about its mean over all runs.
+
+        If a run has no temperature, or if it changes by less than 1 K, it is the time of each run about its middle [s].
+        """
+        pairs = list(zip(self.prepared, self.filters, strict=True))
+        known = [p.temperature[f.rows] for p, f in pairs if p.temperature is not None]
+        if len(known) == len(pairs):
+            temperature = np.concatenate(known)
+            if np.ptp(temperature) >= SMALLEST_SPREAD:
+                return np.asarray(temperature - temperature.mean())
+        times = [p.record.time[f.rows] for p, f in pairs]
+        return np.concatenate([time - time.mean() for time in times])
+
+    @property
+    def builds(self) -> tuple[str, ...]:
+        """The builds of the shock in the order of the runs; empty if a run does not state its build."""
+        names = [p.build for p in self.prepared]
+        return tuple(dict.fromkeys(name for name in names if name is not None)) if None not in names else ()
 
     @property
     def rate(self) -> float:
@@ -98,6 +125,15 @@ class Runs:
         return all(
             any(max(speed, one) <= ONE_SPEED * min(speed, one) for one in other)
             for speed, other in zip(speeds, others, strict=True)
+        )
+
+    @property
+    def has_repeated_builds(self) -> bool:
+        """Whether there are several builds, and every run has one of nearly the same peak speed in another build."""
+        pairs = [(p.build, speed) for p, speed in zip(self.prepared, self.peak_speeds, strict=True)]
+        return len(self.builds) > 1 and all(
+            any(other != build and max(speed, one) <= ONE_SPEED * min(speed, one) for other, one in pairs)
+            for build, speed in pairs
         )
 
     @property
@@ -144,7 +180,9 @@ class Runs:
 
 def _every(prepared: Prepared, start: int, by: int) -> Prepared:
     kept = slice(start, None, by)
-    return replace(prepared, record=prepared.record.at(kept), rate=prepared.rate / by, inside=prepared.inside[kept])
+    temperature = None if prepared.temperature is None else prepared.temperature[kept]
+    record, inside = prepared.record.at(kept), prepared.inside[kept]
+    return replace(prepared, record=record, rate=prepared.rate / by, inside=inside, temperature=temperature)
 
 
 def prepare_runs(

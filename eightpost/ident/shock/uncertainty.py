@@ -8,29 +8,26 @@ leverage).
 A shock that warms or drifts during the test changes its parameters slowly, which blocks of 0.3 s do not show. So the
 same is done with quarters and eighths of the records, and the widest of the three intervals counts.
 
+The parameters are those at the mean temperature of the test, but the shock had other ones. So the residual is also
+regressed on forces that grow with the temperature (with the time, where no temperature was measured), and the change of
+the parameters from the middle of the temperatures to their ends is added to the interval.
+
 Penalties move the solution in the same way in every part of the record. A law with many penalised parameters counts as
 a bias of its intervals what leaving out each penalty would change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 from scipy.stats import t as student
 
 from eightpost.array_types import Array
-from eightpost.errors import FileFormatError
 from eightpost.ident.shock.runs import Runs
-from eightpost.shock.file import read_shock
-from eightpost.shock.laws import own_parameters
 
 #: Length of a block [s]: ten periods of 20 Hz, and some 30 blocks in the dissertation's nine seconds.
 BLOCK = 0.3
@@ -45,8 +42,11 @@ _LONG = (8, 4)
 LEVEL = 0.95
 
 #: Level of the intervals of the long blocks. As the widest of three intervals counts, 0.95 for each would cover 99 % of
-#: records that do not change; this value covers 97 % of these, and 90 % of warming ones (benchmarks/law_intervals.py).
+#: records that do not change; this value covers 97 % of these (benchmarks/law_intervals.py).
 _LONG_LEVEL = 0.925
+
+#: Share of the range of the covariate that an interval contains on either side.
+_STATES = 0.5
 
 #: Singular values of the scaled Jacobian below this share of the largest are directions without information.
 _NO_INFORMATION = 1e-7
@@ -104,17 +104,44 @@ def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequenc
         ends = np.linspace(0, residual.size, count + 1).astype(int).tolist()
         widened = (_student(count, _LONG_LEVEL) / _student(len(short), LEVEL)) ** 2
         found.append(widened * covariance(jacobian, residual, runs, [slice(*pair) for pair in pairwise(ends)]))
-    if not penalties:
-        return np.array(found)
-    moves = _without_penalties(jacobian, residual, penalties) / quantile(runs)
-    return np.array(found) + moves.T @ moves
+    directions = _Directions.of(jacobian)
+    moves = [_drift(directions, residual, runs)[None]]
+    if penalties:
+        moves.append(_without_penalties(directions, residual, penalties))
+    bias = np.vstack(moves) / quantile(runs)
+    return np.array(found) + bias.T @ bias
 
 
-def _without_penalties(jacobian: Array, residual: Array, penalties: Sequence[Array]) -> Array:
+def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
+    """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
+
+    The residual is regressed on three forces that grow with the covariate: shares of the force in compression and of
+    that in rebound, and a constant one. The parameters change as the fit would if the measured force changed so.
+    """
+    root, covariate = np.sqrt(runs.weights), runs.covariate
+    patterns = _slow_patterns(runs) * root[:, None]
+    rows = directions.left[: residual.size]
+    growing = covariate[:, None] * patterns
+    seen = growing - rows @ (rows.T @ growing)  # the fit follows what the parameters can
+    size = np.linalg.norm(seen, axis=0)
+    size[size == 0.0] = 1.0
+    gains = np.linalg.lstsq(seen / size, -residual, rcond=_NO_INFORMATION)[0] / size
+    change = _STATES * float(np.ptp(covariate)) * (patterns @ gains)
+    return np.asarray((rows.T @ change / directions.strength) @ directions.right / directions.size)
+
+
+def _slow_patterns(runs: Runs) -> Array:
+    """Return forces at the rows (R, 3) [N]: those in compression and in rebound without their mean, and 1 N."""
+    force, mean = runs.target, float(np.average(runs.target, weights=runs.weights))
+    compression = runs.row_velocity > 0.0
+    return np.column_stack([(force - mean) * compression, (force - mean) * ~compression, np.ones(force.size)])
+
+
+def _without_penalties(directions: _Directions, residual: Array, penalties: Sequence[Array]) -> Array:
     """Return the changes of the solution (G, n) when each of G penalties is left out, to first order."""
     ends = np.cumsum([residual.size, *(values.size for values in penalties)]).tolist()
-    values = np.concatenate([residual, *penalties, np.zeros(len(jacobian) - ends[-1])])
-    return _Directions.of(jacobian).moves(values, [slice(*pair) for pair in pairwise(ends)])
+    values = np.concatenate([residual, *penalties, np.zeros(len(directions.left) - ends[-1])])
+    return directions.moves(values, [slice(*pair) for pair in pairwise(ends)])
 
 
 def standard_error(rows: Array, covariances: Array) -> Array:
@@ -185,7 +212,11 @@ def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:
     moves = []
     for block in blocks:
         q = orthogonal[block]
-        share, axes = np.linalg.eigh(q.T @ q)
+        if len(q) < q.shape[1]:  # a block of many settings' records determines few directions
+            _, size, rows = np.linalg.svd(q, full_matrices=False)
+            share, axes = size**2, rows.T
+        else:
+            share, axes = np.linalg.eigh(q.T @ q)
         left = 1.0 - np.minimum(share, _MOST_LEVERAGE)
         moves.append(axes @ ((axes.T @ (q.T @ residual[block])) / left))
     return np.array(moves)
@@ -202,79 +233,3 @@ def curve_band(columns: Array, b: Array, covariance: Array, velocity: Array, rea
         reach: Half-width of the band in standard errors.
     """
     return CurveBand(velocity, columns @ b, reach * standard_error(columns, covariance))
-
-
-# ---- Uncertainty of a fitted shock, as uncertain parameters of its FMU ----------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _FittedParameters:
-    """Parameters of a fitted shock's FMU that are not known exactly. n parameters.
-
-    Attributes:
-        names: Names of the parameters.
-        values: Fitted values (n,).
-        covariance: Covariance of the parameters (n, n), which are independent.
-        lowest: Lower limits (n,).
-        highest: Upper limits (n,).
-        held: A sentence for each parameter that is kept constant.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    lowest: Array
-    highest: Array
-    held: tuple[str, ...]
-
-
-def fitted_parameters(path: str | Path) -> _FittedParameters:
-    """Return the uncertainty that a shock file states.
-
-    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
-    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
-    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
-    force, which overstates rather than understates the effect of the band on a measure.
-
-    Args:
-        path: Shock file of `eightpost fit`.
-
-    Raises:
-        FileFormatError: The file is not a shock file, or not one that a fit wrote.
-    """
-    shock = read_shock(path)
-    fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
-    if not isinstance(fitted, dict) or not isinstance(band, dict):
-        raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
-    own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
-    free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
-    held = tuple(f"{name} is kept at {own[name]['value']:.4g}: {_why(own[name])}" for name in own if name not in free)
-    scales = dict(_scales(band))
-    return _FittedParameters(
-        (*free, *scales),
-        np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
-        np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
-        np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
-        np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
-        held,
-    )
-
-
-def _why(entry: dict[str, Any]) -> str:
-    return (
-        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
-    )
-
-
-def _bound(entry: dict[str, Any], side: int) -> float:
-    bound = (entry["bounds"] or (None, None))[side]
-    return float(bound) if bound is not None else (-inf, inf)[side]
-
-
-def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
-    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
-    reach = float(norm.ppf(0.5 + 0.5 * band["level"]))
-    for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
-        if side.any() and np.any(force[side]):
-            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2))) / reach

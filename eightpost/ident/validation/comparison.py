@@ -195,6 +195,15 @@ class Trend:
         return _correlation(rankdata(self.measured), rankdata(self.predicted))
 
     @property
+    def is_reversed(self) -> bool:
+        """Whether two records whose RMS differs by 1 % of the mean or more are predicted in the wrong order.
+
+        Records that are closer to each other exchange their ranks by chance, and which one is better hardly matters.
+        """
+        measured, predicted = (np.subtract.outer(rms, rms) for rms in (self.measured, self.predicted))
+        return bool(np.any((measured >= _FLAT * self.measured.mean()) & (predicted < 0.0)))
+
+    @property
     def bias(self) -> float:
         """Mean of predicted over measured RMS, minus one [1]; the trend may be right even if this level is wrong."""
         return float(np.mean(self.predicted / self.measured) - 1.0)

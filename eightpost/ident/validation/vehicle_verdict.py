@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from eightpost.errors import ParameterError
-from eightpost.ident.validation.comparison import Comparison
+from eightpost.ident.validation.comparison import Comparison, Trend
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.validity import Validity
@@ -21,6 +23,10 @@ _LINEAR, _MATTERS = 0.5, 0.1
 
 #: Number of records from which a wrong order is more than one swap.
 _RANKED = 4
+
+#: Largest level error that may be common to all records, in units of the level limit, and largest part of it by which
+#: records may differ from each other [1].
+_COMMON, _ALIKE = 3.0, 0.5
 
 #: Display names of the nonlinear effects that a fit may flag and its model lacks.
 _FLAGS = {
@@ -74,9 +80,17 @@ UNSTABLE = RULES.add("validated vehicle not stable", ABOUT, Grade.NOT_USABLE,
     remedy="identify with more tests of other shocks",
 )  # fmt: skip
 WRONG_LEVEL = RULES.add("level of an output wrong", ABOUT, Grade.NOT_USABLE,
-    condition="on a random record, the RMS of a judged output is off by more than --level (5 %)",
+    condition="on a random record, the RMS of a judged output is off by more than --level (5 %), and the error is not "
+    "one that all records share",
     why="setups differ by a few percent in these outputs",
     remedy="check the output's response in the report; identify again with more tests",
+)  # fmt: skip
+COMMON_LEVEL = RULES.add("level of an output wrong by the same factor on all records", ABOUT, Grade.LIMITED,
+    condition=f"the RMS of an output is off by more than --level (5 %) and by at most {_COMMON:g} times that, on "
+    f"{_RANKED} or more random records that differ; they are ranked right; and they deviate from the common error by "
+    f"at most {100 * _ALIKE:g} % of it",
+    why="an error that all setups share does not change which one is better, but the level itself is wrong",
+    remedy="rank setups by this output, but do not rely on its level, nor on sums of it with other measures",
 )  # fmt: skip
 LARGE_ERROR = RULES.add("large error of an output", ABOUT, Grade.NOT_USABLE,
     condition="the error of a judged output is above --limit (25 % of the measured RMS)",
@@ -84,7 +98,8 @@ LARGE_ERROR = RULES.add("large error of an output", ABOUT, Grade.NOT_USABLE,
     remedy="check the output's response in the report; identify again with more tests",
 )  # fmt: skip
 WRONG_RANK = RULES.add("setups ranked otherwise than by the rig", ABOUT, Grade.NOT_USABLE,
-    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9",
+    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9, and two "
+    "records that differ by 1 % or more are predicted in the wrong order",
     why="a study exists to find the order of setups",
     remedy="do not choose setups by this output; identify again with more tests",
 )  # fmt: skip
@@ -143,7 +158,7 @@ NO_LEVELS = RULES.add("levels not validated", ABOUT, Grade.LIMITED,
 def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
     """Return the verdict on a vehicle that was compared with records."""
     limits = limits or Limits()
-    reasons = [*_faults(study, limits), *_doubts(study)]
+    reasons = [*_faults(study, limits), *_common_levels(study, limits), *_doubts(study)]
     if study.independent and not any(reason.grade is Grade.NOT_USABLE for reason in reasons):
         places = listed(case.record.name for case in study.independent)
         reasons.append(PREDICTS.reason("the car predicts its records", figure=_best(study), origin=places))
@@ -167,20 +182,53 @@ def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
         return
     yield from _levels(study, limits)
     yield from _errors(study, limits)
-    wrong = [t for t in study.trends if len(t.measured) >= _RANKED and not t.is_flat and t.rank < limits.rank]
+    wrong = [t for t in study.trends if len(t.measured) >= _RANKED and _ranks_wrong(t, limits)]
     if wrong:
         figure = f"rank correlation {min(t.rank for t in wrong):.2f}; limit {limits.rank:g}"
         statement = "the car ranks setups differently from the rig"
         yield WRONG_RANK.reason(statement, figure=figure, origin=listed(trend.name for trend in wrong))
 
 
+def _ranks_wrong(trend: Trend, limits: Limits) -> bool:
+    """Return whether records are ranked wrong that differ enough to be ranked."""
+    return not trend.is_flat and trend.rank < limits.rank and trend.is_reversed
+
+
 def _levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
     over = [(c, o) for c, o in _judged(study) if c.record.kind == "random" and abs(o.level) > limits.level]
+    common = {t.name: t for t in study.trends if _is_common(t, limits)}
+    over = [(case, output) for case, output in over if output.name not in common]
     if over:
         case, worst = max(over, key=lambda pair: abs(pair[1].level))
         figure = f"{100 * worst.level:+.1f} %; limit {100 * limits.level:g} %; {_counted(over)}"
         origin = f"{worst.name} on {case.record.name}"
         yield WRONG_LEVEL.reason("the RMS of an output is wrong", figure=figure, origin=origin)
+
+
+def _is_common(trend: Trend, limits: Limits) -> bool:
+    """Return whether the level of an output is wrong by nearly the same factor on all records, and ranks them right."""
+    levels = np.abs(trend.predicted / trend.measured - 1.0)
+    return bool(
+        len(levels) >= _RANKED
+        and limits.level < levels.max() <= _COMMON * limits.level
+        and not trend.is_flat
+        and not _ranks_wrong(trend, limits)
+        and trend.remaining_error <= _ALIKE * abs(trend.bias)
+    )
+
+
+def _common_levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
+    """Yield a reason if levels are wrong by a factor that all records share."""
+    common = [trend for trend in study.trends if _is_common(trend, limits)]
+    if common:
+        worst = max(common, key=lambda trend: abs(trend.bias))
+        figure = (
+            f"{worst.name}: {100 * worst.bias:+.1f} % on {len(worst.measured)} records, "
+            f"{100 * worst.remaining_error:.1f} % without the common factor; rank correlation "
+            f"{min(trend.rank for trend in common):.2f}; limit {100 * limits.level:g} %"
+        )
+        statement = "the RMS of an output is wrong by the same factor on all records, which are ranked right"
+        yield COMMON_LEVEL.reason(statement, figure=figure, origin=listed(trend.name for trend in common))
 
 
 def _errors(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:

@@ -14,7 +14,7 @@ from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.polylinear import Polylinear
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, add_port_damping
+from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,8 @@ class ClosedLoop:
         Raises:
             StepError: The simulation does not converge.
         """
-        part = _first(test, self.seconds)
-        ports = tuple(vehicle.baseline_damping)
-        slopes = {port: port_slope(part, port) for port in ports}
+        part, slopes = self._part(vehicle, test)
+        ports = tuple(slopes)
         forces = tuple(channel(port, "force") for port in ports)
         names = [n for n in vehicle.state_space.input_names if n in part and n not in forces]
         rows = [part[name] for name in names]
@@ -58,14 +57,25 @@ class ClosedLoop:
         time = np.arange(values.shape[1]) / (finer * part.sample_rate)
         drive = TimeSeries(time, values, (*names, *forces), units)
         closed = ManySetups(_around(vehicle, slopes), (_NO_SHOCK,), drive, finer).run([[0] * len(ports)])[0]
-        kept = slice(round(self.settling * part.sample_rate), None)
+        kept = slice(self._first_sample(part), None)
         measured = np.stack([part[name] for name in vehicle.state_space.output_names])
         return _without_mean(closed[:, kept]), _without_mean(measured[:, kept])
 
+    def closed(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[StateSpace, dict[str, float], TimeSeries]:
+        """Return the model with the lines of a test's shocks, their slopes [N.s/m] by port, and the settled record."""
+        part, slopes = self._part(vehicle, test)
+        return _around(vehicle, slopes).state_space, slopes, _samples(part, slice(self._first_sample(part), None))
 
-def _first(test: TimeSeries, seconds: float) -> TimeSeries:
-    count = min(len(test), round(seconds * test.sample_rate))
-    return TimeSeries(test.time[:count], test.values[:, :count], test.names, test.units)
+    def _part(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[TimeSeries, dict[str, float]]:
+        part = _samples(test, slice(0, round(self.seconds * test.sample_rate)))
+        return part, {port: port_slope(part, port) for port in vehicle.baseline_damping}
+
+    def _first_sample(self, test: TimeSeries) -> int:
+        return round(self.settling * test.sample_rate)
+
+
+def _samples(test: TimeSeries, samples: slice) -> TimeSeries:
+    return TimeSeries(test.time[samples], test.values[:, samples], test.names, test.units)
 
 
 def port_slope(test: TimeSeries, port: str) -> float:

@@ -17,16 +17,21 @@ from eightpost.array_types import Array
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.ident.vehicle.residual_noise import HIGHEST, residual_noise, spectral_power
 from eightpost.ident.vehicle.trust import OutputTrust
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 
 #: Identifies a vehicle from some of the tests, given their indices.
 Refit = Callable[[Sequence[int]], IdentifiedVehicle]
 
-#: Width of the bands in which the floor of the residual's spectrum is sought [Hz].
-_BAND = 2.0
+#: Smallest residual beyond noise relative to the residual [1]: its noise is not known better.
+_SMALLEST = 0.1
+
+#: Share of the power above the band below which a test does not show how well the model extrapolates [1]; the residual
+#: there is then taken to be as large as the output.
+_TOO_LITTLE = 1e-3
 
 #: Relative residual of an output from which a simulation has diverged [1]; without any motion it would be 1.
 _DIVERGED = 3.0
@@ -36,10 +41,14 @@ _OTHER = 0.1
 
 
 class Residual(NamedTuple):
-    """Relative residual of each output [1] (p,): in the band of the model beyond noise, and above the band."""
+    """Relative residual of each measure beyond noise [1] (q,) in the band of the model and above it.
+
+    `share` is the share of each measure's power that is above the band [1] (q,).
+    """
 
     inside: Array
     above: Array
+    share: Array
 
 
 class Shares(NamedTuple):
@@ -49,8 +58,9 @@ class Shares(NamedTuple):
     own: float
 
 
-#: Shares in the band of the model and above it (docs/vehicle_uncertainty.md).
-_INSIDE, _ABOVE = Shares(0.356, 0.827), Shares(0.061, 0.268)
+#: Shares in the band of the model and above it, and of the standard deviation due to noise
+#: (docs/vehicle_uncertainty.md).
+_INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.8), Shares(0.045, 0.23), Shares(1.9, 2.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +71,13 @@ class ModelForm:
         loop: Settings of the simulation.
         inside: Parts of the residual in the band of the model that appear as errors of measures.
         above: The same above the band, where the model is extrapolated.
+        noise: The same for the standard deviation due to noise, which is that of the tests' drive and linear dampers.
     """
 
     loop: ClosedLoop = field(default_factory=ClosedLoop)
     inside: Shares = _INSIDE
     above: Shares = _ABOVE
+    noise: Shares = _NOISE
 
     def uncertainty(
         self,
@@ -102,9 +114,11 @@ class ModelForm:
             if residual is None:
                 return {}
             found.append(residual)
-        inside, above = (np.sqrt(np.mean(np.square(rows), axis=0)) for rows in zip(*found, strict=True))
-        noise = [self.noise(name, outputs or {}) for name in names]
-        return {n: self.of_residual(*row) for n, *row in zip(names, inside, above, noise, strict=True)}
+        inside, above = (np.sqrt(np.mean(np.square([getattr(one, part) for one in found]), axis=0))
+                         for part in ("inside", "above"))  # fmt: skip
+        residual = Residual(inside, above, np.mean([one.share for one in found], axis=0))
+        deviations = [noise_of(name, outputs or {}) for name in names]
+        return {n: self.of_residual(*row) for n, *row in zip(names, *residual, deviations, strict=True)}
 
     def _bounded(self, vehicle: IdentifiedVehicle, test: TimeSeries, high: float) -> Residual | None:
         """Return the residual of a test; None if the simulation diverges or does not converge."""
@@ -113,45 +127,54 @@ class ModelForm:
                 found = self.residual(vehicle, test, high)
         except StepError:
             return None
-        return found if np.all(np.hypot(*found) < _DIVERGED) else None
+        return found if np.all(np.hypot(found.inside, found.above) < _DIVERGED) else None
 
     def residual(self, vehicle: IdentifiedVehicle, test: TimeSeries, high: float) -> Residual:
         """Return the residual of a test in and above the band of a model that ends at `high` [Hz].
 
+        Frequencies that the decimation of records removes are left out.
+
         Raises:
             StepError: The simulation does not converge.
         """
-        names = vehicle.state_space.output_names
-        simulated, measured = (_with_total(names, rows) for rows in self.loop.outputs(vehicle, test))
-        rows = np.abs(np.fft.rfft((simulated - measured) * np.hanning(measured.shape[1]), axis=1)) ** 2
-        whole = (np.abs(np.fft.rfft(measured * np.hanning(measured.shape[1]), axis=1)) ** 2).sum(axis=1)
+        model, slopes, part = self.loop.closed(vehicle, test)
+        sums = _sums(model.output_names)
+        simulated, measured = (sums @ rows for rows in self.loop.outputs(vehicle, test))
+        own, noise = residual_noise(model, part, slopes, sums)
+        power, whole = spectral_power(measured), spectral_power(measured).sum(axis=1)
+        error = spectral_power(simulated - measured)
         frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate)
-        in_band = frequency <= high
-        beyond = np.maximum(rows[:, in_band].sum(axis=1) - in_band.sum() * _floor(rows, frequency[1]), 0.0)
-        return Residual(np.sqrt(beyond / whole), np.sqrt(rows[:, ~in_band].sum(axis=1) / whole))
+        below, beyond = frequency <= high, (frequency > high) & (frequency <= HIGHEST * test.sample_rate)
+        inside, above = (_beyond_noise(error[:, lines], noise[:, lines], whole) for lines in (below, beyond))
+        share = np.clip((power[:, beyond].sum(axis=1) - own * beyond.sum()) / whole, 0.0, 1.0)
+        return Residual(inside, above, share)
 
-    def of_residual(self, inside: float, above: float, noise: float) -> MeasureUncertainty:
+    def of_residual(self, inside: float, above: float, share: float, noise: float) -> MeasureUncertainty:
         """Return the uncertainty of a measure.
 
         Args:
             inside: Relative residual in the band of the model [1].
             above: Relative residual above the band [1].
+            share: Share of the measure's power above the band [1].
             noise: Relative standard deviation of the measure due to noise [1].
         """
+        extrapolated = above / math.sqrt(share) if share >= _TOO_LITTLE else 1.0
         common, own = (
-            math.hypot(part * inside, other * above, noise) for part, other in zip(self.inside, self.above, strict=True)
+            math.hypot(a * inside, b * extrapolated * math.sqrt(share), n * noise)
+            for a, b, n in zip(self.inside, self.above, self.noise, strict=True)
         )
-        return MeasureUncertainty(common, own)
+        beyond = Shares(self.above.common * extrapolated, self.above.own * extrapolated)
+        return MeasureUncertainty(common, own, beyond.common, beyond.own, share)
 
-    @staticmethod
-    def noise(name: str, outputs: Mapping[str, OutputTrust]) -> float:
-        """Return the relative standard deviation of a measure due to noise [1].
 
-        The sum of the tire forces has that of the worst one.
-        """
-        if name == TOTAL:
-            return max((one.measure for n, one in outputs.items() if quantity(n) == "tire_force"), default=0.0)
-        return outputs[name].measure if name in outputs else 0.0
+def noise_of(name: str, outputs: Mapping[str, OutputTrust]) -> float:
+    """Return the relative standard deviation of a measure due to noise [1].
+
+    The sum of the tire forces has that of the worst one.
+    """
+    if name == TOTAL:
+        return max((one.measure for n, one in outputs.items() if quantity(n) == "tire_force"), default=0.0)
+    return outputs[name].measure if name in outputs else 0.0
 
 
 def measure_names(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -173,13 +196,14 @@ def _tires(outputs: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(outputs) if quantity(name) == "tire_force"]
 
 
-def _with_total(outputs: Sequence[str], rows: Array) -> Array:
-    tires = _tires(outputs)
-    return np.vstack([rows, rows[tires].sum(axis=0)]) if len(tires) > 1 else rows
+def _beyond_noise(error: Array, noise: Array, whole: Array) -> Array:
+    """Return the amplitude beyond noise of errors (q, K), relative to that of the measures with power `whole` (q,)."""
+    power = error.sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(power - noise.sum(axis=1), _SMALLEST**2 * power) / whole))
 
 
-def _floor(power: Array, spacing: float) -> Array:
-    """Return the lowest mean of a power spectrum (p, K) over bands of 2 Hz (p,): white noise is not below it."""
-    width = max(1, round(_BAND / spacing))
-    count = power.shape[1] // width
-    return np.asarray(power[:, : count * width].reshape(len(power), count, width).mean(axis=2).min(axis=1))
+def _sums(outputs: Sequence[str]) -> Array:
+    """Return the sums of outputs that are measures (q, p): each output, and the tire forces together."""
+    tires = np.isin(np.arange(len(outputs)), _tires(outputs)).astype(np.float64)
+    single = np.eye(len(outputs))
+    return np.vstack([single, tires]) if tires.sum() > 1.0 else single

@@ -8,7 +8,10 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
+from eightpost.measure_uncertainty import MeasureUncertainty
+
+#: Flag of a vehicle that cannot be simulated, so that no setup can be predicted.
+UNUSABLE = "unusable"
 
 #: Number of standard deviations above which a force is significant [1].
 SIGNIFICANT = 4.0
@@ -99,7 +102,7 @@ class Trust:
         springs: Spring force that grows with the square of the travel, at the RMS travel, by port; empty if it was not
             estimated.
         flags: Sentences on effects in the car that a linear model does not have, by `friction`, `springs`, `lift-off`,
-            `misfit` and `unexplained`.
+            `misfit` and `unexplained`; and why it cannot be simulated, by `UNUSABLE`.
         orders: Choice of the number of states.
         samples: Number of models with resampled noise that the standard deviations come from.
         measures: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire

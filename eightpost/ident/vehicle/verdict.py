@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
-from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
 from eightpost.vehicle import Friction
@@ -140,7 +141,11 @@ FLAG = RULES.add("flag of the identification", ABOUT, Grade.LIMITED,
     why="the model is accurate only near the amplitudes of the tests",
     remedy="test at the amplitudes of the track, and validate on other records (eightpost validate)",
 )  # fmt: skip
-
+NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE,
+    condition="no model of the car can be simulated with other dampers, or one of its own tests cannot be simulated",
+    why="a run with other shocks may diverge, and the accuracy of predictions is not known",
+    remedy="see the notes on the models that were rejected; identify with more or longer tests, or with fewer outputs",
+)  # fmt: skip
 CHOSEN = RULES.add("recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
     condition="the recipe was chosen by the error of its free-running simulation of a test that it left out",
     why="the error is that of a prediction, not of a fit",
@@ -153,9 +158,11 @@ _MODELLED = ("friction", "port springs")
 
 
 def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
-    """Return the fit with its verdict, with further reasons, and the covered ranges added to the vehicle."""
+    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
     verdict = Verdict((*fit_verdict(fit).reasons, *further))
-    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())))
+    stated = fit.trust.measures if fit.trust is not None else {}
+    uncertainty = ModelUncertainty(measures=stated) if stated else None
+    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
     return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
 
 
@@ -177,7 +184,9 @@ def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     if fit.choice is not None and fit.choice.trials:
         yield CHOSEN.reason(fit.choice.reason, figure=fit.choice.figures, origin=origin)
     for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
-        if name not in _MODELLED:
+        if name == UNUSABLE:
+            yield NOT_SIMULATED.reason("the car cannot be simulated", figure=sentence.rstrip("."), origin=origin)
+        elif name not in _MODELLED:
             yield FLAG.reason("the car is not fully linear", figure=sentence.rstrip("."), origin=origin)
 
 

@@ -37,7 +37,7 @@ function inOneColumn(whole, figure, width) {
   const top = Math.max(t, 19 * names.size + 48), inner = xs.length * (PANEL + GAP) - GAP;
   const old = xs.map((axis) => [whole["xaxis" + axis.slice(1)].domain, whole["yaxis" + axis.slice(1)].domain]);
   const one = { ...whole, width, height: top + inner + b, margin: { ...whole.margin, l: 54, r: 6, t: top } };
-  one.legend = { ...whole.legend, orientation: "v" };
+  one.legend = { ...whole.legend, orientation: "v", tracegroupgap: 0 };
   xs.forEach((axis, k) => {
     const high = 1 - (k * (PANEL + GAP)) / inner, n = axis.slice(1);
     one["xaxis" + n] = { ...whole["xaxis" + n], domain: [0, 1] };

@@ -1,8 +1,11 @@
 // Every page: its data, the plotting library, the units.
 
-const AXIS = { gridcolor: "#e6e9ee", zeroline: false, linecolor: "#b9c1cb", ticks: "outside", tickcolor: "#b9c1cb" };
-const PAPER = { font: { family: "system-ui, sans-serif", size: 12, color: "#1c2430" }, paper_bgcolor: "#fff", plot_bgcolor: "#fff",
-  modebar: { bgcolor: "rgba(0,0,0,0)" } };
+/** Return a colour of the style, such as "paper" or "ink"; a style may be dark on a screen and light in print. */
+const tint = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const AXIS = { get gridcolor() { return tint("grid"); }, zeroline: false, get linecolor() { return tint("edge"); }, ticks: "outside",
+  get tickcolor() { return tint("edge"); } };
+const PAPER = { get font() { return { family: "system-ui, sans-serif", size: 12, color: tint("ink") }; },
+  get paper_bgcolor() { return tint("paper"); }, get plot_bgcolor() { return tint("paper"); }, modebar: { bgcolor: "rgba(0,0,0,0)" } };
 const SETTINGS = { displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const LEVELS = 65535; // see eightpost/report/packing.py
 let metric = false; // whether values are shown in SI units

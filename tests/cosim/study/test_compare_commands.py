@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
+from cosim.study.certainty import read_certainty, write_certainty
+from cosim.study.certainty.assess import certainty_of
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main
+from eightpost.corners import CORNERS
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
+from eightpost.validity import Validity
+from eightpost.verdict import Verdict
 
 from .coupled import SCALES, TRACK, InProcess, study
+
+#: Outputs of the tire forces.
+TIRES = tuple(f"{corner}.tire_force" for corner in CORNERS)
 
 
 def eightpost(*words: object):
@@ -134,28 +146,87 @@ def test_several_studies_are_not_compared_with_the_rig(folder):
     assert eightpost("compare", folder, folder, "--measured", folder).exit_code == 2
 
 
-def test_robust_prints_which_setups_are_better_and_writes_the_page(folder, tmp_path, monkeypatch):
-    pages = []  # the page with spreads is tested elsewhere
-    monkeypatch.setattr("eightpost.app.show.write_page", lambda *given: pages.append(given))
+@pytest.fixture
+def pages(monkeypatch) -> list[tuple]:
+    """Return the list of calls that write a page, which takes long and is tested elsewhere."""
+    calls: list[tuple] = []
+    monkeypatch.setattr("eightpost.app.show.write_page", lambda *given, **options: calls.append(given))
+    return calls
+
+
+def test_robust_takes_the_entries_of_the_file_and_checks_the_linear_effects(folder, tmp_path, pages):
     path = tmp_path / "uncertain.toml"
     path.write_text(
         """schema = 1
 run_to_run = { "total tire force" = "0.1 lbf" }
 [[uncertain]]
 part = "stiff"
-parameters = { compression_scale = { value = 2.0, deviation = 0.1 } }
+parameters = { compression_scale = { value = 2.0, deviation = 0.02 } }
 """
     )
-    shown = eightpost("robust", folder, path, "--top", 4, "--draws", 2, "--workers", 1)
+    shown = eightpost("robust", folder, path, "--top", 4, "--draws", 8, "--workers", 1)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
-    assert "stiff: compression_scale 2 ± 0.1" in text
-    assert "Usable within limits: " in text
-    assert "not corrected for the choice among many setups" in text
-    assert "beyond doubt" not in text
-    assert "the baseline" in text
-    assert (folder / "robust.parquet").is_file()
-    assert len(pages) == 1
+    assert "stiff: compression_scale 2 ± 0.02" in text
+    assert "linear effects against 8 simulated draws" in text
+    assert "how sure this is, is not known" in text  # the car states no uncertainty
+    found = read_certainty(folder / "certainty.parquet")
+    assert {(one.part, one.parameter) for one in found.effects} == {("stiff", "compression_scale")}
+    assert found.levels["total tire force"].run_to_run == pytest.approx(0.1 * 4.4482216)
+    assert (folder / "robust.parquet").is_file() and len(pages) == 1
+
+
+@pytest.fixture
+def sure(folder, tmp_path) -> Path:
+    """Return a copy of the study's folder, whose car states its uncertainty, with a certainty."""
+    result = StudyResult.load(folder / "results.parquet")
+    stated = {name: MeasureUncertainty(0.02, 0.2) for name in (TOTAL, "front.ride_height", *TIRES)}
+    validity = Validity(Verdict([]), (), ModelUncertainty(measures=stated)).to_json()
+    models = {**result.provenance.models, str(result.study.vehicle.fmu): validity}
+    result = replace(result, provenance=replace(result.provenance, models=models))
+    result.save(tmp_path / "results.parquet")
+    write_certainty(certainty_of(result), tmp_path / "certainty.parquet")
+    return tmp_path
+
+
+def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, measured, sure, pages):
+    before = read_certainty(sure / "certainty.parquet")
+    assert before.is_known
+    shown = eightpost("confirm", sure, folder / "selection.csv")
+    assert shown.exit_code == 0, shown.output
+    after = read_certainty(sure / "certainty.parquet")
+    assert "6 new runs of 5 setups; 6 in all" in " ".join(shown.output.split())
+    assert after.contradictions == () and len(after.runs) == 6 and len(pages) == 1
+    for name in ("total tire force", "front ride height"):
+        assert np.all(after.levels[name].half_widths[2] < before.levels[name].half_widths[2])
+        assert after.levels[name].run_to_run > 0.0  # from the two runs of the baseline
+    kept = read_certainty(sure / "certainty.previous.parquet")
+    np.testing.assert_array_equal(kept.best, before.best)
+    again = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    assert "is taken into account already" in again.output
+    assert len(read_certainty(sure / "certainty.parquet").runs) == 6
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("none.csv",), "none.csv"),
+        (("a.csv", "b.csv"), "name one list of rig runs, or each record as SETUP=FILE"),
+        (("3=none.csv",), "there is no file none.csv"),
+        (("x=none.csv",), "name a rig run as SETUP=FILE, such as 37=run1.csv"),
+    ],
+)
+def test_confirm_says_which_argument_is_wrong(sure, words, text):
+    shown = eightpost("confirm", sure, *words)
+    assert shown.exit_code == 2
+    assert text in " ".join(shown.stderr.split())
+
+
+def test_confirm_needs_a_certainty(sure, measured):
+    (sure / "certainty.parquet").unlink()
+    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    assert shown.exit_code == 2
+    assert "run `eightpost study` again" in " ".join(shown.stderr.split())
 
 
 def test_robust_needs_an_uncertain_part(folder, tmp_path):

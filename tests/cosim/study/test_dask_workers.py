@@ -119,7 +119,11 @@ def test_only_the_setup_that_kills_its_worker_fails(eight_setups, here, cluster,
     lost = alone["size"].to_pylist().index(largest)
     assert [k for k, word in enumerate(together["status"].to_pylist()) if word == "failed"] == [lost]
     rest = [k for k in range(len(study.space)) if k != lost]
-    assert together.take(rest).equals(alone.take(rest))
+    found, expected = together.take(rest), alone.take(rest)
+    # A function of the user gets the series; the measure of the other study is summed in the batch.
+    assert found["size"].to_pylist() == pytest.approx(expected["size"].to_pylist(), rel=1e-12)
+    same = [name for name in found.column_names if "size" not in name]
+    assert found.select(same).equals(expected.select(same))
 
 
 def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here):

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.study.certainty import OBJECTIVE
 from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
-from cosim.study.choice.robust import OBJECTIVE, Draws, drawn_studies, leading, run_draws, spreads_of
+from cosim.study.choice.robust import Draws, drawn_studies, leading, run_draws, spreads_of
 from cosim.study.choice.robust_file import read_uncertainty
 from cosim.study.running.sweep import run_study
 from cosim.study.study import Term

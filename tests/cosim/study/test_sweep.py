@@ -52,7 +52,8 @@ def test_a_row_equals_the_masters_result_for_that_setup(finished, fmus):
     scenario = cosim.Scenario(4.0, Drivefile.read(study.drives[0].file), record_step=4e-3, settling=1.0)
     coupling = finished.provenance.settings["coupling"]
     run = cosim.run(system, scenario, algorithm=cosim.GaussSeidel(values="parabolic"), step=coupling["step"])
-    assert finished.values("front ride height, RMS")[row] == np.std(run.settled()["car.front.ride_height"])
+    expected = np.std(run.settled()["car.front.ride_height"])
+    assert finished.values("front ride height, RMS")[row] == pytest.approx(expected, rel=1e-12)
     trace = traces(finished, [row])[row]
     assert (trace["car.front.ride_height"] == run.series["car.front.ride_height"]).all()
 
@@ -74,13 +75,13 @@ def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here,
     coupling = sweep.coupling(here)
 
     def kill(done, _total):
-        if done == 5:
+        if done == 8:
             raise RuntimeError("the machine went down")
 
     here.ran.clear()
     with pytest.raises(RuntimeError):
         sweep.run(here, coupling, kill)
-    assert not sweep.path.exists() and sweep.left == 11
+    assert not sweep.path.exists() and sweep.left == 8
     again = run_study(small_study(), tmp_path / "killed", here)
     assert sorted(here.ran) == list(range(16)), "nothing is lost, nothing is done twice"
     assert table(again).equals(table(finished))
@@ -88,11 +89,11 @@ def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here,
 
 def test_ctrl_c_leaves_a_partial_result(small_study, here, finished, tmp_path):
     def press(done, _total):
-        if done == 3:
+        if done == 8:
             signal.raise_signal(signal.SIGINT)
 
     partial = run_study(small_study(), tmp_path / "stopped", here, press)
-    assert partial.partial and len(partial) == 3
+    assert partial.partial and len(partial) == 8
     assert StudyResult.load(tmp_path / "stopped" / "results.parquet").partial
     whole = run_study(small_study(), tmp_path / "stopped", here)
     assert not whole.partial and table(whole).equals(table(finished))
@@ -192,7 +193,8 @@ def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study
     finally:
         workers.close()
     hung = levels > levels.mean()
-    assert (found.done == ~hung).all() and found.values("own")[~hung] == levels[~hung]
+    assert (found.done == ~hung).all()
+    assert found.values("own")[~hung] == pytest.approx(levels[~hung], rel=1e-12)
     (message,) = np.array(found.table["message"].to_pylist())[hung]
     assert "not responding for 20 s" in message and "hangs" in message
 

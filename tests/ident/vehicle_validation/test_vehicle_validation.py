@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -86,13 +87,18 @@ def test_a_car_that_responds_too_slowly_is_not_usable(corner: VehicleFit, setups
     assert "limit 5 %" in found.reasons[0].figure
 
 
-def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
+def louder(corner: VehicleFit, gain: float) -> VehicleFit:
+    """Return the car with a tire force that is too large by a factor."""
     model = corner.vehicle.state_space
     row = model.output_names.index("tire_force")
     C, D = model.C.copy(), model.D.copy()
-    C[row], D[row] = 1.1 * C[row], 1.1 * D[row]
+    C[row], D[row] = gain * C[row], gain * D[row]
     loud = StateSpace(model.A, model.B, C, D, model.inputs, model.outputs, None, model.name)
-    fit = fit_of(replace(corner.vehicle, state_space=loud))
+    return fit_of(replace(corner.vehicle, state_space=loud))
+
+
+def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
+    fit = louder(corner, 1.1)
     study = validate_vehicle(fit, records_of(fit, *setups))
     trend = next(one for one in study.trends if one.name == "tire_force")
     assert trend.bias == pytest.approx(0.1, abs=0.003)
@@ -100,7 +106,37 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert trend.remaining_error < 0.003
     assert study.cases[0].spectra["tire_force"].share > 0.9
     assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
-    assert not vehicle_verdict(study).is_acceptable
+
+
+@pytest.mark.parametrize("gain", [0.88, 1.1, 1.14])
+def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
+    corner: VehicleFit, setups: list[RigTest], gain: float
+) -> None:
+    fit = louder(corner, gain)
+    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *setups)))
+    (reason,) = [one for one in found.reasons if one.rule.startswith("level of an output wrong")]
+    assert (reason.grade, found.is_acceptable) == (Grade.LIMITED, True)
+    assert reason.origin == "tire_force"
+    stated = re.match(r"tire_force: ([+-][\d.]+) % on 4 records, ([\d.]+) % without", reason.figure)
+    assert stated is not None, reason.figure
+    assert float(stated[1]) == pytest.approx(100.0 * (gain - 1.0), abs=0.3)
+    assert float(stated[2]) < 0.3
+
+
+@pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (1.3, 4), (0.75, 4), (1.1, 3)])
+def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
+    corner: VehicleFit, setups: list[RigTest], gain: float, records: int
+) -> None:
+    fit = louder(corner, gain)
+    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *setups[:records])))
+    assert found.grade is Grade.NOT_USABLE
+    assert "level of an output wrong" in {reason.rule for reason in found.reasons}
+
+
+def test_equal_setups_do_not_show_that_a_wrong_level_is_harmless(corner: VehicleFit, setups: list[RigTest]) -> None:
+    fit = louder(corner, 1.1)
+    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *[setups[0]] * 4)))
+    assert found.grade is Grade.NOT_USABLE
 
 
 def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:

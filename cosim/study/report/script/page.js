@@ -2,6 +2,7 @@
 
 function redraw() {
   if (!data) return;
+  fillWeights();
   drawSetup();
   redrawTraces();
   drawSensitivity();
@@ -79,6 +80,7 @@ function listenViews() {
   on("tabled", "change", ({ target }) => { showColumn(Number(target.value), target.checked); update(); });
   on("against", "change", () => { makeTrades(); update(); });
   on("pick-current", "change", (event) => pick(state.current, event.target.checked));
+  on("spectrum", "change", () => drawChannel(comparedRows()));
   on("with-baseline", "change", redrawTraces);
   on("whole", "click", () => zoomTraces(wholeOf(traceOf(state.current))));
   document.getElementById("pair")?.addEventListener("change", drawSensitivity);
@@ -89,15 +91,24 @@ function listenViews() {
     line.addEventListener("click", () => focusOn(Number(line.dataset.column)));
   }
   window.addEventListener("resize", () => update());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); redraw(); });
 }
 
 function listenPrint() {
   window.addEventListener("beforeprint", () => {
     printing = true;
+    lighten(true);
     drawPanels(true);
+    drawParallel(true);
     fillWindow(Math.min(listed.length, 60));
   });
-  window.addEventListener("afterprint", () => { printing = false; update(); });
+  window.addEventListener("afterprint", () => { printing = false; lighten(false); redraw(); });
+}
+
+/** Use the light colours also on a dark screen, for a print. */
+function lighten(on) {
+  document.documentElement.classList.toggle("light", on);
+  readColors();
 }
 
 /** Reset all inputs: a browser that reloads a page would keep their old state. */
@@ -108,6 +119,7 @@ function resetInputs() {
 
 resetInputs();
 onUnits(redraw);
+readColors();
 try {
   data = decode(await unpacked("numbers"));
   for (const row of manifest.picked) state.picked.add(row);
@@ -118,8 +130,10 @@ try {
   listenFilters();
   listenViews();
   listenPrint();
+  listenWeights();
   applyFilters();
   makeTrends();
+  makeParallel();
   focusOn(state.focus);
   drawSetup();
   refresh();

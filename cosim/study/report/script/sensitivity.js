@@ -20,7 +20,7 @@ async function drawSensitivity() {
   for (const line of document.querySelectorAll("#shares tr[data-column]")) {
     line.classList.toggle("current", Number(line.dataset.column) === state.focus);
   }
-  if (!terms || !sensitivityIsNear) return;
+  if (!terms || !(sensitivityIsNear || sensitivityPlace.data)) return;
   await loadPlotly();
   drawMain(terms);
   drawPair(terms);
@@ -37,7 +37,7 @@ function drawMain(terms) {
   Plotly.react(sensitivityPlace, lines, effectLayout({
     title: { text: "Main effects: mean of all setups with that build at that corner, minus the mean of all setups", font: { size: 12 }, x: 0.01, xanchor: "left" },
     xaxis: { ...AXIS, type: "category", categoryorder: "array", categoryarray: manifest.builds.map(plain) },
-    yaxis: { ...AXIS, zeroline: true, zerolinecolor: "#8d99a8", title: { text: title, font: { size: 12 } } } }), PLOT);
+    yaxis: { ...AXIS, zeroline: true, zerolinecolor: tint("soft"), title: { text: title, font: { size: 12 } } } }), PLOT);
 }
 
 function drawPair(terms) {

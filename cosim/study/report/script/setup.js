@@ -27,29 +27,28 @@ function standing(row) {
   return `${place}${limits}.${manifest.marks[row] ? ` Marked: ${manifest.marks[row]}.` : ""}${error}`;
 }
 
-/** Change from another setup in percent; `limits` are two standard deviations of the difference from it. */
-function change(column, row, other, limits) {
+/** Change from another setup in percent. */
+function change(column, row, other) {
   if (other === null) return "";
   if (other === row) return "(this setup)";
   const base = column.values[other], part = (column.values[row] - base) / Math.abs(base);
   if (!Number.isFinite(part)) return "";
-  const tied = limits && Math.abs(column.values[row] - base) <= limits[row];
-  return `${part > 0 ? "+" : ""}${percent(part, 2)}${tied ? " (tie)" : ""}`;
+  return `${part > 0 ? "+" : ""}${percent(part, 2)}`;
 }
 
 function compared(row) {
   const body = document.getElementById("compared").tBodies[0];
   body.replaceChildren();
   for (const column of data.columns) {
-    const line = body.insertRow(), { uncertainty } = column, half = uncertainty?.spread[row];
-    const spread = Number.isFinite(half) ? ` ± ${figure(width(column, half), 2)}` : "";
+    const line = body.insertRow(), { uncertainty } = column, ends = uncertainty ? [uncertainty.low[row], uncertainty.high[row]] : [NaN];
+    const spread = ends.every(Number.isFinite) ? ` (${ends.map((end) => figure(convert(column, end))).join(" to ")})` : "";
     cell(line, column.name, "name");
     cell(line, unit(column), "");
     cell(line, figure(convert(column, column.values[row])) + spread, "number");
     cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
     cell(line, percent(column.levels[row]), "number");
-    cell(line, change(column, row, manifest.baseline, uncertainty?.baseline), "number");
-    cell(line, change(column, row, manifest.best, uncertainty?.best), "number");
+    cell(line, change(column, row, manifest.baseline), "number");
+    cell(line, change(column, row, manifest.best), "number");
   }
 }
 

@@ -9,10 +9,10 @@ function decode(numbers) {
   const columns = manifest.columns.map((column) => {
     const values = doubles(column.at), span = column.high - column.low || 1;
     const { uncertainty } = column;
-    const known = uncertainty && Object.fromEntries(["spread", "best", "baseline", "tied"].map((key) => [key, doubles(uncertainty[key])]));
+    const known = uncertainty && Object.fromEntries(["low", "high", "best", "tied"].map((key) => [key, doubles(uncertainty[key])]));
     return { ...column, values, uncertainty: known, ties: uncertainty?.ties, levels: Float64Array.from(values, (value) => (value - column.low) / span) };
   });
-  const placed = manifest.corners.map((_, corner) => Uint8Array.from(doubles(manifest.placed[corner])));
+  const placed = manifest.corners.map((_, corner) => Uint16Array.from(doubles(manifest.placed[corner])));
   return { count, columns, placed, numbers: doubles(manifest.numbers), rank: doubles(manifest.rank),
     allowed: doubles(manifest.allowed), error: doubles(manifest.error), bytes: numbers };
 }
@@ -28,7 +28,9 @@ const state = {
   off: manifest.corners.map(() => new Set()), // builds filtered out, by corner
   words: "",
   kept: { allowed: false, unmarked: false, tied: false, picked: false },
-  brush: null, // { panel, points: (row) => [x, y], from: [x, y], to: [x, y] }
+  wishes: new Map(), // weight and limits of each column, see weights.js
+  spans: new Map(), // ranges of levels dragged in the parallel coordinates, by column
+  brush: null, // { arrays: [xs, ys], from: [x, y], to: [x, y] }
   tabled: new Set(), // the columns of the ranking
   picked: new Set(),
   current: null,
@@ -67,7 +69,7 @@ const percent = (share, digits = 1) => (Number.isFinite(share) ? `${minus((100 *
 
 function brushed(row) {
   if (!state.brush) return true;
-  const [x, y] = state.brush.point(row), { from, to } = state.brush;
+  const { arrays: [xs, ys], from, to } = state.brush, x = xs[row], y = ys[row];
   return x >= from[0] && x <= to[0] && y >= from[1] && y <= to[1];
 }
 
@@ -83,6 +85,10 @@ function filtered(row, words) {
   if (state.kept.unmarked && (manifest.marks[row] || manifest.failures[row])) return false;
   if (state.kept.tied && focus().uncertainty && !focus().uncertainty.tied[row]) return false;
   if (state.kept.picked && !state.picked.has(row)) return false;
+  for (const [k, [low, high]] of state.spans) {
+    const level = data.columns[k].levels[row];
+    if (!(level >= low && level <= high)) return false;
+  }
   return matches(row, words);
 }
 
@@ -105,13 +111,15 @@ function refresh() {
   showCounts();
   fillTable();
   drawPanels();
+  drawParallel();
+  drawComparison();
 }
 
 function showCounts() {
   let count = 0;
   for (const one of shown) count += one;
   document.getElementById("shown").textContent = `${count} of ${data.count} setups`;
-  document.getElementById("unbrush").hidden = !state.brush;
+  document.getElementById("unbrush").hidden = !state.brush && !state.spans.size;
   document.getElementById("pickings").textContent = state.picked.size;
   document.getElementById("chosen").textContent = state.current === null ? "none"
     : `${data.numbers[state.current]}: ${label(state.current).join(" · ")}`;

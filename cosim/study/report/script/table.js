@@ -9,7 +9,7 @@ let listed = []; // rows in the order of the table
 const tabled = () => data.columns.map((column, k) => [column, k]).filter(([, k]) => state.tabled.has(k));
 
 const heads = () => [
-  { key: "pick", text: "", sortable: false, kind: "pick" },
+  { key: "pick", text: "picked", sortable: false, kind: "pick" },
   { key: "rank", text: "rank", kind: "number rank" },
   { key: "number", text: "setup", kind: "number" },
   ...manifest.corners.map((corner, k) => ({ key: `corner${k}`, text: corner.toUpperCase(), kind: "build" })),
@@ -27,16 +27,23 @@ function keyOf(key) {
   return key.startsWith("corner") ? data.placed[place] : data.columns[place].values;
 }
 
-/** Sort the setups that pass the filters. Equal values are ordered by rank; setups without a value are always last. */
+let order = null; // all setups in the order of the table; null if it must be sorted again
+
+/** Sort all setups. Equal values are ordered by rank; setups without a value are always last. */
 function sorted() {
-  const rows = [];
-  for (let row = 0; row < data.count; row++) if (shown[row]) rows.push(row);
   const by = keyOf(state.sort.key), sign = state.sort.falling ? -1 : 1;
-  return rows.sort((a, b) => Number(isNaN(by[a])) - Number(isNaN(by[b])) || sign * (by[a] - by[b])
-    || data.rank[a] - data.rank[b]);
+  return Uint32Array.from({ length: data.count }, (_, row) => row).sort((a, b) => Number(isNaN(by[a])) - Number(isNaN(by[b]))
+    || sign * (by[a] - by[b]) || data.rank[a] - data.rank[b]);
 }
 
+let headOf = ""; // what the header row shows
+
+/** Write the header row, unless it is the same: a button that has the focus would lose it. */
 function fillHead() {
+  const wanted = JSON.stringify([state.sort, heads()]);
+  if (wanted === headOf) return;
+  headOf = wanted;
+  const focused = document.activeElement.closest?.("#ranking th")?.dataset.key;
   table.tHead.innerHTML = "";
   const line = table.tHead.insertRow();
   for (const { key, text, kind, sortable = true } of heads()) {
@@ -50,9 +57,10 @@ function fillHead() {
       button.type = "button";
       button.textContent = text;
       cell.append(button);
-    }
+    } else cell.innerHTML = `<span class="unseen">${text}</span>`;
     line.append(cell);
   }
+  if (focused) line.querySelector(`th[data-key="${focused}"] button`)?.focus();
 }
 
 const remark = (row) => manifest.failures[row]
@@ -93,7 +101,8 @@ function fillRow(row) {
 
 function fillTable() {
   fillHead();
-  listed = sorted();
+  order ??= sorted();
+  listed = Array.from(order.filter((row) => shown[row]));
   fillWindow();
 }
 
@@ -109,13 +118,16 @@ function fillWindow(all = 0) {
   const first = Math.max(0, Math.floor(pane.scrollTop / ROW) - MORE);
   const last = all || Math.min(listed.length, first + Math.ceil(pane.clientHeight / ROW) + 2 * MORE);
   const body = document.createElement("tbody");
+  const focused = document.activeElement.closest?.("#ranking tr[data-row]")?.dataset.row;
   body.append(spacer(ROW * first), ...listed.slice(first, last).map(fillRow), spacer(ROW * Math.max(0, listed.length - last)));
   table.tBodies[0].replaceWith(body);
+  if (focused) body.querySelector(`tr[data-row="${focused}"] input`)?.focus({ preventScroll: true });
   document.getElementById("nothing").hidden = listed.length > 0;
 }
 
 function sortBy(key) {
   state.sort = { key, falling: state.sort.key === key && !state.sort.falling };
+  order = null;
   pane.scrollTop = 0;
   fillTable();
 }
@@ -127,8 +139,21 @@ function onTableClick(event) {
   else if (line) choose(Number(line.dataset.row));
 }
 
+/** Show the setup in the next or the previous row of the table. */
+function onTableKey(event) {
+  const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+  if (!step || !listed.length) return;
+  event.preventDefault();
+  const place = Math.min(Math.max(listed.indexOf(state.current) + step, 0), listed.length - 1);
+  const top = ROW * place, room = pane.clientHeight - table.tHead.offsetHeight - ROW;
+  if (top < pane.scrollTop) pane.scrollTop = top; else if (top > pane.scrollTop + room) pane.scrollTop = top - room;
+  choose(listed[place]);
+  document.getElementById("spoken").textContent = describeSetup(listed[place], [focus()]);
+}
+
 function listenTable() {
   table.addEventListener("click", onTableClick);
+  pane.addEventListener("keydown", onTableKey);
   let pending = false;
   pane.addEventListener("scroll", () => {
     if (pending) return;

@@ -12,21 +12,26 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import projected
 from eightpost.ident.shock.curve import WorkingBasis, rising_constraint, slope_constraint
+from eightpost.ident.shock.curve_choice import CurveChooser
+from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.gas import GasColumns, gas_columns
 from eightpost.ident.shock.knots import CELLS, KnotBasis
 from eightpost.ident.shock.law_choice import LawChoice, best_law
 from eightpost.ident.shock.law_fit import fit_law
-from eightpost.ident.shock.options import AUTO, Choices
+from eightpost.ident.shock.options import AUTO, LAGGED_VELOCITY, Choices
 from eightpost.ident.shock.problem import TOLERANCE, Inequalities, Solution, constrained_least_squares
 from eightpost.ident.shock.robust import weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import covariances, quantile, standard_error
-from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_parameters, own_parameters
+from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_form, fit_parameters, own_parameters
+from eightpost.shock.curve import KNOTS
 
-#: Laws that can be fitted: their parameters are numbers with bounds of their own.
+#: Laws that can be fitted: their parameters are numbers with bounds of their own, or the law has a recipe of its own.
 _OVER_SETTINGS = tuple(
-    name for name, law in LAWS.items() if own_parameters(law) == tuple(p.name for p in fit_parameters(law))
+    name
+    for name, law in LAWS.items()
+    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or fit_form(law) == LAGGED_VELOCITY
 )
 
 #: Maximum number of evaluations of the residual, and of reweightings.
@@ -44,16 +49,18 @@ _WORTHWHILE = 0.05
 class JointModel:
     """Force models of all settings, with their shared parameters.
 
-    Parameters x: for each setting its slopes (K,) and gas offsets, then the shared gas stiffness if it is fitted, then
-    the law's theta: shared, or for each setting.
+    Parameters x: for each setting its slopes (K,), gas offsets and own elements of theta, then the shared gas stiffness
+    if it is fitted, then the rest of the law's theta: shared, or for each setting.
 
     Attributes:
         models: Force model of each setting; all have the same knots and the same dynamics.
         is_shared: Whether theta is shared.
+        local: Number of leading elements of a shared theta that each setting has for itself.
     """
 
     models: tuple[ForceModel, ...]
     is_shared: bool = True
+    local: int = 0
 
     @property
     def dynamics(self) -> Dynamics:
@@ -70,17 +77,19 @@ class JointModel:
     @cached_property
     def places(self) -> tuple[Array, ...]:
         """The indices in x of each model's parameters, in the model's own order."""
-        start, local, has_stiffness = 0, [], self.models[0].gas.size is not None
+        start, local, own, has_stiffness = 0, [], [], self.models[0].gas.size is not None
         for model in self.models:
             count = model.curve_count + model.gas.offsets
             local.append(np.arange(start, start + count))
-            start += count
+            own.append(np.arange(start + count, start + count + self.local))
+            start += count + self.local
         stiffness = [np.array([start])] if has_stiffness else []
         start += has_stiffness
         k = len(self.dynamics.names)
         thetas = [start + (0 if self.is_shared else number * k) + np.arange(k) for number in range(len(self.models))]
         return tuple(
-            np.concatenate([own, *stiffness, theta]).astype(int) for own, theta in zip(local, thetas, strict=True)
+            np.concatenate([curve, *stiffness, mine, theta]).astype(int)
+            for curve, mine, theta in zip(local, own, thetas, strict=True)
         )
 
     @cached_property
@@ -183,6 +192,11 @@ class JointFit:
         model, b = self.model.models[number], self._part(number)[0]
         return self.model.basis.subdivided(model.basis.to_curve @ b)[2]
 
+    def lagged_slopes(self, number: int) -> Array | None:
+        """Return the slopes (25,) [N.s/m] of the lagged part of a setting's curve; None for a law without one."""
+        theta = self._part(number)[2]
+        return np.maximum(theta[:KNOTS], 0.0) / self.model.basis.speed if self.model.local else None
+
     def law(self, number: int) -> ShockLaw:
         """Return the law of a setting, with the gas force of its records."""
         model = self.model.models[number]
@@ -222,12 +236,18 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     choices = replace(choices, curve="knots")
     hardest = max(groups, key=lambda runs: runs.deviation)
     choice: LawChoice | None = None
+    fit: FittedLaw | None = None
     if law == AUTO:
-        choice, *_ = best_law(hardest, choices, _OVER_SETTINGS)
+        choice, fit, _ = best_law(hardest, choices, _OVER_SETTINGS)
         law = choice.law
     elif law not in _OVER_SETTINGS:
         known = ", ".join(_OVER_SETTINGS)
-        raise ParameterError(f"law {law!r} is fitted by a recipe of its own, not over settings; use one of {known}")
+        raise ParameterError(
+            f"law {law!r} cannot be fitted over settings, because its file does not declare how its own parameters are "
+            f"fitted; use one of {known}"
+        )
+    if fit_form(LAWS[law]) == LAGGED_VELOCITY:
+        return _fit_lagged(groups, fit or CurveChooser(hardest, choices)(law)[0].fit, choices, choice)
     first = fit_law(hardest, law, choices, "knots")
     minimum = first.sketch.minimum
     theta = minimum.problem.model.split(minimum.parameters)[2]
@@ -243,12 +263,24 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
 
 
+def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices, choice: LawChoice | None) -> JointFit:
+    # The compiler takes a second to load.
+    from eightpost.ident.shock.hysteresis_fit import HysteresisFit  # noqa: PLC0415
+    from eightpost.ident.shock.settings.lagged import fit_lagged  # noqa: PLC0415
+
+    assert isinstance(first, HysteresisFit)
+    gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
+    model = replace(_joint_model(groups, gas, first.model.dynamics, cells=KNOTS // 2), local=KNOTS)
+    fit = fit_lagged(model, first, choices.robust, choice)
+    return replace(fit, notes=(*fit.notes, *notes))
+
+
 _Search = tuple[JointModel, Array, bool, str]
 
 
-def _joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics) -> JointModel:
+def _joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, cells: int = CELLS) -> JointModel:
     fastest = np.concatenate([runs.velocity[runs.inside] for runs in groups])
-    knots = KnotBasis.of(fastest, cells=CELLS)
+    knots = KnotBasis.of(fastest, cells=cells)
     models, start, offset = [], 0, 0
     for runs in groups:
         stop, last = start + runs.velocity.size, offset + (len(runs.prepared) if gas.offsets else 0)

@@ -24,7 +24,7 @@ from eightpost.ident.shock.verdict import DOUBT
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
 from eightpost.shock.curve import KNOTS
-from eightpost.shock.settings import TEMPERATURE
+from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
 from eightpost.validity import Validity
 from eightpost.verdict import Reason, Verdict
 
@@ -149,13 +149,15 @@ def _fits(
 
 
 def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
-    """Return the names of the varying parameters and the values (G, P) of each setting: slopes, logarithms, preload."""
+    """Return the names of the varying parameters and the values (G, P) of each setting, as in `Settings.terms`."""
     names = tuple(parameter.name for parameter in joint.separate)
     laws = [joint.law(number) for number in range(len(groups))]
     own = np.log([[getattr(law, name) for name in names] for law in laws]).reshape(len(groups), len(names))
     slopes = np.array([joint.slopes(number) for number in range(len(groups))])
+    lagged = [found for number in range(len(groups)) if (found := joint.lagged_slopes(number)) is not None]
     preload = _preload(axes, groups, np.array([law.port.gas_preload for law in laws]))
-    return names, np.hstack([slopes, own, preload[:, None]])
+    names = (LAGGED_SLOPE, *names) if lagged else names
+    return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), own, preload[:, None]])
 
 
 def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
@@ -197,7 +199,7 @@ def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis
     own = [number for number, group in enumerate(groups) if group.setting == reference]
     law = joint.law(own[0] if own else 0)
     if not own:
-        law = _law_with_slopes(law, effects.reference[:KNOTS])
+        law = _law_with_slopes(law, effects.reference)
     return replace(law, port=replace(law.port, gas_preload=float(effects.reference[-1])))
 
 
@@ -310,7 +312,7 @@ def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array
     except InputError:  # the others alone do not separate the effects
         return None
     others = _others(axes, groups, kept, shock.settings.parameters, effects)
-    law = _law_with_slopes(shock.law, effects.reference[:KNOTS])
+    law = _law_with_slopes(shock.law, effects.reference)
     return held_out_percent(others.law_at(law, groups[number].setting), joint.model.models[number].runs)
 
 
@@ -322,12 +324,20 @@ def _others(
     return Settings(tuple(axes), parameters, terms, tested, tuple((0.0,) * KNOTS for _ in tested))
 
 
-def _law_with_slopes(law: ShockLaw, slopes: Array) -> ShockLaw:
-    """Return a law whose curve has other slopes (25,) [N.s/m] at its knots."""
-    velocity, slopes = np.array(law.curve.knot_velocity), np.maximum(slopes, 0.0)
+def _law_with_slopes(law: ShockLaw, values: Array) -> ShockLaw:
+    """Return a law whose curve, and its lagged part if it has one, have other slopes at the knots.
+
+    Args:
+        law: Law with the knots.
+        values: Slopes (25,) [N.s/m], followed by those of the lagged part, as in `Settings.terms`.
+    """
+    velocity, slopes = np.array(law.curve.knot_velocity), np.maximum(values[:KNOTS], 0.0)
     force = _knot_forces(velocity, slopes[None])[0]
     curve = StaticCurve.through_knots(law.curve.knot_velocity, tuple(force.tolist()), tuple(slopes.tolist()))
-    return replace(law, curve=curve)
+    if not hasattr(law, LAGGED_SLOPE):
+        return replace(law, curve=curve)
+    lagged: Any = {LAGGED_SLOPE: tuple(np.clip(values[KNOTS : 2 * KNOTS], 0.0, slopes).tolist())}
+    return replace(law, curve=curve, **lagged)
 
 
 def held_out_percent(law: ShockLaw, runs: Runs) -> float:

@@ -45,17 +45,27 @@ def _bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> S
         slow: Number of leading states whose inputs may change; the road lags after them stay unchanged.
         s: Values of s at which the change is evaluated [1/s] (K,).
         weight: Weight of the outputs' responses (p, K); 0 where they are unknown.
+
+    A singular system, such as that of two velocities that are the same, is solved in the sense of least squares.
     """
     velocities = [i for i, name in enumerate(model.output_names) if name.rpartition(".")[2] == "velocity"]
     if not velocities:
         return model
-    held = np.linalg.solve(model.A.T, model.C[velocities].T).T
+    held = _solved(model.A.T, model.C[velocities].T).T
     chosen = slice(None, None, max(1, s.size // _FREQUENCIES))
-    inverse = np.linalg.inv(_curvature(model, slow, s[chosen], weight[:, chosen]))
     moved, left = held[:, :slow], held @ model.B
+    toward = _solved(_curvature(model, slow, s[chosen], weight[:, chosen]), moved.T)
     B = model.B.copy()
-    B[:slow] -= inverse @ moved.T @ np.linalg.solve(moved @ inverse @ moved.T, left)
+    B[:slow] -= toward @ _solved(moved @ toward, left)
     return replace(model, B=B)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Return the solution of a linear system, that of least squares if the matrix is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
 
 
 def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array:
@@ -63,7 +73,7 @@ def _curvature(model: StateSpace, slow: int, s: Complex, weight: Array) -> Array
     A, C = model.A[:slow, :slow], model.C[:, :slow]
     total = np.zeros((slow, slow))
     for frequency, size in zip(s, weight.T, strict=True):
-        answers = size[:, None] * (C @ np.linalg.inv(frequency * np.eye(slow) - A))
+        answers = size[:, None] * np.linalg.solve((frequency * np.eye(slow) - A).T, C.T).T
         total += np.real(answers.conj().T @ answers)
     return np.asarray(total + _REGULAR * np.trace(total) * np.eye(slow))
 

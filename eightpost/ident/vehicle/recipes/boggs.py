@@ -14,6 +14,7 @@ from eightpost.errors import InputError
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
 from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
+from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.parallel import balance
@@ -160,13 +161,18 @@ def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> _E
     if chapter.same_drive and len(records.tests) == 2:
         try:
             method: Recipe = SameDrive(H1(blocks), experiment.forces)
-            return _Estimate(
-                method.estimate(records), (f"two experiments with one drive (Eq 4.24 to 4.26), {spacing}",)
-            )
+            note = f"two experiments with one drive (Eq 4.24 to 4.26), {spacing}"
+            return _noted(method, records, note)
         except InputError:
             pass  # the drives differ or no shock is linear: estimating from all tests together requires neither
-    note = f"{len(records.tests)} tests together (Eq 6.7), {spacing}"
-    return _Estimate(H1(blocks).estimate(records), (note,))
+    return _noted(H1(blocks), records, f"{len(records.tests)} tests together (Eq 6.7), {spacing}")
+
+
+def _noted(method: Recipe, records: Records, note: str) -> _Estimate:
+    """Return an estimate with a note on its method and one on the bias by noise of the inputs."""
+    found = method.estimate(records)
+    band = (float(found.frequency[0]), float(found.frequency[-1]))
+    return _Estimate(found, (note, input_noise(records, band).summary(method)))
 
 
 def _block_length(records: Records, blocks: int) -> float:

@@ -22,21 +22,24 @@ from eightpost.ident.vehicle.common_poles import (
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.free_running import fault_in_simulation
 from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
-from eightpost.ident.vehicle.measure_uncertainty import MeasureUncertainty
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
-from eightpost.ident.vehicle.trust import ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Shares of the band that are tried one after the other, if a model cannot be used [1].
 _SHARES = (1.0, 0.65)
 
-#: Note on a vehicle that cannot be simulated with the shocks of its own tests.
+#: Flag of a vehicle that fails in its own simulation, as all simpler ones did.
+_NONE_USABLE = "No model could be used; the first one was kept."
+
+#: Flag of a vehicle that cannot be simulated with the shocks of its own tests.
 _NOT_SIMULATED = (
     "A test could not be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
 )
@@ -80,8 +83,8 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        car, failed = self._usable_car(tests, experiment)
-        return self._identification(car, tests, experiment, (started, failed))
+        car, failed, usable = self._usable_car(tests, experiment)
+        return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle without its uncertainty, which takes less time.
@@ -92,19 +95,22 @@ class CommonPoles:
         """
         return self._usable_car(tests, experiment)[0].vehicle
 
-    def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...]]:
-        """Return the first car that can be simulated, or else the first one, and notes on those that were rejected."""
+    def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...], bool]:
+        """Return the first car that can be simulated, or else the first one.
+
+        Also return notes on those that were rejected, and whether the car can be simulated.
+        """
         failed: list[str] = []
         first: _Car | None = None
         for laws, share in product(self._port_laws(tests, experiment), _SHARES):
             car = self._car(tests, experiment, laws, share)
             fault = fault_in_simulation(car.vehicle, tests)
             if fault is None:
-                return car, tuple(failed)
+                return car, tuple(failed), True
             failed.append(f"A model with {laws.text} up to {car.found.band[1]:.3g} Hz was rejected: {fault}.")
             first = first or car
         assert first is not None
-        return first, (*failed, "No model could be used; the first one was kept.")
+        return first, tuple(failed), False
 
     def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
         """Yield the laws of the ports, the best first, then simpler ones."""
@@ -140,16 +146,27 @@ class CommonPoles:
         return _Car(vehicle, found, response, laws, supported)
 
     def _identification(
-        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, before: tuple[float, tuple[str, ...]]
+        self,
+        car: _Car,
+        tests: Sequence[TimeSeries],
+        experiment: Experiment,
+        before: tuple[float, tuple[str, ...], bool],
     ) -> Identification:
-        """Return the result for a car, given the time at the start and notes on the cars that were rejected."""
+        """Return the result for a car.
+
+        `before` has the time at the start, notes on the cars that were rejected, and whether the car can be simulated.
+        """
         found, laws, friction = car.found, car.laws, car.laws.friction
-        started, failed = before
+        started, failed, usable = before
         outputs = self._outputs(found, tests, experiment, friction)
         measures = self._measures(car, tests, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
+        if not usable:
+            flags[UNUSABLE] = _NONE_USABLE
+        elif outputs and self.model_form is not None and not measures:
+            flags[UNUSABLE] = _NOT_SIMULATED
         unused = friction is not None and not friction.acts
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
@@ -159,7 +176,6 @@ class CommonPoles:
             *found.notes,
             *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
-            *((_NOT_SIMULATED,) if outputs and self.model_form is not None and not measures else ()),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )

@@ -22,6 +22,8 @@ from eightpost.ident.output_error import (
     Tolerance,
 )
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
@@ -96,7 +98,13 @@ class GreyBox:
             "grey-box",
             self._response(tests, experiment, vehicle.friction),
             lawful.residual,
-            (*_notes(fit, lawful), *flags.values(), *held.values(), stability.summary()),
+            (
+                *_notes(fit, lawful),
+                self._input_noise(tests, experiment),
+                *flags.values(),
+                *held.values(),
+                stability.summary(),
+            ),
             process_time() - started,
             stability.stable,
             ranges_of(tests, experiment, (self.band.low, self.band.high)).as_mapping(),
@@ -157,6 +165,11 @@ class GreyBox:
         records = [_record(test, experiment, self.seconds[1]) for test in tests]
         fixed = (*_unused(table, experiment), *stiffening)
         return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
+
+    def _input_noise(self, tests: Sequence[TimeSeries], experiment: Experiment) -> str:
+        """Return the estimator and its bias by noise of the measured inputs as a sentence."""
+        records = gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
+        return input_noise(records, (self.band.low, self.band.high)).summary(self._engine)
 
     def _with_priors(self, table: ParameterTable) -> ParameterTable:
         table.theta({name: value for name, (value, _) in self.priors.items()})  # refuses names that do not exist

@@ -5,6 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.study.certainty import (
+    OBJECTIVE,
+    Certainty,
+    Contribution,
+    Levels,
+    NextTest,
+    Status,
+    TradeOff,
+)
 from cosim.study.measures import Measure
 from cosim.study.result import Provenance, StudyResult, result_table, study_schema
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
@@ -45,7 +54,10 @@ def _study(corners, constraints, objective):
     return Study(
         name="Surrogate of chapter 7 (synthetic)",
         vehicle=Vehicle(Path("car.fmu")),
-        bank={build: Build(Path("bank", f"{build.replace('/', '_')}.fmu")) for build in BUILDS},
+        bank={
+            build: Build(Path("bank", f"{build.replace('/', '_')}.fmu"))
+            for build in dict.fromkeys((*BUILDS, *corners["lf"]))
+        },
         corners=corners,
         drives=(Drive("lap", Path("lap.csv"), stop=33.0),),
         measures=_MEASURES,
@@ -78,6 +90,42 @@ def surrogate():
         units = dict(zip([measure.name for measure in _MEASURES], _UNITS, strict=True))
         source = Provenance("d1" * 32, {"car.fmu": "{guid-of-car}"}, {"car.fmu": "ab" * 32}, {"step": "1 ms"}, units)
         return StudyResult(study, result_table(rows, study_schema(study, units)), source)
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def certain():
+    """Return a function of a result that gives a certainty: the true objective is the predicted one plus noise."""
+
+    def made(result, ties=None, **fields):
+        noise = np.random.default_rng(5).normal(0.0, 0.5, (500, len(result)))
+        true = np.where(result.feasible, result.objective, np.inf) + noise
+        best = np.bincount(np.argmin(true, axis=1), minlength=len(result)) / 500.0
+        order = np.argsort(-best, kind="stable")
+        count = int(np.searchsorted(np.cumsum(best[order]), 0.95)) + 1 if ties is None else ties
+        half = np.array([0.7, 1.3, 2.0])[:, None] * np.full(len(result), 0.01)
+        levels = {m.name: Levels(result.values(m.name), half, best, True, "stated") for m in result.measures}
+        levels[OBJECTIVE] = Levels(result.objective, half, best, True, "terms")
+        numbers = tuple(result.setups[order[:count]].tolist())
+        given = {
+            "contributions": (Contribution("vehicle", Status.INCLUDED, "a test was left out"),),
+            "tests": (NextTest(numbers[0], 0.5),),
+            "trade_offs": (TradeOff(HUB, 0.02, 0.01, 0.03, 0.0), TradeOff(FRONT, -0.01, -0.02, 0.01, 0.0)),
+        }
+        feasible = result.feasible.astype(float)
+        return Certainty(
+            result.provenance.digest,
+            OBJECTIVE,
+            3,
+            result.setups,
+            best,
+            best,
+            feasible,
+            numbers,
+            levels,
+            **given | fields,
+        )
 
     return made
 

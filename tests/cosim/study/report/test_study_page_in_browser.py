@@ -1,13 +1,15 @@
 """The study's page in a browser with all 2401 setups: sorting, filters, brush and clicks, without any error."""
 
 import json
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.report.page import Extras, page
+from cosim.study.report.page import page
+from cosim.study.report.sheet import Extras
 from cosim.study.report.write import sheet_of
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
@@ -101,7 +103,7 @@ def whole(surrogate):
 
 
 @pytest.fixture(scope="session")
-def written(whole, lap, tmp_path_factory):
+def written(whole, lap, certain, tmp_path_factory):
     best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
     extras = Extras(
         traces={best: lap(1), baseline: lap(2)},
@@ -109,7 +111,10 @@ def written(whole, lap, tmp_path_factory):
         selection=select(whole, [FRONT, TIRE, HUB], total=20).chosen,
     )
     path = tmp_path_factory.mktemp("page") / "report.html"
-    path.write_text(page(sheet_of(whole, trace_command="eightpost study --trace {setup}"), extras), encoding="utf-8")
+    path.write_text(
+        page(sheet_of(whole, certainty=certain(whole), trace_command="eightpost study --trace {setup}"), extras),
+        encoding="utf-8",
+    )
     return path
 
 
@@ -227,7 +232,8 @@ def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
     opened.browser.until(
         "document.querySelector('#traces .js-plotly-plot').layout.yaxis.title.text === 'velocity [mm/s]'"
     )
-    opened.do("document.querySelector('.question').remove()")  # the objective is written in the units of its weights
+    # The objective and its weights are written in the units of the study file.
+    opened.do("document.querySelector('.question').remove(), document.querySelector('#weights').remove()")
     seen = opened.do("document.body.innerText")
     assert "mm" in seen and "lbf" not in seen and "[in" not in seen
 
@@ -243,3 +249,79 @@ def test_sensitivities_follow_the_chosen_measure(opened):
     effects = json.loads(opened.do(_EFFECTS))
     spans = [np.ptp(effect) for effect in effects]
     assert int(np.argmax(spans)) == 1  # the right front shock, at the right front hub
+
+
+_KEY = "{}.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{}', bubbles: true }}))"
+_TYPE = "{{ const box = {}; box.value = '{}'; box.dispatchEvent(new Event('input', {{ bubbles: true }})); }}"
+
+
+@pytest.mark.slow
+def test_the_page_has_no_serious_finding_of_axe_in_light_and_dark(opened):
+    axe = (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8")
+    for scheme in ("light", "dark"):
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        opened.browser.call("Emulation.setEmulatedMedia", media="screen", features=features)
+        opened.do("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        opened.do(axe)
+        found = json.loads(opened.do("axe.run().then(({ violations }) => JSON.stringify(violations))"))
+        assert [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in ("serious", "critical")] == []
+
+
+@pytest.mark.slow
+def test_the_keyboard_steps_from_setup_to_setup_in_a_plot_and_in_the_table(opened, whole):
+    panel = "document.querySelector('#trades .panel')"
+    opened.do(f"{panel}.focus()")
+    opened.do(_KEY.format(panel, "ArrowRight"))
+    start = int(opened.text("#spoken").split()[1].rstrip(","))
+    opened.do(_KEY.format(panel, "ArrowRight"))
+    after = int(opened.text("#spoken").split()[1].rstrip(","))
+    values, numbers = whole.values(TIRE), whole.setups.tolist()
+    above = np.sort(values[values > values[numbers.index(start)]])
+    assert values[numbers.index(after)] == above[0]
+    opened.do(_KEY.format(panel, "Enter"))
+    assert opened.text("#chosen").startswith(f"{after}:")
+    ranked = [int(row[opened.column("setup")]) for row in opened.rows()]
+    opened.click("#ranking tbody tr[data-row]")
+    opened.do(_KEY.format("document.getElementById('ranking-pane')", "ArrowDown"))
+    assert opened.text("#chosen").startswith(f"{ranked[1]}:")
+
+
+@pytest.mark.slow
+def test_other_weights_and_limits_rank_the_setups_again_and_the_page_says_so(opened, whole):
+    inputs = "document.querySelectorAll('#weights input[data-field={}]')"
+    opened.do(_TYPE.format(inputs.format("weight") + "[1]", "0"))  # the front ride height: total tire force remains
+    feasible = np.flatnonzero(whole.feasible)
+    lightest = int(whole.setups[feasible[np.argmin(whole.values(TIRE)[feasible])]])
+    assert int(opened.rows()[0][opened.column("setup")]) == lightest
+    assert "for those of the study" in opened.text("#reweighed")
+    limit = float(np.quantile(whole.values(TIRE)[feasible], 0.9)) / LBF
+    opened.do(_TYPE.format(inputs.format("low") + "[0]", f"{limit:.6f}"))
+    assert float(opened.rows()[0][opened.column(TIRE)]) == pytest.approx(limit, rel=2e-3)
+    opened.click("#own-weights")
+    assert int(opened.rows()[0][opened.column("setup")]) == whole.setups[whole.ranking()[0]]
+    assert opened.do("document.getElementById('reweighed').hidden")
+
+
+@pytest.mark.slow
+def test_a_range_on_an_axis_of_the_parallel_coordinates_filters_the_setups(opened, whole):
+    opened.do("document.getElementById('parallel').scrollIntoView()")
+    frame = json.loads(opened.do("JSON.stringify(document.querySelector('#parallel .panel').getBoundingClientRect())"))
+    middle, low = frame["y"] + 58 + 0.5 * (frame["height"] - 80), frame["y"] + frame["height"] - 22
+    opened.browser.drag((frame["x"] + 60, middle), (frame["x"] + 60, low + 5))
+    objective = whole.objective
+    span = np.nanmin(objective) + 0.5 * np.ptp(objective[np.isfinite(objective)])
+    assert opened.shown() == pytest.approx(np.sum(objective <= span), abs=0.02 * len(whole))
+    opened.click("#unbrush")
+    assert opened.shown() == len(whole)
+
+
+@pytest.mark.slow
+def test_every_build_of_a_bank_of_three_has_its_filter(browser, surrogate, tmp_path):
+    few = surrogate(("AA/AA", "B/B", "C/C"))
+    path = tmp_path / "report.html"
+    path.write_text(page(sheet_of(few), Extras()), encoding="utf-8")
+    shown = _Page(browser, path)
+    assert shown.do("document.querySelectorAll('#builds input').length") == 12
+    assert (
+        shown.do("[...document.querySelectorAll('#builds .corner')].map((c) => c.innerText).join()").count("C/C") == 4
+    )

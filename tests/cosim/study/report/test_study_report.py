@@ -11,12 +11,12 @@ import numpy as np
 import openpyxl
 import pytest
 
-from cosim.study.choice.robust import Spread
+from cosim.study.certainty import Certainty, Contribution, Status
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
-from cosim.study.report.page import Extras, dominant_corner, front, headline, page, write_figures
-from cosim.study.report.sheet import Scale, build_colors
+from cosim.study.report.page import dominant_corner, front, headline, page, write_figures
+from cosim.study.report.sheet import Extras, Scale, build_colors
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.report.write import sheet_of
 from cosim.study.result import StudyResult
@@ -87,7 +87,9 @@ def test_the_page_shows_the_best_setup_failures_and_provenance(few, sheet):
     html = page(sheet, Extras(sensitivities=available_sensitivities(few)))
     text = _text(html)
     best = few.setup(int(few.ranking()[0]))
-    assert f"Best: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
+    assert (
+        f"Best prediction: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
+    )
     assert "80 setups ran, 1 failed, 1 marked" in text
     assert "the FMU of rf discards the step" in text and "beyond fitted range: lf" in text
     assert "{guid-of-car}" in text and "ab" * 32 in text and "d1" * 32 in text
@@ -138,18 +140,10 @@ def test_the_headline_and_the_verdict_report_a_marked_best_setup(few):
     marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
     table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
     marked = StudyResult(few.study, table, few.provenance)
-    assert "The best setup is marked: tire off the ground: rf" in headline(sheet_of(marked))
+    assert "This setup is marked: tire off the ground: rf" in headline(sheet_of(marked))
     (reason,) = [reason for reason in study_verdict(marked).reasons if reason.about == "marks"]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 81 setups, the best among them")
     assert "1 of 81 setups, the best among them" in _text(page(sheet_of(marked), Extras()))
-
-
-def test_the_headline_counts_the_setups_that_are_tied_with_the_best(few, unranked):
-    values, best = few.values(TIRE), int(unranked.ranking()[0])
-    band = Spread(TIRE, few.setups, values, np.empty((0, values.size)), run_to_run=2.0)
-    close = np.sum(values - values[best] <= 2.0 * np.sqrt(2.0) * 2.0) - 1  # two sigma of a difference of two runs
-    assert close > 0
-    assert f"{close} other setups are tied with the best." in headline(sheet_of(unranked, bands=[band]))
 
 
 def _with(result, **columns):
@@ -162,7 +156,14 @@ def _with(result, **columns):
 def test_the_verdict_is_usable_if_nothing_limits_it(few):
     done = StudyResult(few.study, few.table.filter(few.done), few.provenance)
     clean = _with(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
-    assert study_verdict(clean).grade is Grade.USABLE
+    assert study_verdict(clean).grade is Grade.UNKNOWN  # it is not known how sure the choice is
+    one, *others = clean.setups.tolist()
+    share = np.eye(len(clean))[0]
+    sure = Certainty("", FRONT, 1, clean.setups, share, share, np.ones(len(clean)), (one,), {})
+    assert study_verdict(clean, sure).grade is Grade.USABLE
+    assert study_verdict(clean, replace(sure, ties=(one, others[0]))).grade is Grade.LIMITED
+    unknown = Contribution("vehicle", Status.UNKNOWN, "it states none")
+    assert study_verdict(clean, replace(sure, contributions=(unknown,))).grade is Grade.UNKNOWN
 
 
 def test_a_coupling_error_of_the_best_setup_above_five_percent_is_not_usable(few):
@@ -195,18 +196,6 @@ def test_selected_setups_are_picked_and_grouped_by_reason(few, sheet):
     html = page(sheet, Extras(selection=chosen))
     assert f"{FRONT}: low" in _text(html) and f"{TIRE}: high" in _text(html)
     assert _manifest(html)["picked"] == sorted(sheet.row(one.setup.index) for one in chosen)
-
-
-def test_setups_are_tied_with_the_best_according_to_the_spread(few):
-    rng = np.random.default_rng(3)
-    values = few.values(FRONT)
-    band = Spread(FRONT, few.setups, values, values * (1.0 + 0.01 * rng.standard_normal((12, values.size))), 2e-5)
-    column = next(column for column in sheet_of(few, bands=[band]).measures if column.name == FRONT)
-    best = int(np.nanargmin(values))
-    tied = np.isfinite(values) & ~band.worse_than(best)
-    assert 1 < tied.sum() < 40
-    np.testing.assert_array_equal(column.uncertainty.tied, tied)
-    np.testing.assert_allclose(column.uncertainty.from_baseline, 2.0 * band.difference(few.baseline_row)[1])
 
 
 def test_the_ranking_csv_has_settings_names_units_and_values_of_the_result(sheet, few, tmp_path):

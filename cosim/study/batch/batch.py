@@ -1,0 +1,138 @@
+"""Runs of setups in batches, one setup per lane."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.study.batch import library
+from cosim.study.batch.library import Library
+from cosim.study.batch.plan import Plan
+from cosim.study.batch.shocks import ShockData
+from cosim.study.statistics import Sections
+from eightpost.array_types import Array, Integers
+
+#: Names of the statistics of a quantity, in the order of fmus/batch/batch.h.
+STATISTICS = ("shift", "sum", "squares", "least", "largest", "inside", "first", "last")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchResult:
+    """Sums of one batch of n setups. C corners, W limits, Q quantities, S channels, R rows.
+
+    Attributes:
+        residual: Energy that the coupling added at each corner [J] (C, n).
+        transferred: Energy through each bond [J] (C, n).
+        defect: Squared differences of assumed and actual velocities and forces, over time (2, C, n).
+        total: Velocities and forces over time (2, C, n).
+        squares: Squares of velocities and forces over time (2, C, n).
+        beyond: Time beyond the fit of each shock [s] (C, n).
+        watched: Time beyond each limit [s] (W, n).
+        statistics: Statistics of each quantity (Q, 8, n).
+        series: Recorded channels (R, S, n).
+        ended: Step at which a setup was retired; -1 for none (n,).
+        sweeps: Number of evaluations of the equilibrium start (n,).
+        duration: Duration of the run [s].
+        settled: Duration of the part after settling [s].
+    """
+
+    residual: Array
+    transferred: Array
+    defect: Array
+    total: Array
+    squares: Array
+    beyond: Array
+    watched: Array
+    statistics: Array
+    series: Array
+    ended: Integers
+    sweeps: Integers
+    duration: float
+    settled: float
+
+
+class Batch:
+    """Memory for batches of a plan, used again and again.
+
+    Args:
+        found: Compiled library for the size of the plan's vehicle.
+        plan: Run of all setups.
+    """
+
+    def __init__(self, found: Library, plan: Plan) -> None:
+        self._library, self._plan = found, plan
+        corners, self.lanes = len(plan.corners), found.setups
+        self._space = _aligned((found.size + 7) // 8)
+        self._parameters = _aligned(corners * found.parameters * self.lanes)
+        self._laws = np.zeros((corners, self.lanes), np.int64)
+        shapes: Mapping[str, tuple[int, ...]] = {
+            "residual": (corners,),
+            "transferred": (corners,),
+            "defect": (2, corners),
+            "total": (2, corners),
+            "squares": (2, corners),
+            "beyond": (corners,),
+            "watched": (len(plan.limits),),
+            "statistics": (len(plan.quantities), len(STATISTICS)),
+            "series": (plan.rows.size, len(plan.series)),
+        }
+        self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
+        self._ended, self._sweeps = np.zeros(self.lanes, np.int64), np.zeros(self.lanes, np.int64)
+        self._times, self._rows = np.zeros(2), np.zeros(1, np.int64)
+
+    def filtered(self, name: str, sections: Sections) -> Array:
+        """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
+
+        The array is overwritten by the next call.
+        """
+        rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
+        given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
+        series, count = self._sums["series"], self._plan.rows.size
+        space = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
+        column = self._plan.series.index(name)
+        self._library.filter(given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data)
+        return space[sections.pad : sections.pad + count]
+
+    def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
+        """Run up to as many setups as there are lanes; each is a shock per corner, in the plan's order.
+
+        The result's arrays are overwritten by the next run.
+        """
+        count = len(setups)
+        filled = [*setups, *[setups[0]] * (self.lanes - count)]
+        parameters = self._parameters.reshape(len(self._plan.corners), -1, self.lanes)
+        for lane, shocks in enumerate(filled):
+            for corner, shock in enumerate(shocks):
+                parameters[corner, :, lane] = shock.parameters
+                self._laws[corner, lane] = shock.law
+        sums = library.Sums(
+            **{name: array.ctypes.data for name, array in self._sums.items()},
+            ended=self._ended.ctypes.data,
+            sweeps=self._sweeps.ctypes.data,
+            duration=self._times.ctypes.data,
+            settled=self._times.ctypes.data + ctypes.sizeof(ctypes.c_double),
+            rows=self._rows.ctypes.data,
+        )
+        self._library.run(self._plan.run, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums)
+        return BatchResult(
+            **{name: array[..., :count] for name, array in self._sums.items()},
+            ended=self._ended[:count],
+            sweeps=self._sweeps[:count],
+            duration=float(self._times[0]),
+            settled=float(self._times[1]),
+        )
+
+
+def _aligned(count: int) -> NDArray[np.float64]:
+    """Return zeros (count,) at an address that is a multiple of 64."""
+    raw = np.zeros(count + 8)
+    first = (-raw.ctypes.data // 8) % 8
+    return raw[first : first + count]
+
+
+def _aligned_lanes(shape: tuple[int, ...], lanes: int) -> NDArray[np.float64]:
+    return _aligned(int(np.prod(shape)) * lanes).reshape(*shape, lanes)

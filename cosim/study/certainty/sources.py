@@ -1,0 +1,244 @@
+"""Sources of the errors of a study's measures, as one linear model of independent variables.
+
+    e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
+
+for setup k and measure m, with `z = (x - mean of x)`, `x = ln(measures) / sqrt(Z)`. The common error and the gradient
+`own` (Z,) have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is unknown. All other
+variables are normal. The fit of a build has the same error at every corner, and each copy of it another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.study.certainty.certainty import Effect, VehicleSource
+from cosim.study.certainty.vehicle_errors import (
+    FILE,
+    UNKNOWN,
+    plain_output,
+    stated_uncertainty,
+    vehicle_uncertainties,
+)
+from cosim.study.result import StudyResult, error_column
+from eightpost.array_types import Array, Integers
+
+#: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
+_DISTANCE = ("rms", "joint_rms")
+
+
+class Scales(NamedTuple):
+    """Factors of the scales of the common and own errors (..., M); 1 is the stated scale."""
+
+    common: Array
+    own: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variables:
+    """Drawn variables of the error model: D draws.
+
+    Attributes:
+        common: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
+        own: Gradient of each measure's own error (D, M, Z).
+        shocks: Error due to each build at each corner (D, C, B, M).
+    """
+
+    common: Array
+    own: Array
+    shocks: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSources:
+    """Sources of the errors of M measures of R setups with C corners and B builds.
+
+    Attributes:
+        names: Names of the measures.
+        predicted: Predicted levels (R, M), SI; NaN if a setup failed.
+        common: Scale of the common error (M,) [1]; 0 if it is not known.
+        own: Scale of the own error per distance (M,) [1]; 0 if it is not known.
+        bases: Origin of both, by measure (Levels.basis).
+        positions: Positions z of the setups (R, Z); 0 for setups that failed.
+        builds: Positions of the builds at the corners (R, C) in the list of all builds.
+        shared: Change of all setups by a standard deviation of each of F parameters (F, M).
+        changes: Change by a build at a corner by a standard deviation of each parameter (F, C, B, M).
+        copies: Standard deviation between copies in units of that of the fit (F,).
+        coupling: Standard deviation due to the coupling (R, M) [1].
+        run_to_run: Standard deviation of one rig run (M,), SI; NaN if it is not known.
+    """
+
+    names: tuple[str, ...]
+    predicted: Array
+    common: Array
+    own: Array
+    bases: tuple[str, ...]
+    positions: Array
+    builds: Integers
+    shared: Array
+    changes: Array
+    copies: Array
+    coupling: Array
+    run_to_run: Array
+
+    @property
+    def parameters(self) -> int:
+        """Number of uncertain parameters F."""
+        return int(self.copies.size)
+
+    def index(self, name: str) -> int:
+        """Return the position of a measure."""
+        return self.names.index(name)
+
+    def by_parameter(self, rows: Integers, m: int) -> Array:
+        """Return the changes of a measure of some setups (K, F) by one standard deviation of each parameter."""
+        total = np.broadcast_to(self.shared[:, m], (rows.size, self.parameters)).copy()
+        for corner in range(self.builds.shape[1]):
+            total += self.changes[:, corner, :, m].T[self.builds[rows, corner]]
+        return total
+
+    def by_copy(self, rows: Integers, m: int) -> Array:
+        """Return the changes of a measure of some setups (K, C, F) by one standard deviation of each copy."""
+        corners = range(self.builds.shape[1])
+        found = [self.copies * self.changes[:, corner, :, m].T[self.builds[rows, corner]] for corner in corners]
+        return np.stack(found, axis=1)
+
+    def shock_covariance(self, rows: Integers, first: int, second: int) -> Array:
+        """Return the covariance (K,) of two measures of each of some setups due to the uncertain parameters."""
+        corners, builds = self.changes.shape[1:3]
+        sides = []
+        for m in (first, second):
+            flat = self.changes[:, :, :, m].reshape(self.parameters, corners * builds)
+            sides.append(np.hstack([self.shared[:, m, None], flat]))
+        table = sides[0].T @ sides[1]
+        copies = np.sum(self.copies[:, None] ** 2 * sides[0] * sides[1], axis=0)
+        table[np.arange(1, copies.size), np.arange(1, copies.size)] += copies[1:]
+        places = [np.zeros(rows.size, dtype=np.int64)]
+        places += [1 + corner * builds + self.builds[rows, corner] for corner in range(corners)]
+        found = np.zeros(rows.size)
+        for one in places:
+            for other in places:
+                found += table[one, other]
+        return found
+
+    def only(self, rows: Integers) -> ErrorSources:
+        """Return the sources of the errors of some setups."""
+        own = {name: getattr(self, name)[rows] for name in ("predicted", "positions", "builds", "coupling")}
+        return replace(self, **own)
+
+    def draw(self, scales: Scales, count: int, generator: np.random.Generator) -> Variables:
+        """Return drawn variables.
+
+        Args:
+            scales: Factors of the scales (M,), the same for all draws.
+            count: Number of draws.
+            generator: Random number generator.
+        """
+        corners = self.builds.shape[1]
+        normal = generator.standard_normal
+        fit = normal((count, self.parameters))
+        common = normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
+        own = normal((count, len(self.names), self.positions.shape[1])) * (self.own * scales.own)[:, None]
+        shocks = np.zeros((count, *self.changes.shape[1:]))
+        for corner in range(corners):
+            drawn = fit + self.copies * normal((count, self.parameters)) if np.any(self.copies) else fit
+            shocks[:, corner] = np.tensordot(drawn, self.changes[:, corner], axes=1)
+        return Variables(common, own, shocks)
+
+    def errors(self, drawn: Variables, rows: Integers, m: int) -> Array:
+        """Return the errors (D, K) of a measure of K setups, without the coupling's."""
+        found = drawn.common[:, m, None] + drawn.own[:, m] @ self.positions[rows].T
+        if self.parameters:
+            for corner in range(self.builds.shape[1]):
+                found += drawn.shocks[:, corner, :, m][:, self.builds[rows, corner]]
+        return np.asarray(found)
+
+
+def error_sources(
+    result: StudyResult,
+    effects: Sequence[Effect] = (),
+    run_to_run: Mapping[str, float] | None = None,
+    vehicle: VehicleSource = VehicleSource.MODEL,
+) -> ErrorSources:
+    """Return the sources of the errors of a study's measures.
+
+    Args:
+        result: Result of the study.
+        effects: Effects of uncertain parameters of shocks and vehicle.
+        run_to_run: Standard deviation of one rig run by measure, SI.
+        vehicle: Origin of the uncertainty of the vehicle.
+
+    The relative error of a measure that is zero or negative for a setup is not known.
+    """
+    names = tuple(measure.name for measure in result.measures)
+    predicted = np.stack([result.values(name) for name in names], axis=1)
+    positive = np.array([bool(np.all(predicted[result.done, m] > 0.0)) for m in range(len(names))])
+    stated = vehicle_uncertainties(result)
+    found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
+    bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
+    if vehicle is VehicleSource.REPLACED:
+        found = [None for _ in names]
+    if vehicle is not VehicleSource.MODEL:
+        kept = bases if vehicle is VehicleSource.ADDED else [UNKNOWN for _ in names]
+        bases = [FILE if base == UNKNOWN and positive[m] else base for m, base in enumerate(kept)]
+    shared, changes = _effects(result, effects, names)
+    noise = run_to_run or {}
+    return ErrorSources(
+        names=names,
+        predicted=predicted,
+        common=np.array([0.0 if one is None else one.common for one in found]),
+        own=np.array([0.0 if one is None else one.own for one in found]),
+        bases=tuple(bases),
+        positions=_positions(result, predicted, positive),
+        builds=_builds(result),
+        shared=shared,
+        changes=changes,
+        copies=np.array([effect.copies for effect in effects]),
+        coupling=_coupling(result, predicted),
+        run_to_run=np.array([noise.get(name, np.nan) for name in names]),
+    )
+
+
+def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
+    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
+    study = result.study
+    found = stated_uncertainty(result, study.vehicle.fmu)
+    outputs = {} if found is None else found.measures
+    plain = {plain_output(m, study.vehicle.name, outputs): k for k, m in enumerate(study.measures) if positive[k]}
+    kept = [k for output, k in plain.items() if output is not None]
+    if not kept:
+        kept = [k for k, m in enumerate(study.measures) if positive[k] and m.statistic in _DISTANCE and not m.function]
+    x = np.log(np.where(result.done[:, None], predicted[:, kept], 1.0)) / np.sqrt(max(len(kept), 1))
+    middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
+    return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
+
+
+def _builds(result: StudyResult) -> Integers:
+    place = {name: k for k, name in enumerate(result.study.bank)}
+    rows = [[place[build] for build in result.builds(corner)] for corner in result.study.corners]
+    return np.array(rows, dtype=np.int64).T.reshape(len(result), len(result.study.corners))
+
+
+def _effects(result: StudyResult, effects: Sequence[Effect], names: Sequence[str]) -> tuple[Array, Array]:
+    study = result.study
+    corners, builds = list(study.corners), list(study.bank)
+    shared = np.array([[e.shared.get(name, 0.0) for name in names] for e in effects]).reshape(-1, len(names))
+    changes = np.zeros((len(effects), len(corners), len(builds), len(names)))
+    for f, effect in enumerate(effects):
+        for corner, by_build in effect.changes.items():
+            for build, by_measure in by_build.items():
+                row = [by_measure.get(name, 0.0) for name in names]
+                changes[f, corners.index(corner), builds.index(build)] = row
+    return shared, changes
+
+
+def _coupling(result: StudyResult, predicted: Array) -> Array:
+    """Return the relative error due to the coupling (R, M); 0 where it is not known."""
+    columns = result.table.column_names
+    names = [error_column(measure.name) for measure in result.measures]
+    errors = [result.table[n].to_numpy(zero_copy_only=False) if n in columns else np.zeros(len(result)) for n in names]
+    size = np.where(predicted == 0.0, np.nan, np.abs(predicted))
+    return np.nan_to_num(np.abs(np.stack(errors, axis=1).astype(np.float64)) / size)

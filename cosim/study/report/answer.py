@@ -1,0 +1,191 @@
+"""The answer at the top of a study's page: which setup, how sure, at what trade-off, and what to test next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.study.certainty import Certainty, Contribution, Status, summary
+from cosim.study.certainty.certainty import TIE
+from cosim.study.report.sheet import Sheet
+from eightpost.array_types import Array, Flags
+from eightpost.report.numbers import percent
+from eightpost.verdict import Grade
+
+#: Number of tied setups that are listed; the others are counted.
+LISTED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One of the tied setups.
+
+    Attributes:
+        row: Row of the setup.
+        probability: Probability of being the best, as text.
+        value: Value of what setups are ranked by [SI].
+        low: Lower end of its 95 % interval [SI]; NaN if it is not known.
+        high: Upper end [SI].
+    """
+
+    row: int
+    probability: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class TradeOffLine:
+    """Change of a measure of the leading setup from the baseline, with its 95 % interval, as text."""
+
+    measure: str
+    change: str
+    interval: str
+    grade: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the page says first.
+
+    Attributes:
+        grade: Grade that gives the answer its colour; never usable without a known uncertainty.
+        which: Sentence: the setup, or the tied setups.
+        chance: Heading of the probabilities: it says if they contain only a part of the uncertainty.
+        candidates: The most probable setups.
+        others: Number of tied setups that are not listed.
+        sure: Sentence: how sure this is.
+        contributions: Contributions to the uncertainty.
+        trade_offs: Other measures of the leading setup.
+        tests: Rows of the setups to test next, with what remains of the uncertainty after each.
+    """
+
+    grade: Grade
+    which: str
+    chance: str
+    candidates: tuple[Candidate, ...]
+    others: int
+    sure: str
+    contributions: tuple[Contribution, ...] = ()
+    trade_offs: tuple[TradeOffLine, ...] = ()
+    tests: tuple[tuple[int, str], ...] = ()
+
+
+def answer_of(sheet: Sheet) -> Answer | None:
+    """Return the answer; None if no setup can be chosen."""
+    if not np.any(sheet.allowed & sheet.done):
+        return None
+    known = sheet.certainty
+    if known is None or known.leader is None:
+        return _predicted(sheet)
+    tied = [row for row in (sheet.row(number) for number in known.ties) if row is not None]
+    return Answer(
+        grade=_grade(known),
+        which=_which(sheet, known, tied),
+        chance="probability of being best" if known.is_known else "probability from the known contributions alone",
+        candidates=tuple(_candidate(sheet, known, row) for row in tied[:LISTED]),
+        others=max(0, len(tied) - LISTED),
+        sure=_sure(known),
+        contributions=known.contributions,
+        trade_offs=tuple(_trade_offs(known)) or _predicted_trade_offs(sheet, tied[0]),
+        tests=tuple(_tests(sheet, known)),
+    )
+
+
+def _predicted(sheet: Sheet) -> Answer:
+    best = int(sheet.order[0])
+    value = float(sheet.ranked_by.values[best])
+    return Answer(
+        Grade.UNKNOWN,
+        f"Setup {sheet.numbers[best]} has the best predicted {sheet.ranked_by.name}.",
+        "",
+        (Candidate(best, "", value, np.nan, np.nan),),
+        0,
+        "How sure this is, is unknown: the study states no uncertainty. Other setups may be as good.",
+        trade_offs=_predicted_trade_offs(sheet, best),
+    )
+
+
+def _grade(known: Certainty) -> Grade:
+    if not known.is_known:
+        return Grade.UNKNOWN
+    return Grade.USABLE if len(known.ties) == 1 and not known.contradictions else Grade.LIMITED
+
+
+def _which(sheet: Sheet, known: Certainty, tied: list[int]) -> str:
+    share = _share(known.best[known.row(known.ties[0])])
+    if not known.is_known:
+        ties = f" From the known contributions alone, {len(tied)} setups are tied." if len(tied) > 1 else ""
+        best = f"Setup {sheet.numbers[tied[0]]} has the best predicted {known.criterion}"
+        return f"{best}; how sure this is, is not known.{ties}"
+    if len(tied) == 1:
+        return f"Setup {sheet.numbers[tied[0]]} is the best ({share} probable)."
+    return (
+        f"One of {len(tied)} setups is the best, with a probability of 95 %. They are tied: "
+        f"setup {sheet.numbers[tied[0]]} is the most probable ({share})."
+    )
+
+
+def _candidate(sheet: Sheet, known: Certainty, row: int) -> Candidate:
+    place = known.row(int(sheet.numbers[row]))
+    levels = known.levels.get(known.criterion)
+    low, high = (np.nan, np.nan)
+    if levels is not None and levels.is_known:
+        low, high = (float(ends[place]) for ends in levels.interval())
+    return Candidate(row, _share(known.best[place]), float(sheet.ranked_by.values[row]), low, high)
+
+
+def _share(probability: float) -> str:
+    return summary.percent(probability) if np.isfinite(probability) else "unknown"
+
+
+def _sure(known: Certainty) -> str:
+    missing = [one.name for one in known.contributions if one.status is not Status.INCLUDED]
+    if not missing:
+        return "All contributions to the uncertainty are included."
+    return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger by these."
+
+
+def _trade_offs(known: Certainty) -> Iterator[TradeOffLine]:
+    for one in known.trade_offs:
+        grade = "worse" if one.low > 0.0 else "better" if one.high < 0.0 else "even"
+        interval = f"{_signed(one.low)} to {_signed(one.high)}" if np.isfinite(one.low + one.high) else "unknown"
+        yield TradeOffLine(one.measure, _signed(one.change), interval, grade)
+
+
+def _predicted_trade_offs(sheet: Sheet, row: int) -> tuple[TradeOffLine, ...]:
+    """Return the predicted changes of the first measures from the baseline, without intervals."""
+    base = sheet.baseline
+    if base is None or base == row or not sheet.done[base]:
+        return ()
+    changes = ((one.name, float(one.values[row] / one.values[base]) - 1.0) for one in sheet.measures[:LISTED])
+    return tuple(TradeOffLine(name, _signed(one), "unknown", "even") for name, one in changes if np.isfinite(one))
+
+
+def _signed(share: float) -> str:
+    text = percent(100.0 * share)
+    return f"+{text}" if share > 0.0 else text
+
+
+def _tests(sheet: Sheet, known: Certainty) -> Iterator[tuple[int, str]]:
+    for test in known.tests:
+        row = sheet.row(test.setup)
+        if row is not None:
+            yield row, percent(100.0 * test.remaining)
+
+
+def tied_rows(best: Array) -> Flags:
+    """Return the smallest set of rows that contains the best one with a probability of 95 %, as flags (S,).
+
+    Args:
+        best: Probability of each row of having the best value (S,); NaN counts as zero.
+    """
+    chance = np.nan_to_num(best)
+    order = np.argsort(-chance, kind="stable")
+    count = int(np.searchsorted(np.cumsum(chance[order]), TIE)) + 1
+    flags = np.zeros(chance.size, dtype=np.bool_)
+    flags[order[:count]] = chance[order[:count]] > 0.0
+    return flags

@@ -1,0 +1,143 @@
+"""`eightpost confirm`."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost.app.certainty import earlier_certainty, show_certainty
+from eightpost.app.options import map_option
+from eightpost.errors import InputError
+from eightpost.files import atomic_path
+from eightpost.report.console import Table, console_table, right
+
+if TYPE_CHECKING:
+    from cosim.study.certainty import Certainty
+    from cosim.study.result import StudyResult
+    from eightpost.signals import ChannelMap
+
+#: Number of setups in the table.
+_SHOWN = 8
+
+
+@click.command()
+@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("records", metavar="RECORDS...", nargs=-1, required=True)
+@click.option("--measure", "measures", multiple=True, metavar="MEASURE",
+              help="Measure to take into account; may be repeated. Default: all measures that do not depend on a "
+              "mean.")  # fmt: skip
+@map_option("docs/rig_data.md", "rig files")
+@click.pass_context
+def confirm(
+    ctx: click.Context,
+    folder: Path,
+    records: tuple[str, ...],
+    measures: tuple[str, ...],
+    channel_map: ChannelMap | None,
+) -> None:
+    """Update how sure a study is with rig runs of some of its setups.
+
+    STUDY is a folder that `eightpost study` wrote. RECORDS is a list of rig runs, a CSV file that assigns a setup to
+    each record, such as the selection.csv of `eightpost select`; or one or more SETUP=FILE with the number of a setup
+    and its record. The measured levels update the intervals of all setups, the ties and the next tests. Records that
+    contradict the prediction are named; the exit code is then 1. The previous certainty is kept in
+    certainty.previous.parquet.
+
+    \b
+    Examples:
+      eightpost confirm out/ rig_day/selection.csv
+      eightpost confirm out/ 37=run1.csv 120=run2.csv
+    """
+    from cosim.study.certainty import write_certainty
+    from cosim.study.certainty.assess import Knowledge, certainty_of
+    from cosim.study.choice.confirm import requested_runs, with_rig_runs
+    from cosim.study.folder import CERTAINTY, PREVIOUS, RESULTS
+    from cosim.study.result import StudyResult
+    from cosim.study.verdict import study_verdict
+    from eightpost.app.show import show_verdict, write_page
+    from eightpost.rig.post import read_rig_test
+
+    console = Console()
+    result = StudyResult.load(folder / RESULTS)
+    before = earlier_certainty(result, folder)
+    if before is None:
+        raise InputError(
+            f"{folder / CERTAINTY}: the study has no certainty; run `eightpost study` again with the same folder "
+            "(completed runs are not repeated)"
+        )
+    runs, notes = requested_runs(result, records)
+    found = with_rig_runs(
+        result,
+        Knowledge.of(before),
+        runs,
+        lambda file: read_rig_test(file, channel_map=channel_map).series,
+        measures=measures,
+    )
+    for note in (*notes, *found.notes):
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    after = certainty_of(result, found.known, criterion=before.criterion, top=before.top)
+    console.print(
+        f"{len(found.new)} new runs of {len({run.setup for run in found.new})} setups; {len(after.runs)} in all",
+        highlight=False,
+    )
+    console.print(before_and_after(result, before, after))
+    show_certainty(console, result, after)
+    show_contradictions(console, result, after)
+    with atomic_path(folder / PREVIOUS) as temporary:
+        shutil.copyfile(folder / CERTAINTY, temporary)
+    write_certainty(after, folder / CERTAINTY)
+    show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
+    console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
+    write_page(console, result, folder)
+    ctx.exit(1 if after.contradictions else 0)
+
+
+def before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
+    """Return a table of the leading setups: probability of being the best and level, before and after the rig runs."""
+    setups = list(dict.fromkeys([*after.ties[:_SHOWN], *before.ties[:_SHOWN]]))[: 2 * _SHOWN]
+    rows = []
+    for setup in setups:
+        cells = []
+        for one in (before, after):
+            cells += [f"{100.0 * one.probability(setup):.1f} %", _level(result, one, setup)]
+        builds = " ".join(result.study.space.setup(setup).builds.values())
+        rows.append((str(setup), builds, cells[0], cells[2], cells[1], cells[3]))
+    unit = "" if after.criterion not in result.provenance.measure_units else f" [{result.display(after.criterion)}]"
+    level = escape(f"{after.criterion}{unit}, 95 %")
+    columns = right("best before", "best after", f"{level}, before", "after")
+    return console_table(["setup", " ".join(result.study.corners), *columns], rows)
+
+
+def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
+    """Return the interval of the criterion of a setup, in the display unit."""
+    from eightpost import units
+
+    low, high = (end[certainty.row(setup)] for end in certainty.levels[certainty.criterion].interval(0.95))
+    if math.isnan(low):
+        return "unknown"
+    name = certainty.criterion
+    if name in result.provenance.measure_units:
+        low, high = (float(units.convert(end, result.unit(name), result.display(name))) for end in (low, high))
+    return f"{low:.4g} to {high:.4g}"
+
+
+def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
+    """Print the measured levels that the prediction does not explain."""
+    from eightpost import units
+
+    for one in certainty.contradictions:
+        own, unit = result.unit(one.measure), result.display(one.measure)
+        measured, predicted = (units.convert(value, own, unit) for value in (one.measured, one.predicted))
+        console.print(
+            f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
+            f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
+            f"{one.probability:.1g}; {'used, as other runs agree' if one.used else 'left out'}",
+            highlight=False,
+            soft_wrap=True,
+        )

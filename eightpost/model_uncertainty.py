@@ -1,0 +1,102 @@
+"""Uncertainty of an identified model, passed on from its fit to the FMU and to a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+from eightpost.errors import InputError
+from eightpost.files import MALFORMED
+
+if TYPE_CHECKING:
+    from eightpost.measure_uncertainty import MeasureUncertainty
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterUncertainty:
+    """Uncertainty of one parameter of a fitted model, in the parameter's unit.
+
+    Attributes:
+        name: Name of the parameter in the FMU.
+        deviation: Standard deviation due to the fit; all copies of the model share this error.
+        copies: Standard deviation from one copy of the part to another (build to build); None if it is not known.
+        lowest: Lower limit of the parameter.
+        highest: Upper limit of the parameter.
+
+    Raises:
+        InputError: A standard deviation is negative or not finite.
+    """
+
+    name: str
+    deviation: float
+    copies: float | None = None
+    lowest: float = -inf
+    highest: float = inf
+
+    def __post_init__(self) -> None:
+        for what, value in (("deviation", self.deviation), ("copies", self.copies)):
+            if value is not None and not (isfinite(value) and value >= 0.0):
+                raise InputError(
+                    f"the uncertainty of the parameter {self.name!r}: {what} is {value!r}; it must be a number of 0 or "
+                    "more"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUncertainty:
+    """Uncertainty of a model.
+
+    Attributes:
+        measures: Uncertainty of the RMS of the outputs of an identified vehicle, by output; see MeasureUncertainty.
+        parameters: Uncertainty of the parameters of a fitted shock.
+        held: A sentence for each parameter whose uncertainty the fit could not determine.
+    """
+
+    measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
+    parameters: tuple[ParameterUncertainty, ...] = ()
+    held: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the uncertainty as a JSON document; open limits are omitted."""
+        return {
+            "measures": {name: asdict(one) for name, one in self.measures.items()},
+            "parameters": [_finite(asdict(one)) for one in self.parameters],
+            "held": list(self.held),
+        }
+
+    @classmethod
+    def from_json(cls, document: object) -> ModelUncertainty:
+        """Return the uncertainty of a document written by `to_json`.
+
+        Raises:
+            InputError: The document is not an uncertainty.
+        """
+        if not isinstance(document, Mapping):
+            raise InputError(f"a model's uncertainty must be an object, not {type(document).__name__}")
+        try:
+            measures = {str(name): _measure(entry) for name, entry in document.get("measures", {}).items()}
+            parameters = tuple(_parameter(entry) for entry in document.get("parameters", []))
+            return cls(measures, parameters, tuple(str(text) for text in document.get("held", [])))
+        except MALFORMED as error:
+            raise InputError(f"a model's uncertainty: {error}") from error
+
+
+def _finite(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries that JSON can represent: without open limits and unknown deviations."""
+    return {n: v for n, v in entry.items() if isinstance(v, str) or (v is not None and isfinite(v))}
+
+
+def _measure(entry: Mapping[str, Any]) -> MeasureUncertainty:
+    from eightpost.measure_uncertainty import MeasureUncertainty  # noqa: PLC0415 -- loads scipy, which shocks do not need
+
+    found = {name: float(value) for name, value in entry.items()}
+    if not all(isfinite(value) and value >= 0.0 for value in found.values()):
+        raise InputError(f"the uncertainty of a measure must be numbers of 0 or more, not {dict(entry)!r}")
+    return MeasureUncertainty(**found)
+
+
+def _parameter(entry: Mapping[str, Any]) -> ParameterUncertainty:
+    numbers = {name: float(value) for name, value in entry.items() if name != "name"}
+    return ParameterUncertainty(str(entry["name"]), **numbers)

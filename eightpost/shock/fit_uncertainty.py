@@ -1,0 +1,105 @@
+"""Uncertainty of a fitted shock, as uncertain parameters of its FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from eightpost.array_types import Array
+from eightpost.files import MALFORMED
+from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
+from eightpost.shock.file import Shock
+from eightpost.shock.laws import own_parameters
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedParameters:
+    """Parameters of a fitted shock's FMU that are not known exactly. n parameters.
+
+    Attributes:
+        names: Names of the parameters.
+        values: Fitted values (n,).
+        covariance: Covariance of the parameters (n, n), which are independent.
+        lowest: Lower limits (n,).
+        highest: Upper limits (n,).
+        held: A sentence for each parameter that is kept constant.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    lowest: Array
+    highest: Array
+    held: tuple[str, ...]
+
+
+def fitted_parameters(shock: Shock) -> FittedParameters | None:
+    """Return the uncertainty that a shock states; None if it states none, because it was not fitted.
+
+    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
+    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
+    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
+    force, which overstates rather than understates the effect of the band on a measure.
+    """
+    fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
+    if not isinstance(fitted, dict) or not isinstance(band, dict):
+        return None
+    own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
+    free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
+    held = tuple(f"{name} is kept at its fitted value: {_why(own[name])}" for name in own if name not in free)
+    scales = dict(_scales(band))
+    return FittedParameters(
+        (*free, *scales),
+        np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
+        np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
+        np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
+        np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
+        held,
+    )
+
+
+def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
+    """Return the same as parameters that an FMU states; None if the shock states no uncertainty or cannot be read.
+
+    The standard deviation from one copy of the shock to another is that of the builds that were fitted together
+    (`fit.between_builds`); without it, it is not known.
+    """
+    try:
+        found = fitted_parameters(shock)
+        return None if found is None else _of_fit(found, shock)
+    except MALFORMED:
+        return None
+
+
+def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
+    builds = shock.fit.get("between_builds") or {}
+    copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
+    deviations = np.sqrt(found.covariance.diagonal())
+    rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
+    parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
+    return ModelUncertainty(parameters=parameters, held=found.held)
+
+
+def _why(entry: dict[str, Any]) -> str:
+    return (
+        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
+    )
+
+
+def _bound(entry: dict[str, Any], side: int) -> float:
+    bound = (entry["bounds"] or (None, None))[side]
+    return float(bound) if bound is not None else (-inf, inf)[side]
+
+
+def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
+    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
+    reach = NormalDist().inv_cdf(0.5 + 0.5 * band["level"])
+    for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
+        if side.any() and np.any(force[side]):
+            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2))) / reach

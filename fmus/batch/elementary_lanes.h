@@ -1,0 +1,69 @@
+/* exp, expm1 and tanh of several setups at once: the operations of common/elementary.c in their order, for the arguments of friction
+ * forces. It replaces common/elementary.h where numbers are those of lanes. */
+#ifndef EIGHTPOST_ELEMENTARY_LANES_H
+#define EIGHTPOST_ELEMENTARY_LANES_H
+#define EIGHTPOST_ELEMENTARY_H
+
+#include "real.h"
+
+static const double LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33;
+static const double INVERSE_LN2 = 0x1.71547652b82fep0;
+
+/* 1/k!, k = 2 .. 15. */
+static const double EXPONENTIAL[] = {
+    1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
+    1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
+};
+enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0] };
+
+/* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= 709. */
+typedef struct {
+    real power, rest;
+} Reduced;
+
+static inline Reduced reduced(real x)
+{
+    const real scaled = x * INVERSE_LN2;
+    const Short k = __builtin_convertvector(either(scaled < 0.0, scaled - 0.5, scaled + 0.5), Short);
+    const real whole = __builtin_convertvector(k, real);
+    const Index bits = (__builtin_convertvector(k, Index) + 1023) << 52;
+    const real r = (x - whole * LN2_HIGH) - whole * LN2_LOW, square = r * r;
+    real even = uniform(EXPONENTIAL[EXPONENTIAL_TERMS - 2]), odd = uniform(EXPONENTIAL[EXPONENTIAL_TERMS - 1]);
+    for (int term = EXPONENTIAL_TERMS - 4; term >= 0; term -= 2) {
+        even = even * square + EXPONENTIAL[term];
+        odd = odd * square + EXPONENTIAL[term + 1];
+    }
+    const Reduced found = {(real)bits, r + square * (even + r * odd)};
+    return found;
+}
+
+/* e^x; 0 below -700. Arguments above 700 do not occur: friction decays. */
+static inline real exponential(real x)
+{
+    const truth is_small = x < -700.0;
+    const Reduced found = reduced(either(is_small, uniform(0.0), x));
+    return either(is_small, uniform(0.0), found.power * (1.0 + found.rest));
+}
+
+/* e^x - 1 for x <= 700. */
+static inline real exponential_minus_1(real x)
+{
+    const truth is_large = x < -40.0;
+    const Reduced found = reduced(either(x < -700.0, uniform(0.0), x));
+    const real usual = found.power * found.rest + (found.power - 1.0);
+    if (!in_any(is_large)) {
+        return usual;
+    }
+    return either(is_large, either(x < -700.0, uniform(0.0), found.power * (1.0 + found.rest)) - 1.0, usual);
+}
+
+static inline real hyperbolic_tangent(real x)
+{
+    const real size = either(x < 0.0, -x, x);
+    const truth is_one = size >= 22.0;
+    const real rise = exponential_minus_1(2.0 * either(is_one, uniform(22.0), size));
+    const real result = either(is_one, uniform(1.0), rise / (rise + 2.0));
+    return either(x < 0.0, -result, result);
+}
+
+#endif

@@ -1,0 +1,230 @@
+/* A shock at one corner in several setups at once, with the operations of common/shock.c and the curve of its FMU. */
+#include "port.h"
+
+#include "elementary_lanes.h"
+#include "rest.h"
+
+#include "curve.h"
+
+
+/* Largest change of damper velocity [m/s] over which F_s is treated as linear, as in common/shock.c. */
+static const double STRAIGHT = 0.01;
+
+/* ---- Laws that run setup by setup ----------------------------------------------------------------------------------------- */
+
+static void read_law(const Parameters *p, int setup, double *parameters)
+{
+    const double *first = (const double *)p;
+    for (int k = 0; k < PARAMETERS; k++) {
+        parameters[k] = first[k * SETUPS + setup];
+    }
+}
+
+static void start_singles(Port *port, real velocity, real f)
+{
+    port->some_lag = in_any(port->law == WITH_LAG);
+    port->all_lag = in_every(port->law == WITH_LAG);
+    port->some_single = in_any(port->law >= MAXWELL);
+    for (int i = 0; i < SETUPS && port->some_single; i++) {
+        Law *law = &port->single[i];
+        memset(law, 0, sizeof *law);
+        read_law(&port->parameters, i, law->parameters);
+        if (port->law[i] == MAXWELL) {
+            maxwell_start(law, velocity[i], f[i]);
+        } else if (port->law[i] == HYSTERESIS) {
+            hysteresis_start(law, velocity[i], f[i]);
+        }
+    }
+}
+
+/* A piece of the step in every setup. */
+typedef struct {
+    real velocity_start, static_start, velocity_end, static_end, step;
+} Pieces;
+
+static void advance_singles(Port *port, const Pieces *p, real count, truth active)
+{
+    for (int i = 0; i < SETUPS; i++) {
+        const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], p->step[i], (int)count[i]};
+        if (active[i] && port->law[i] == MAXWELL) {
+            maxwell_advance(&port->single[i], &span);
+        } else if (active[i] && port->law[i] == HYSTERESIS) {
+            hysteresis_advance(&port->single[i], &span);
+        }
+    }
+}
+
+static real force_of_law(const Port *port, real velocity, real f)
+{
+    real lagged = port->lagged;
+    for (int i = 0; i < SETUPS && port->some_single; i++) {
+        if (port->law[i] == MAXWELL) {
+            lagged[i] = maxwell_force(&port->single[i], velocity[i], f[i]);
+        } else if (port->law[i] == HYSTERESIS) {
+            lagged[i] = hysteresis_force(&port->single[i], velocity[i], f[i]);
+        }
+    }
+    return lagged;
+}
+
+/* ---- The lag ---------------------------------------------------------------------------------------------------------------- */
+
+/* The factors of a lag over one of `count` pieces of a step of h [s], as in common/lag.h. */
+static void find_lag(Port *port, int count, double h)
+{
+    const double part = count == 1 ? h : h / (double)count;
+    for (int i = 0; i < SETUPS; i++) {
+        const double ratio = part / port->parameters.time_constant[i];
+        const double rise = -exponential_minus_1_of(-ratio);
+        port->rise[count][i] = rise;
+        port->ramp[count][i] = 1.0 - rise / ratio;
+    }
+}
+
+static void know_lags(Port *port, int most, double h)
+{
+    if (port->step != h) {
+        port->step = h;
+        port->known = 0;
+    }
+    while (port->known < most) {
+        find_lag(port, ++port->known, h);
+    }
+}
+
+/* ---- The port ----------------------------------------------------------------------------------------------------------------- */
+
+/* alpha = 1 up to lag_full_force, 0 from lag_zero_force, linear between, as in shock_lpnl2/model.c. */
+static real lag_weight(const Parameters *p, real f)
+{
+    const real left = p->lag_zero_force - size_of(f), whole = p->lag_zero_force - p->lag_full_force;
+    const truth none = left <= 0.0, all = left >= whole;
+    if (in_every(none | all)) {
+        return either(none, uniform(0.0), uniform(1.0));
+    }
+    return either(none, uniform(0.0), either(all, uniform(1.0), left / whole));
+}
+
+static real seal_force(const Parameters *p, real v)
+{
+    const truth is_free = p->seal_friction == 0.0;
+    return in_every(is_free) ? uniform(0.0)
+                             : either(is_free, uniform(0.0), p->seal_friction * hyperbolic_tangent(v / p->friction_velocity));
+}
+
+static void respond(Port *port, real velocity, real displacement, real f)
+{
+    const Parameters *p = &port->parameters;
+    const real v = p->motion_ratio * velocity, lagged = force_of_law(port, v, f), alpha = lag_weight(p, f);
+    const real dissipative = alpha * lagged + (1.0 - alpha) * f + seal_force(p, v);
+    const real gas = p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
+    port->now.force = p->motion_ratio * (dissipative + gas);
+    port->now.static_force = f;
+    port->now.lagged_force = lagged;
+    port->now.lag_weight = alpha;
+    port->now.dissipated_power = dissipative * v;
+    port->now.beyond_fit = either(is_beyond_fit(p, v), uniform(1.0), uniform(0.0));
+}
+
+void start_port(Port *port, real velocity, real displacement)
+{
+    const real v = port->parameters.motion_ratio * velocity, f = valve_force(&port->parameters, v);
+    port->lagged = f;
+    port->step = 0.0;
+    start_singles(port, v, f);
+    respond(port, velocity, displacement, f);
+}
+
+/* The number of linear pieces of F_s while the port velocity goes from start to end. */
+static real pieces(const Parameters *p, real from, real to)
+{
+    const real change = size_of(p->motion_ratio * (to - from)), one = uniform(1.0);
+    const truth is_long = change >= STRAIGHT;
+    if (!in_any(is_long)) {
+        return one;
+    }
+    const real count = change / STRAIGHT, most = uniform((double)MOST_PIECES);
+    const truth is_few = count < most;
+    const Short whole = __builtin_convertvector(either(is_few & is_long, count, uniform(0.0)), Short);
+    return either(is_long, either(is_few, __builtin_convertvector(whole, real) + 1.0, most), one);
+}
+
+typedef struct {
+    int least, most;
+} Range;
+
+static Range range_of(real count)
+{
+    Range range = {1, 1};
+    if (in_any(count > 1.0)) {
+        double least = count[0], most = count[0];
+        for (int i = 1; i < SETUPS; i++) {
+            least = count[i] < least ? count[i] : least;
+            most = count[i] > most ? count[i] : most;
+        }
+        range.least = (int)least;
+        range.most = (int)most;
+    }
+    return range;
+}
+
+/* The factors of the lag over a piece. */
+typedef struct {
+    real rise, ramp;
+} Lag;
+
+static Lag lag_over_piece(Port *port, real count, Range range, double h)
+{
+    Lag lag = {uniform(0.0), uniform(0.0)};
+    if (port->some_lag) {
+        know_lags(port, range.most, h);
+        if (range.least == range.most) {
+            lag.rise = port->rise[range.most];
+            lag.ramp = port->ramp[range.most];
+        } else {
+            const Index index = __builtin_convertvector(__builtin_convertvector(count, Short), Index);
+            lag.rise = chosen(port->rise, index);
+            lag.ramp = chosen(port->ramp, index);
+        }
+    }
+    return lag;
+}
+
+static inline real lagged_after(const Port *port, const Pieces *piece, const Lag *lag)
+{
+    const real start = piece->static_start, end = piece->static_end;
+    if (!port->some_lag) {
+        return end;
+    }
+    const real lagged = port->lagged + (start - port->lagged) * lag->rise + (end - start) * lag->ramp;
+    return port->all_lag ? lagged : either(port->law == WITH_LAG, lagged, end);
+}
+
+void step_port(Port *port, real from, real to, real displacement, double h, truth active)
+{
+    const Parameters *p = &port->parameters;
+    const real count = pieces(p, from, to);
+    const Range range = range_of(count);
+    const Lag lag = lag_over_piece(port, count, range, h);
+    const real part = range.most == 1 ? uniform(h) : either(count == 1.0, uniform(h), h / count);
+    real v = p->motion_ratio * from, f = valve_force(p, v);
+    for (int k = 1; k <= range.most; k++) {
+        const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */
+        real velocity = to;
+        if (range.most > 1) {
+            const real between = from + (to - from) * ((double)k / count);
+            velocity = is_inside ? between : either((double)k < count, between, to);
+        }
+        const real end = p->motion_ratio * velocity;
+        const Pieces piece = {v, f, end, valve_force(p, end), part};
+        const real lagged = lagged_after(port, &piece, &lag);
+        const truth follows = (double)k <= count;
+        if (port->some_single) {
+            advance_singles(port, &piece, count, follows & active);
+        }
+        port->lagged = is_inside ? lagged : either(follows, lagged, port->lagged);
+        f = is_inside ? piece.static_end : either(follows, piece.static_end, f);
+        v = end;
+    }
+    respond(port, to, displacement, f);
+}

@@ -1,0 +1,45 @@
+/* A number of a model: one double in an FMU; in a library that runs many setups at once (fmus/batch), one double for each of them.
+ * Files that use these names instead of double and ?: compile as both, with the same operations in the same order. */
+#ifndef EIGHTPOST_REAL_H
+#define EIGHTPOST_REAL_H
+
+#ifdef EIGHTPOST_LANES
+#include "lanes.h"
+#else
+
+typedef double real;
+typedef int truth;
+typedef int Index;
+
+/* Number of sums of a block of a matrix's rows that are kept in registers: all of them. */
+#define TILE BLOCK
+
+/* The initializer of an array of zeros. */
+#define ZERO 0.0
+
+/* A macro, so that only one of both is computed. */
+#define either(condition, a, b) ((condition) ? (a) : (b))
+
+static inline real uniform(double value)
+{
+    return value;
+}
+
+/* Whether a condition is true in any setup, or in every one. */
+static inline int in_any(truth condition)
+{
+    return condition;
+}
+
+static inline int in_every(truth condition)
+{
+    return condition;
+}
+
+static inline real chosen(const real *numbers, Index index)
+{
+    return numbers[index];
+}
+
+#endif
+#endif

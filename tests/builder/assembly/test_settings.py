@@ -1,0 +1,178 @@
+"""Shocks with adjusters and temperature in an assembly: parameters of each corner, results of the separate FMUs."""
+
+import xml.etree.ElementTree as ET
+import zipfile
+
+import numpy as np
+import pytest
+
+from builder.assembly import read_parts
+from builder.build import build
+from cosim import FmuComponent
+from cosim.system_file import read_case
+from eightpost.errors import FmuError
+from eightpost.shock import write_shock
+
+from ..shock_over_settings import shock_of
+from .hosts import difference, grid, host, master, observed, road
+
+SYSTEM = """
+schema = 1
+[components.car]
+fmu = "{car}"
+[components.lf]
+fmu = "{folder}/lpf1.fmu"
+parameters = {{ "clicks.rebound" = 17.0 }}
+[components.rf]
+fmu = "{folder}/lpf1.fmu"
+[components.lr]
+fmu = "{folder}/hysteresis_lagged.fmu"
+parameters = {{ "clicks.compression" = 3.0, temperature = "60 degC" }}
+[components.rr]
+fmu = "{plain}"
+[[bond]]
+between = ["car.lf", "lf"]
+[[bond]]
+between = ["car.rf", "rf"]
+[[bond]]
+between = ["car.lr", "lr"]
+[[bond]]
+between = ["car.rr", "rr"]
+[scenario]
+stop = 1.0
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, toolchain):
+    """FMUs of shocks with settings; `warm` has the temperature as an input."""
+    folder = tmp_path_factory.mktemp("settings")
+    for name in ("lpf1", "hysteresis_lagged", "warm"):
+        write_shock(shock_of("lpf1" if name == "warm" else name), folder / f"{name}.json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("builder.build.find_toolchain", lambda: toolchain)
+        build([folder / "lpf1.json", folder / "hysteresis_lagged.json"], folder)
+        build([folder / "warm.json"], folder, temperature_input=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def case(folder, fmus):
+    path = folder / "system.toml"
+    names = {"car": fmus["seven_dof"], "plain": fmus["lpnl2"], "folder": folder}
+    path.write_text(SYSTEM.format(**{name: file.as_posix() for name, file in names.items()}))
+    return read_case(path)
+
+
+@pytest.fixture(scope="module")
+def car(case, made):
+    return made(case, "car_over_settings")
+
+
+def test_every_corner_has_the_settings_of_its_shock_as_parameters(car):
+    variables = FmuComponent(car, "car").variables
+    for corner, clicks in (("lf", 17.0), ("rf", 5.0), ("lr", 5.0)):
+        known = variables[f"{corner}.clicks.rebound"]
+        assert (known.causality, known.variability, float(known.start)) == ("parameter", "tunable", clicks)
+    assert float(variables["lr.temperature"].start) == pytest.approx(333.15)
+    assert "lf.beyond_settings" in variables
+    assert not [name for name in variables if name.startswith("rr.clicks")]
+
+
+def test_equal_shocks_share_their_tables_and_different_ones_do_not(car):
+    with zipfile.ZipFile(car) as archive:
+        tables = [name for name in archive.namelist() if name.endswith("_settings.h")]
+    assert sorted(name.split("/")[-1].rpartition("_")[0].rpartition("_")[0] for name in tables) == [
+        "shock_hysteresis",
+        "shock_lpf1",
+    ]
+
+
+def test_at_the_settings_of_the_system_file_the_assembly_equals_the_separate_fmus(car, case):
+    outputs = observed(FmuComponent(car, "car"))
+    expected, _ = master(case, 0.0005, drive_step=0.004, outputs=outputs)
+    assert difference(host(car, 0.004), expected).max() < 1e-9
+
+
+def test_a_setting_that_changes_during_the_run_changes_the_corner_alone(car):
+    """The other shocks follow only through the car; in the first step by less than a hundredth."""
+    forces = {}
+    for later in ({}, {"lf.clicks.rebound": 0.0}, {"rf.clicks.rebound": 20.0}):
+        forces[next(iter(later), "")] = host(car, 0.001, later=later, outputs=["lf.force", "rf.force"])
+    same, left, right = forces.values()
+    sizes = np.abs(same).max(axis=1)
+    assert np.abs(left - same).max(axis=1)[0] > 0.05 * sizes[0]
+    assert np.abs(right - same).max(axis=1)[1] > 0.05 * sizes[1]
+    assert np.abs(left - same)[1, 1] < 0.01 * np.abs(left - same)[0, 1]
+
+
+def test_a_temperature_input_of_a_corner_is_an_input_of_the_assembly(folder, fmus, made):
+    path = folder / "warm.toml"
+    path.write_text(
+        f"""
+schema = 1
+[components.car]
+fmu = "{fmus["quarter_car"].as_posix()}"
+[components.shock]
+fmu = "{(folder / "warm.fmu").as_posix()}"
+[[bond]]
+between = ["car", "shock"]
+[scenario]
+stop = 1.0
+"""
+    )
+    built = made(read_case(path), "warm_corner")
+    ends = []
+    for temperature in (320.0, 345.0):
+        fmu = FmuComponent(built, "corner")
+        fmu.begin(0.0, 1.0, {})
+        fmu.set(("shock.temperature",), (temperature,))
+        fmu.end_initialization()
+        for k, height in enumerate(road(grid(0.001))[0][:50]):
+            fmu.set(("car.road",), (height,))
+            fmu.step(0.001 * k, 0.001)
+        ends.append(fmu.get(("shock.force", "shock.beyond_settings")))
+        fmu.finish()
+    assert ends[0][0] != ends[1][0]
+    assert ends[0][1] == ends[1][1] == 0.0
+
+
+def test_tables_of_another_version_are_refused(folder, tmp_path):
+    changed = tmp_path / "lpf1.fmu"
+    with zipfile.ZipFile(folder / "lpf1.fmu") as archive, zipfile.ZipFile(changed, "w") as other:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name.endswith("settings_data.h"):
+                content = content.replace(b"read_setting", b"take_setting")
+            other.writestr(name, content)
+    with pytest.raises(FmuError, match=r"contains a different model .* build it again"):
+        read_parts({"shock": changed})
+
+
+def test_the_reference_results_of_an_assembly_are_those_at_its_settings(car, tmp_path):
+    """The library computed them from the equations: the binaries must agree."""
+    with zipfile.ZipFile(car) as archive:
+        u, y = (
+            np.genfromtxt(
+                archive.read(f"extra/eightpost/car_over_settings_{kind}.csv").decode().splitlines(),
+                delimiter=",",
+                names=True,
+            )
+            for kind in ("in", "ref")
+        )
+        description = ET.fromstring(archive.read("modelDescription.xml"))
+    names = [v.get("name") for v in description.iter("ScalarVariable") if v.get("causality") == "input"]
+    fmu = FmuComponent(car, "car")
+    inputs = np.array([list(row)[1:] for row in u])
+    fmu.begin(0.0, 1.0, {})
+    fmu.set(tuple(names), tuple(inputs[0].tolist()))
+    fmu.end_initialization()
+    found = []
+    for k in range(100):
+        fmu.set(tuple(names), tuple(inputs[k].tolist()))
+        fmu.step(0.001 * k, 0.001)
+        found.append(fmu.get(("lf.force", "lr.force")))
+    fmu.finish()
+    columns = [n for n in y.dtype.names if n in ("lfforce", "lrforce", "lf_force", "lr_force")]
+    expected = np.array([y[name][1:101] for name in columns]).T
+    assert np.abs(np.array(found) - expected).max() < 1e-8 * np.abs(expected).max()

@@ -1,0 +1,88 @@
+"""The answer at the top of a study's page: it is never more certain than what is known."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.study.certainty import Contradiction, Contribution, Status
+from cosim.study.report.answer import answer_of, tied_rows
+from cosim.study.report.page import page
+from cosim.study.report.sheet import Extras
+from cosim.study.report.write import sheet_of
+from eightpost.verdict import Grade
+
+FRONT, HUB = "front ride height, RMS", "rf hub acceleration, RMS"
+
+
+@pytest.fixture(scope="module")
+def few(surrogate):
+    return surrogate(("AA/AA", "B/B", "C/C"))
+
+
+def _answer(result, certainty):
+    return answer_of(sheet_of(result, certainty=certainty))
+
+
+def _text(html):
+    shown = html[: html.index('<script type="application/json"')]
+    return re.sub(r"\s+", " ", re.sub(r"<style>.*?</style>|<[^>]*>", " ", shown, flags=re.DOTALL))
+
+
+def test_without_a_certainty_the_answer_is_the_best_prediction_and_says_that_nothing_is_known(few):
+    answer = _answer(few, None)
+    assert answer.grade is Grade.UNKNOWN
+    assert answer.candidates[0].row == few.ranking()[0]
+    assert "unknown" in answer.sure
+    assert answer.trade_offs == ()  # the baseline of this study failed
+    other = answer_of(replace(sheet_of(few), baseline=0))
+    assert len(other.trade_offs) == 5 and {one.interval for one in other.trade_offs} == {"unknown"}
+
+
+def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
+    certainty = certain(few)
+    assert len(certainty.ties) > 1
+    answer = _answer(few, certainty)
+    assert answer.grade is Grade.LIMITED
+    assert answer.which.startswith(f"One of {len(certainty.ties)} setups is the best")
+    assert [few.setups[one.row] for one in answer.candidates] == list(certainty.ties[:5])
+    assert len(answer.candidates) + answer.others == len(certainty.ties)
+
+
+def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_contradicts_it(few, certain):
+    alone = certain(few, ties=1)
+    assert _answer(few, alone).grade is Grade.USABLE
+    unknown = replace(alone, contributions=(Contribution("vehicle", Status.UNKNOWN, "the FMU states none"),))
+    assert _answer(few, unknown).grade is Grade.UNKNOWN
+    assert "vehicle" in _answer(few, unknown).sure
+    assert "is the best" not in _answer(few, unknown).which and "not known" in _answer(few, unknown).which
+    assert "known contributions alone" in _answer(few, unknown).chance
+    contradicted = replace(alone, contradictions=(Contradiction("run.csv", alone.ties[0], FRONT, 1.0, 2.0, 1e-6),))
+    assert _answer(few, contradicted).grade is Grade.LIMITED
+
+
+def test_a_trade_off_is_better_or_worse_only_if_its_interval_excludes_zero(few, certain):
+    grades = {one.measure: one.grade for one in _answer(few, certain(few)).trade_offs}
+    assert grades == {HUB: "worse", FRONT: "even"}
+
+
+def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):
+    sheet = sheet_of(few)
+    assert answer_of(replace(sheet, allowed=np.zeros_like(sheet.allowed))) is None
+
+
+def test_the_page_shows_the_answer_before_the_verdict_and_the_ranking(few, certain):
+    certainty = certain(few)
+    text = _text(page(sheet_of(few, certainty=certainty), Extras()))
+    places = [text.index(words) for words in ("Which setup", "How sure", "At what trade-off", "What to test next")]
+    assert places == sorted(places) and places[-1] < text.index("Ranking ")
+    assert f"One of {len(certainty.ties)} setups is the best" in text
+
+
+def test_tied_rows_are_the_fewest_that_contain_the_best_with_95_percent():
+    np.testing.assert_array_equal(
+        tied_rows(np.array([0.04, 0.60, np.nan, 0.36, 0.0])), [False, True, False, True, False]
+    )
+    np.testing.assert_array_equal(tied_rows(np.array([0.10, 0.60, 0.30])), [True, True, True])
+    np.testing.assert_array_equal(tied_rows(np.full(3, np.nan)), [False, False, False])

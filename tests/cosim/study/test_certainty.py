@@ -1,0 +1,407 @@
+"""Certainty of a study, compared with closed forms, a dense joint distribution and its own claims."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from cosim.study.certainty import (
+    OBJECTIVE,
+    ConfirmedRun,
+    Contradiction,
+    Effect,
+    Status,
+    read_certainty,
+    write_certainty,
+)
+from cosim.study.certainty.assess import Knowledge, certainty_of
+from cosim.study.certainty.choice import next_tests
+from cosim.study.certainty.mixture import half_width, probability_below
+from cosim.study.certainty.posterior import Observations, Posterior
+from cosim.study.certainty.sources import Scales, error_sources
+from cosim.study.certainty.summary import summary_lines
+from cosim.study.certainty.verdict import certainty_reasons
+from cosim.study.study import Constraint, Term
+from eightpost.errors import FileFormatError, InputError
+from eightpost.verdict import Grade
+
+from .assessed import assessed, stating, two_setups
+from .constructed import result
+
+#: Half-width of the Monte Carlo error of a probability from 4096 draws in 64 groups.
+NOISE = 0.03
+
+
+def lag(build: str, change: float, copies: float = 0.0, corner: str = "rr", measure: str = "a") -> Effect:
+    return Effect(build, "lag", 1.0, copies, {}, {corner: {build: {measure: change}}})
+
+
+def run(setup: int, **values: float) -> ConfirmedRun:
+    return ConfirmedRun(f"run_{setup}.csv", setup, "lap", f"{setup}", values)
+
+
+# ---- Probability of being best --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("own", [0.25, 0.5, 2.0])
+def test_of_two_setups_the_lower_one_is_the_best_with_the_probability_of_students_t(own):
+    found = certainty_of(two_setups(0.01, (0.03, own)))
+    assert found.best[0] == pytest.approx(stats.t.cdf(1.0 / own, 4), abs=NOISE)
+    assert found.best.sum() == pytest.approx(1.0)
+
+
+def test_an_error_that_all_setups_share_does_not_affect_the_choice():
+    small, large = (certainty_of(two_setups(0.01, (common, 0.5))) for common in (0.0, 0.3))
+    assert large.best[0] == pytest.approx(small.best[0], abs=NOISE)
+    low, high = large.levels["a"].interval(0.95)
+    assert np.log(high / low)[0] == pytest.approx(2.0 * 0.3 * stats.t.ppf(0.975, 4), rel=0.02)
+
+
+@pytest.mark.parametrize("deviation", [0.005, 0.02])
+def test_of_two_setups_that_differ_in_one_uncertain_shock_the_probability_is_normal(deviation):
+    found = certainty_of(two_setups(0.01, (0.0, 0.0)), Knowledge((lag("C/C", deviation),)))
+    assert found.best[0] == pytest.approx(stats.norm.cdf(0.01 / deviation), abs=NOISE)
+
+
+def test_the_same_build_has_the_same_error_of_the_fit_at_every_corner_and_another_one_of_the_copy():
+    corners = {"lf": ("B/B",), "rf": ("B/B",), "lr": ("B/B", "C/C"), "rr": ("B/B", "C/C")}
+    study = assessed({"a": lambda d: np.exp(0.01 * d[:, 3] + 0.0 * d[:, 2])}, (0.0, 0.0), corners=corners)
+    both = {corner: {"C/C": {"a": 0.02}} for corner in ("lr", "rr")}
+    for copies, expected in ((0.0, 0.02), (1.0, 0.02)):
+        # Setups 1 and 2 have C/C at one rear corner each: errors of the fit cancel, errors of the copies do not.
+        known = Knowledge((Effect("C/C", "lag", 1.0, copies, {}, both),))
+        rows = np.array([1, 2])
+        sources = error_sources(study, known.effects)
+        drawn = sources.draw(Scales(np.ones(1), np.ones(1)), 4000, np.random.default_rng(1))
+        errors = sources.errors(drawn, rows, 0)
+        apart = float(np.std(errors[:, 0] - errors[:, 1]))
+        assert apart == pytest.approx(np.sqrt(2.0) * copies * expected, rel=0.05, abs=1e-12)
+        assert np.std(errors[:, 0]) == pytest.approx(expected * np.hypot(1.0, copies), rel=0.05)
+        np.testing.assert_allclose(sources.shock_covariance(rows, 0, 0), (expected * np.hypot(1.0, copies)) ** 2)
+
+
+def test_the_ties_contain_the_best_setup_with_a_joint_probability_and_are_the_fewest():
+    found = certainty_of(assessed({"a": lambda d: np.exp(0.004 * (d[:, 0] + 2 * d[:, 1] + d[:, 2] + 3 * d[:, 3]))}))
+    chances = np.sort(found.best)[::-1]
+    assert sum(found.probability(setup) for setup in found.ties) >= 0.95
+    fewest = int(np.searchsorted(np.cumsum(chances), 0.95)) + 1
+    assert fewest <= len(found.ties) <= 1.3 * fewest + 2  # the order comes from one half of the draws
+    assert len(found.ties) > 1
+    assert found.leader == found.setups[np.argmax(found.best)]
+
+
+def test_a_choice_among_many_setups_is_less_sure_than_each_of_its_comparisons():
+    """With 48 rivals of equal level and independent shocks, the best predicted one is rarely the best."""
+    builds = tuple(f"b{k}" for k in range(49))
+    corners = {"lf": builds[:1], "rf": builds[:1], "lr": builds[:1], "rr": builds}
+    study = assessed({"a": lambda d: np.where(d[:, 3] == 0, 1.0, 1.01)}, (0.0, 0.0), corners=corners, builds=builds)
+    found = certainty_of(study, Knowledge(tuple(lag(build, 0.01) for build in builds)))
+    pairwise = stats.norm.cdf(0.01 / (0.01 * np.sqrt(2.0)))
+    assert found.best[0] < 0.3 < pairwise
+    expected = stats.norm.expect(lambda z: stats.norm.sf(z - 1.0) ** 48)
+    assert found.best[0] == pytest.approx(expected, abs=NOISE)
+
+
+def test_among_the_best_k_are_k_setups_of_every_draw():
+    found = certainty_of(assessed({"a": lambda d: np.exp(0.01 * d.sum(axis=1))}), top=7)
+    assert found.among.sum() == pytest.approx(7.0, rel=1e-3)
+    assert np.all(found.among >= found.best - 1e-9)
+
+
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_the_result_does_not_depend_on_the_order_of_builds(seed):
+    """The same physical setups, numbered in another order, have the same probabilities."""
+    order = np.random.default_rng(seed).permutation(4)
+    builds, level = ("p", "q", "r", "s"), np.array([0.0, 0.01, 0.013, 0.03])
+    corners = {"lf": builds[:1], "rf": builds[:1], "lr": builds[:1]}
+    names = tuple(builds[k] for k in order)
+    plain = assessed({"a": lambda d: np.exp(level[d[:, 3]])}, corners={**corners, "rr": builds}, builds=builds)
+    other = assessed({"a": lambda d: np.exp(level[order][d[:, 3]])}, corners={**corners, "rr": names}, builds=builds)
+    first, second = certainty_of(plain), certainty_of(other)
+    chances = [dict(zip(one_names, one.best, strict=True)) for one_names, one in ((builds, first), (names, second))]
+    assert chances[1] == pytest.approx(chances[0], abs=NOISE)
+
+
+# ---- Objective and constraints --------------------------------------------------------------------------------------
+
+
+def test_the_objective_is_ranked_by_the_sum_of_its_uncertain_terms():
+    study = assessed(
+        {"a": lambda d: np.exp(0.01 * d[:, 3]), "b": lambda d: 2.0 * np.exp(-0.002 * d[:, 3])},
+        (0.0, 0.0),
+        objective=(Term("a", 3.0, "m"), Term("b", 1.0, "m")),
+        corners={"lf": ("B/B",), "rf": ("B/B",), "lr": ("B/B",), "rr": ("B/B", "C/C")},
+    )
+    effects = (lag("C/C", 0.01), lag("C/C", 0.01, measure="b"))
+    found = certainty_of(study, Knowledge(effects))
+    gap = study.objective[1] - study.objective[0]
+    deviation = np.hypot(3.0 * 0.01 * np.exp(0.01), 2.0 * 0.01)
+    assert found.criterion == OBJECTIVE
+    assert found.best[0] == pytest.approx(stats.norm.cdf(gap / deviation), abs=NOISE)
+    low, high = found.levels[OBJECTIVE].interval(0.8)
+    assert (high - low)[1] == pytest.approx(2.0 * stats.norm.ppf(0.9) * deviation, rel=0.02)
+
+
+def test_a_setup_near_a_limit_is_feasible_with_a_probability_and_best_only_if_it_is():
+    study = two_setups(0.05, (0.0, 0.0), constraints=(Constraint("a", at_most=1.06),))
+    effect = Effect("B/B", "lag", 1.0, 0.0, {}, {"rr": {"B/B": {"a": 0.06}}})
+    found = certainty_of(study, Knowledge((effect,)))
+    meets = stats.norm.cdf(np.log(1.06) / 0.06)
+    assert found.feasible.tolist() == pytest.approx([meets, 1.0], abs=0.01)
+    below = stats.norm.cdf(0.05 / 0.06)  # the level of the first setup is also below that of the second
+    assert found.best[0] == pytest.approx(min(meets, below), abs=NOISE)
+
+
+def test_a_study_without_a_feasible_setup_has_no_leader():
+    found = certainty_of(two_setups(0.01, (0.0, 0.001), constraints=(Constraint("a", at_most=0.1),)))
+    assert found.ties == () and found.leader is None
+    assert list(certainty_reasons(found)) == []
+    assert "no setup meets the constraints" in next(iter(summary_lines(two_setups(0.01), found)))
+
+
+def test_failed_setups_are_never_the_best():
+    study = two_setups(0.01, failed=(0,))
+    found = certainty_of(study)
+    assert found.best.tolist() == [0.0, 1.0] and found.feasible[0] == 0.0
+    assert np.isnan(found.levels["a"].half_widths[:, 0]).all()
+
+
+# ---- What is not known is not claimed -------------------------------------------------------------------------------
+
+
+def test_a_vehicle_that_states_nothing_leaves_the_choice_unknown():
+    study = result({"front": lambda d: np.exp(0.1 * d[:, 3])})
+    found = certainty_of(study)
+    assert not found.is_known and not found.levels["front"].is_known
+    assert np.isnan(found.levels["front"].half_widths).all()
+    grades = {reason.grade for reason in certainty_reasons(found)}
+    assert Grade.UNKNOWN in grades and Grade.USABLE not in grades
+    assert "is not known" in next(iter(summary_lines(study, found)))
+
+
+def test_a_measure_in_a_band_has_the_uncertainty_of_its_output_and_says_so():
+    study = two_setups(0.01)
+    banded = replace(study.study, measures=(replace(study.study.measures[0], band=(1.0, 5.0)),))
+    found = certainty_of(replace(study, study=banded))
+    assert found.levels["a"].basis == "output"
+    assert any("RMS of its outputs" in text for text in found.remarks)
+    meant = replace(study.study, measures=(replace(study.study.measures[0], statistic="mean"),))
+    assert certainty_of(replace(study, study=meant)).levels["a"].basis == "unknown"
+
+
+def test_builds_without_stated_uncertainty_leave_the_choice_unknown():
+    found = certainty_of(two_setups(0.01), Knowledge(unstated=("C/C",)))
+    (reason,) = [one for one in certainty_reasons(found) if one.grade is Grade.UNKNOWN]
+    assert "C/C" in reason.figure
+
+
+def test_a_certain_choice_is_usable_and_a_tie_is_not():
+    sure, tied = (certainty_of(two_setups(gap, (0.0, 0.1))) for gap in (0.01, 0.0))
+    assert [one.grade for one in certainty_reasons(sure)] == [Grade.USABLE]
+    assert [one.grade for one in certainty_reasons(tied)] == [Grade.LIMITED]
+    assert [one.grade for one in certainty_reasons(None)] == [Grade.UNKNOWN]
+
+
+# ---- Rig runs -------------------------------------------------------------------------------------------------------
+
+
+def test_conditioning_equals_that_of_an_independently_built_joint_normal_distribution():
+    """Given the scales, medians and variances of all levels are those of the dense joint distribution."""
+    study = assessed({"a": lambda d: np.exp(0.01 * d[:, 2] - 0.02 * d[:, 3]), "b": lambda d: np.exp(0.03 * d[:, 3])})
+    effects = (lag("C/C", 0.01, 0.5), lag("B/C", -0.02, 0.0, "lr", "b"), Effect("car", "k", 1.0, 0.0, {"a": 0.01}, {}))
+    sources = error_sources(study, effects)
+    seen = Observations(np.array([3, 40]), np.array([0, 1]), np.array([0.02, -0.01]), np.array([0.003, 0.004]))
+    posterior = Posterior(sources, seen)
+    scales = posterior.scales.typical
+    rows = np.array([3, 40, 700])
+    x = np.log(np.stack([study.values("a"), study.values("b")], axis=1)) / np.sqrt(2.0)
+    z = (x - x.mean(axis=0))[rows]
+    builds = [study.setup(int(row)).builds for row in rows]
+
+    def column(m: int) -> np.ndarray:
+        """Loadings of the standard normal variables: own of a, own of b, fit C/C, copy C/C, B/C, k."""
+        own = np.zeros((3, 4))
+        own[:, 2 * m : 2 * m + 2] = 0.5 * scales.own[m] * z
+        c = np.array([m == 0 and one["rr"] == "C/C" for one in builds], dtype=float)
+        b = np.array([m == 1 and one["lr"] == "B/C" for one in builds], dtype=float)
+        return np.column_stack([own, 0.01 * c, 0.005 * c, -0.02 * b, np.full(3, 0.01 * (m == 0))])
+
+    loadings = [column(m) for m in range(2)]
+    at_levels = np.stack([loadings[0][0], loadings[1][1]])
+    inverse = np.linalg.inv(at_levels @ at_levels.T + np.diag([0.003**2, 0.004**2]))
+    for m in range(2):
+        weights = np.zeros(sources.predicted.shape)
+        weights[:, m] = 1.0
+        middle, student, normal = posterior.moments(weights)
+        gain = loadings[m] @ at_levels.T @ inverse
+        np.testing.assert_allclose(middle[rows], gain @ seen.changes, atol=1e-12)
+        variance = np.sum(loadings[m] ** 2, axis=1) - np.sum(gain * (loadings[m] @ at_levels.T), axis=1)
+        np.testing.assert_allclose((student + normal)[rows], variance, atol=1e-12)
+        drawn = posterior.draw(scales, 40_000, np.random.default_rng(2))
+        errors = sources.errors(drawn, rows, m)
+        apart = np.abs(errors.mean(axis=0) - gain @ seen.changes)
+        assert np.all(apart < 5.0 * np.sqrt(variance / len(errors)) + 1e-12)
+        np.testing.assert_allclose(errors.var(axis=0), variance, rtol=0.05, atol=1e-7)
+
+
+def test_a_rig_run_of_both_setups_decides_between_them():
+    study = two_setups(0.01, (0.02, 2.0))
+    before = certainty_of(study)
+    known = Knowledge(run_to_run={"a": 0.001}, runs=(run(0, a=1.01), run(1, a=1.0)))
+    after = certainty_of(study, known)
+    assert before.best[0] == pytest.approx(stats.t.cdf(0.5, 4), abs=NOISE)
+    assert after.best[0] < 0.01
+    low, high = after.levels["a"].interval(0.95)
+    assert low[0] < 1.01 < high[0] and np.log(high / low)[0] < 4.0 * 2.8 * 0.001
+
+
+def test_rig_runs_that_agree_make_the_intervals_narrower_everywhere():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.05, 0.2))
+    levels = study.values("a")
+    runs = tuple(run(k, a=float(levels[k])) for k in (0, 1200, 2400))
+    before, after = (certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=r)) for r in ((), runs))
+    assert np.all(after.levels["a"].half_widths[2] < 0.5 * before.levels["a"].half_widths[2])
+    assert after.contradictions == ()
+
+
+def test_a_record_that_contradicts_the_prediction_is_named():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
+    levels = study.values("a")
+    runs = (run(0, a=float(levels[0])), run(7, a=float(levels[7])), run(2400, a=1.3 * float(levels[2400])))
+    found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
+    (worst,) = found.contradictions
+    assert isinstance(worst, Contradiction) and (worst.file, worst.used) == ("run_2400.csv", False)
+    assert worst.measured == pytest.approx(1.3 * worst.predicted)
+    assert any(one.origin == "run_2400.csv" for one in certainty_reasons(found))
+    without = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs[:2]))
+    np.testing.assert_allclose(found.levels["a"].expected, without.levels["a"].expected, rtol=1e-9)
+
+
+def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
+    levels = study.values("a")
+    runs = tuple(run(k, a=1.1 * float(levels[k])) for k in (0, 7, 2400))
+    found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
+    assert [one.used for one in found.contradictions] == [True, True, True]
+    np.testing.assert_allclose(found.levels["a"].expected, 1.1 * levels, rtol=0.01)
+
+
+def test_rig_runs_of_unknown_repeatability_are_reported_as_a_gap():
+    found = certainty_of(two_setups(0.01), Knowledge(runs=(run(0, a=1.0),)))
+    states = {one.name: one.status for one in found.contributions}
+    assert states["run to run"] is Status.UNKNOWN
+    assert not found.is_known
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.permutations([0, 1, 2]))
+def test_the_order_of_rig_runs_does_not_matter(order):
+    study = two_setups(0.01, (0.02, 1.0))
+    runs = (run(0, a=1.01), run(1, a=1.0), replace(run(1, a=1.002), digest="again"))
+    one, other = (
+        certainty_of(study, Knowledge(run_to_run={"a": 0.002}, runs=tuple(runs[k] for k in places)))
+        for places in ((0, 1, 2), order)
+    )
+    np.testing.assert_allclose(one.levels["a"].half_widths, other.levels["a"].half_widths, rtol=1e-9)
+    assert one.best[0] == pytest.approx(other.best[0], abs=NOISE)
+
+
+# ---- Next tests -----------------------------------------------------------------------------------------------------
+
+
+def test_the_next_tests_are_of_the_setups_between_which_the_choice_is_open():
+    """Of four setups, two are likely and differ by independent errors; a third one is known exactly."""
+    covariance = np.diag([1.0, 1.0, 0.0, 1.0])
+    chosen = next_tests(covariance, np.array([0.5, 0.48, 0.01, 0.01]), 0.01, 2)
+    assert {place for place, _ in chosen} == {0, 1}
+    assert chosen[1][1] < 0.05 < chosen[0][1]
+
+
+def test_a_common_error_alone_asks_for_no_test():
+    assert next_tests(np.ones((3, 3)), np.full(3, 1.0 / 3.0), 0.0, 3) == []
+
+
+def test_no_setup_is_proposed_twice():
+    values = np.random.default_rng(4).normal(size=(40, 12))
+    chosen = [place for place, _ in next_tests(np.cov(values.T), np.full(12, 1.0 / 12.0), 0.5, 12)]
+    assert len(set(chosen)) == len(chosen) == 12
+
+
+# ---- Distribution and file ------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None)
+@given(student=st.floats(0.0, 4.0), normal=st.floats(0.0, 4.0), probability=st.sampled_from((0.5, 0.8, 0.95)))
+def test_half_widths_contain_their_probability(student, normal, probability):
+    if student + normal < 1e-3:
+        return
+    half = half_width(probability, np.array([student]), np.array([normal]), 4.0)
+    inside = 2.0 * probability_below(half, np.array([student]), np.array([normal]), 4.0)[0] - 1.0
+    assert inside == pytest.approx(probability, abs=2e-3)
+
+
+def test_the_mixture_is_students_t_without_a_normal_part_and_normal_without_the_other():
+    one, none = np.ones(1), np.zeros(1)
+    for probability in (0.5, 0.8, 0.95):
+        tail = 0.5 + 0.5 * probability
+        assert half_width(probability, one, none, 4.0)[0] == pytest.approx(stats.t.ppf(tail, 4), rel=0.01)
+        assert half_width(probability, none, one, 4.0)[0] == pytest.approx(stats.norm.ppf(tail), rel=1e-4)
+
+
+def test_a_certainty_is_read_back_from_its_file(tmp_path):
+    study = two_setups(0.01, (0.02, 1.0), objective=(Term("a", 2.0, "m"),))
+    known = Knowledge((lag("C/C", 0.01, 0.5),), ("B/B",), {"a": 0.001}, (run(0, a=1.5),), ("a note",))
+    kept = certainty_of(study, known)
+    write_certainty(kept, tmp_path / "certainty.parquet")
+    found = read_certainty(tmp_path / "certainty.parquet", digest=study.provenance.digest)
+    assert Knowledge.of(found) == known
+    for name in ("ties", "tests", "trade_offs", "contributions", "contradictions", "remarks", "criterion", "draws"):
+        assert getattr(found, name) == getattr(kept, name)
+    np.testing.assert_allclose(found.best, kept.best, rtol=1e-6)
+    for name, levels in kept.levels.items():
+        np.testing.assert_array_equal(found.levels[name].expected, levels.expected)
+        np.testing.assert_allclose(found.levels[name].half_widths, levels.half_widths, rtol=1e-6)
+    with pytest.raises(FileFormatError, match="belongs to another study"):
+        read_certainty(tmp_path / "certainty.parquet", digest="other")
+
+
+def test_a_file_that_is_no_certainty_is_refused(tmp_path):
+    study = two_setups(0.01)
+    study.save(tmp_path / "results.parquet")
+    with pytest.raises(FileFormatError, match="is not the certainty of a study"):
+        read_certainty(tmp_path / "results.parquet")
+
+
+def test_only_the_stored_intervals_can_be_asked_for():
+    with pytest.raises(InputError, match="there are intervals of"):
+        certainty_of(two_setups(0.01)).levels["a"].interval(0.9)
+
+
+def test_the_total_tire_force_has_its_own_stated_uncertainty():
+    wheels = tuple(f"car.{corner}.tire_force" for corner in ("lf", "rf", "lr", "rr"))
+    study = result({"total": lambda d: np.exp(0.01 * d[:, 3])})
+    measure = replace(study.study.measures[0], channels=wheels)
+    study = replace(study, study=replace(study.study, measures=(measure,)))
+    stated = {wheel.removeprefix("car."): (0.5, 0.5) for wheel in wheels} | {"total_tire_force": (0.1, 0.2)}
+    sources = error_sources(stating(study, stated))
+    assert (sources.common.tolist(), sources.own.tolist(), sources.bases) == ([0.1], [0.2], ("stated",))
+
+
+@pytest.mark.nightly
+def test_a_hundred_thousand_setups_with_twenty_measures_take_seconds():
+    builds = tuple(f"b{k}" for k in range(18))
+    slopes = np.random.default_rng(5).normal(0.0, 0.01, (20, 4))
+    responses = {f"m{k}": (lambda d, row=row: np.exp(d @ row)) for k, row in enumerate(slopes)}
+    study = assessed(responses, (0.01, 0.1), builds=builds, corners=dict.fromkeys(("lf", "rf", "lr", "rr"), builds))
+    assert len(study) == 18**4
+    began = process_time()
+    found = certainty_of(study)
+    assert process_time() - began < 40.0
+    assert found.best.sum() == pytest.approx(1.0)

@@ -1,0 +1,149 @@
+"""Records of several builds are fitted together: builds are left out, and their spread is stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.ident import choice_table, choose_law, fit_shock
+from eightpost.ident.shock.cross_validation import left_out_builds
+from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.runs import prepare_runs
+from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dyno_conditions import DynoConditions
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.excitations import random_multisine
+from eightpost.shock import Lpf1, Port, StaticCurve, read_shock
+from eightpost.signals import TimeSeries
+
+RATE, FINE = 500.0, 2000.0
+SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+
+
+def law(compression=1.0, rebound=1.0):
+    slope = (1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)) * np.where(SHARES > 0.0, compression, rebound)
+    velocity = 0.8 * SHARES
+    force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
+    curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
+    return Lpf1(curve, 3e-3, port=Port(gas_preload=150.0))
+
+
+@lru_cache
+def motion(seed):
+    drive = random_multisine(seed, duration=6.0, rate=FINE).series
+    velocity = np.gradient(drive["displacement"], 1.0 / FINE)
+    channels = {"displacement": ("m", drive["displacement"]), "velocity": ("m/s", velocity)}
+    return TimeSeries.from_channels(drive.time, channels)
+
+
+def record(truth, seed, build):
+    fine = motion(seed)
+    every = round(FINE / RATE)
+    force = simulate(truth, fine)[::every]
+    kept = fine.at(slice(None, None, every))
+    noise = 4.0 * np.random.default_rng(seed).standard_normal(force.size)
+    return DynoTest(kept.with_channel("force", "N", force + noise), conditions=DynoConditions(build=build))
+
+
+SCALES = {"a": (0.93, 1.02), "b": (1.0, 1.0), "c": (1.06, 0.97), "d": (1.01, 1.01)}
+
+
+@pytest.fixture(scope="module")
+def tests():
+    """Two runs of each of four builds."""
+    return [record(law(*scales), 2 * k + i, build) for k, (build, scales) in enumerate(SCALES.items()) for i in (0, 1)]
+
+
+def test_the_spread_between_builds_is_that_of_their_curves(tests):
+    spread = fit_shock(tests, "lpf1", curve="knots").between_builds
+    assert spread.builds == tuple(SCALES) and spread.runs == (2, 2, 2, 2)
+    truth = np.array(list(SCALES.values()))
+    for name, column in (("compression_scale", truth[:, 0]), ("rebound_scale", truth[:, 1])):
+        assert spread.percent(name) == pytest.approx(100.0 * column.std(ddof=1), abs=0.4)
+    fast = np.argmin(np.abs(spread.velocity - 0.4))
+    expected = np.std([law(*scales).curve.force(float(spread.velocity[fast])) for scales in SCALES.values()], ddof=1)
+    assert spread.deviation[fast] == pytest.approx(expected, rel=0.1)
+
+
+def test_builds_that_do_not_differ_have_almost_no_spread():
+    same = [record(law(), k, build) for k, build in enumerate("abc")]
+    spread = fit_shock(same, "lpf1", curve="knots").between_builds
+    assert max(spread.percent(name) for name in spread.scales) < 0.5
+    assert np.median(spread.deviation) < 0.005 * np.ptp(spread.force)
+
+
+def test_runs_of_one_build_or_of_unknown_builds_have_no_spread(tests):
+    assert fit_shock(tests[:2], "polylinear", curve="knots").between_builds is None
+    unknown = [replace(test, conditions=DynoConditions()) for test in tests[:4]]
+    fit = fit_shock(unknown, "polylinear", curve="knots")
+    assert fit.between_builds is None and "between_builds" not in fit.shock.fit
+
+
+def test_each_build_is_left_out_with_all_its_runs(tests):
+    runs = prepare_runs(tests)
+    ends = np.cumsum([0, *(f.rows.size for f in runs.filters)])
+    for number, part in enumerate(left_out_builds(runs)):
+        assert [(p.start, p.stop) for p in part.parts] == [(ends[k], ends[k + 1]) for k in (2 * number, 2 * number + 1)]
+        assert not part.kept[ends[2 * number] : ends[2 * number + 2]].any()
+        assert part.kept.sum() == ends[-1] - (ends[2 * number + 2] - ends[2 * number])
+
+
+def test_builds_are_left_out_only_if_others_have_their_speeds(tests):
+    runs = prepare_runs(tests[:4])
+    assert runs.has_repeated_builds
+    slow = [replace(test, series=_slower(test.series)) if test.conditions.build == "b" else test for test in tests[:4]]
+    assert prepare_runs(slow).has_repeated_speeds and not prepare_runs(slow).has_repeated_builds
+    assert not prepare_runs(tests[:2]).has_repeated_builds
+
+
+def _slower(series):
+    found = series
+    for name, unit in (("velocity", "m/s"), ("displacement", "m"), ("force", "N")):
+        found = found.with_channel(name, unit, 0.4 * series[name])
+    return found
+
+
+def test_one_run_of_each_build_needs_no_fits_of_its_own(tests):
+    assert left_out_builds(prepare_runs(tests[::2])) == []
+
+
+def test_the_choice_of_the_law_states_that_builds_were_left_out(tests):
+    choice = choose_law(tests, ("polylinear", "lpf1"), choices=Choices(curve="knots"))
+    assert choice.law == "lpf1" and choice.left_out == "builds"
+    assert "left-out whole builds, all runs of each" in str(choice_table(choice).title)
+    document = choice.to_json()["laws"]["lpf1"]
+    # The scale of a build is not predicted by the others, and does not count without the level.
+    assert document["held_out_with_level_percent"] > 1.5 * document["held_out_percent"]
+    assert document["held_out_runs_percent"] < 2.0
+
+
+def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, tmp_path):
+    files = []
+    for test in tests[::2][:2]:
+        path = tmp_path / f"run_{test.conditions.build}.csv"
+        series = test.series
+        columns = np.column_stack([series.time, series["displacement"], series["velocity"], series["force"]])
+        header = "time [s],displacement [m],velocity [m/s],force [N]"
+        np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.9g")
+        files.append(str(path))
+    output = tmp_path / "pooled.json"
+    words = ["fit", *files, "--build", "run_a.csv=first", "--build", "run_b.csv=second"]
+    words += ["--law", "polylinear", "--curve", "knots"]
+    shown = CliRunner().invoke(main, [*words, "-o", str(output)])
+    assert shown.exit_code == 0, shown.output
+    assert "2 builds (first, second): the static force differs from build to build by" in shown.output
+    fit = read_shock(output).fit
+    assert fit["between_builds"]["builds"] == ["first", "second"]
+    assert len(fit["between_builds"]["standard_deviation [N]"]) == len(fit["between_builds"]["velocity [m/s]"])
+    assert fit["between_builds"]["parameters"]["rebound_scale"]["unit"] == "1"
+
+
+def test_a_build_of_a_file_that_is_not_given_is_refused(tmp_path):
+    shown = CliRunner().invoke(main, ["fit", "missing.csv", "--build", "front", "--build", "other.csv=rear"])
+    assert shown.exit_code != 0
+    assert "write FILE=NAME with one of the files: missing.csv" in " ".join(shown.output.split())

@@ -1,0 +1,92 @@
+"""Intervals of a shock that warms or drifts contain its states during the record."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.runs import prepare_runs
+from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.excitations import random_multisine
+from eightpost.shock import Lpf1, StaticCurve
+from eightpost.signals import TimeSeries
+
+RATE = 500.0
+SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+
+
+def law():
+    slope = 1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)
+    velocity = 0.8 * SHARES
+    force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
+    curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
+    return Lpf1(curve, 3e-3)
+
+
+def record(*, loss=0.0, rebound_loss=0.0, kelvin=None, seed=3, noise=4.0):
+    """A record whose force falls by a share from start to end, and by a further share in rebound.
+
+    Args:
+        loss: Share by which the force falls.
+        rebound_loss: Further share by which the rebound force falls.
+        kelvin: Rise of the measured temperature; None: it is not measured.
+        seed: Seed of motion and noise.
+        noise: Standard deviation of the noise [N].
+    """
+    fine = random_multisine(seed, duration=11.0, rate=2000.0).series
+    velocity = np.gradient(fine["displacement"], 1.0 / 2000.0)
+    channels = {"displacement": ("m", fine["displacement"]), "velocity": ("m/s", velocity)}
+    fine = TimeSeries.from_channels(fine.time, channels)
+    share = fine.time / fine.time[-1]
+    force = simulate(law(), fine)
+    force *= 1.0 - share * np.where(force < 0.0, loss + rebound_loss, loss)
+    kept = fine.at(slice(None, None, 4))
+    random = np.random.default_rng(seed)
+    kept = kept.with_channel("force", "N", force[::4] + noise * random.standard_normal(len(kept)))
+    if kelvin is not None:
+        heat = 320.0 + kelvin * share[::4] + 0.1 * random.standard_normal(len(kept))
+        kept = kept.with_channel("temperature", "K", heat)
+    return DynoTest(kept)
+
+
+def band(fit, velocity):
+    return np.interp(velocity, fit.band.velocity, fit.band.force), np.interp(
+        velocity, fit.band.velocity, fit.band.half_width
+    )
+
+
+@pytest.mark.parametrize("kelvin", [None, 6.0])
+def test_the_band_contains_the_curves_at_the_beginning_and_at_the_end(kelvin):
+    fit = fit_shock(record(loss=0.06, kelvin=kelvin), "lpf1", curve="knots")
+    velocity = np.array([-0.4, -0.2, -0.1, 0.1, 0.2, 0.4])
+    force, half_width = band(fit, velocity)
+    truth = np.array([law().curve.force(float(v)) for v in velocity])
+    for share in (1.0 / 11.0, 10.0 / 11.0):  # the ends of the fitted seconds
+        assert (np.abs(force - (1.0 - 0.06 * share) * truth) <= half_width).all()
+    assert (half_width < 0.06 * np.abs(truth)).all()
+
+
+def test_a_change_of_rebound_widens_the_band_of_rebound_far_more_than_that_of_compression():
+    widths = []
+    for change in (0.0, 0.1):
+        _, half_width = band(fit_shock(record(rebound_loss=change), "lpf1", curve="knots"), np.array([-0.3, 0.3]))
+        widths.append(half_width)
+    rebound, compression = widths[1] - widths[0]
+    assert rebound > 5.0 * max(compression, widths[0][1])
+
+
+def test_the_covariate_is_the_temperature_if_it_changes_and_else_the_time():
+    warm, constant, unknown = (prepare_runs([record(kelvin=kelvin)]).covariate for kelvin in (6.0, 0.0, None))
+    assert np.ptp(warm) == pytest.approx(6.0 * 9.0 / 11.0, rel=0.1)  # of which 9 of 11 s are fitted
+    assert np.ptp(constant) == pytest.approx(9.0, rel=0.02)
+    assert np.ptp(unknown) == pytest.approx(9.0, rel=0.02)
+    assert abs(warm.mean()) < 1e-9 and abs(unknown.mean()) < 1e-9
+
+
+def test_the_temperature_of_several_runs_is_about_their_common_mean():
+    runs = prepare_runs([record(kelvin=2.0), record(kelvin=8.0)])
+    ends = np.cumsum([f.rows.size for f in runs.filters])
+    first, second = np.split(runs.covariate, ends[:1])
+    assert second.mean() - first.mean() == pytest.approx(3.0, abs=0.3)

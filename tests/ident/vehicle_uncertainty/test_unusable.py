@@ -1,0 +1,43 @@
+"""A vehicle that cannot be simulated is not usable, whatever its fit: its file says so."""
+
+from __future__ import annotations
+
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.recipes import common_poles
+from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.trust import UNUSABLE
+from eightpost.ident.vehicle.verdict import NOT_SIMULATED, fit_verdict, with_validity
+from eightpost.verdict import Grade
+from tests.ident.friction.conftest import BASELINE, rig_tests
+
+EXPERIMENT = Experiment("corner", ("road", "aero_force"), ("force",), ("velocity", "tire_force"), {"": BASELINE})
+QUICK = CommonPoles(samples=2, friction=None, springs=None)
+
+
+def titles(fit):
+    return {reason.rule.name for reason in fit_verdict(fit).reasons}
+
+
+def test_a_vehicle_of_which_every_model_was_rejected_is_not_usable(monkeypatch):
+    monkeypatch.setattr(common_poles, "fault_in_simulation", lambda _vehicle, _tests: "it diverges")
+    fit = with_validity(QUICK.identify(rig_tests(0.0, 20), EXPERIMENT))
+    assert sum("was rejected: it diverges" in note for note in fit.notes) == 2
+    assert "No model could be used" in fit.trust.flags[UNUSABLE]
+    assert fit.trust.flags[UNUSABLE] in fit.notes
+    assert fit.vehicle.validity.verdict.grade is Grade.NOT_USABLE
+
+
+def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usable(monkeypatch):
+    monkeypatch.setattr(ModelForm, "uncertainty", lambda *_arguments, **_options: {})
+    fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
+    assert fit.trust.measures == {}
+    assert "accuracy of predicted measures is not known" in fit.trust.flags[UNUSABLE]
+    assert fit_verdict(fit).grade is Grade.NOT_USABLE
+
+
+def test_a_vehicle_that_can_be_simulated_states_its_uncertainty_and_has_no_such_flag():
+    fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
+    assert set(fit.trust.measures) == {"velocity", "tire_force"}
+    assert UNUSABLE not in fit.trust.flags
+    assert not any(reason.rule == NOT_SIMULATED.name for reason in fit_verdict(fit).reasons)
