@@ -144,7 +144,7 @@ def aim(
         sources: Shock file by name of the build.
         workers: Workers that run the setups.
         coupling: Coupling of all runs.
-        request: What to search.
+        request: Numbers, ranges and settings of the search.
         progress: Function that receives the number of trials so far.
 
     Raises:

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
               help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
               help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
-@click.option("--weight", type=click.FloatRange(min=0.0), metavar="K", default=1.0, show_default=True,
-              help="Number of standard deviations that are added to the mean of the objective.")  # fmt: skip
+@click.option("--weight", type=click.FloatRange(0.0, 10.0), metavar="K", default=1.0, show_default=True,
+              help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
 @click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
               help="Share of the gain that the band keeps.")  # fmt: skip
 @click.option("--starts", type=click.IntRange(min=1), metavar="N", default=3, show_default=True,

@@ -28,9 +28,9 @@ Change = tuple[dict[str, float], dict[str, float]]
 @click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
 @click.option("--at", "corners", multiple=True, required=True, metavar="CORNER",
               help="Corner whose shock changes, e.g. lr; may be repeated.")  # fmt: skip
-@click.option("--rebound", type=float, default=0.0, metavar="CLICKS",
+@click.option("--rebound", type=int, default=0, metavar="CLICKS",
               help="Clicks of the rebound adjuster, e.g. +1; default: 0.")  # fmt: skip
-@click.option("--compression", type=float, default=0.0, metavar="CLICKS",
+@click.option("--compression", type=int, default=0, metavar="CLICKS",
               help="Clicks of the compression adjuster, e.g. -2; default: 0.")  # fmt: skip
 @click.option("--click", "share", type=Quantity("1", positive=True), default="5 %", show_default=True, metavar="SHARE",
               help="Change of the slope that counts as a click, for shocks without a fitted adjuster.")  # fmt: skip
@@ -43,8 +43,8 @@ Change = tuple[dict[str, float], dict[str, float]]
 def whatif(
     folder: Path,
     corners: tuple[str, ...],
-    rebound: float,
-    compression: float,
+    rebound: int,
+    compression: int,
     share: float,
     speeds: str,
     setup: int | None,

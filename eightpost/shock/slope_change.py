@@ -26,7 +26,7 @@ def with_slope(curve: StaticCurve, side: str, share: float, speeds: str) -> tupl
         speeds: `low`, `high` or `all`.
 
     Raises:
-        ParameterError: The side or the speeds are none of these, or no slope would be left.
+        ParameterError: The side or the speeds do not exist, or no slope would be left.
     """
     if side not in SIDES or speeds not in ("low", "high", "all"):
         raise ParameterError(f"a change is of compression or rebound, at low, high or all speeds, not {side}, {speeds}")

@@ -300,7 +300,7 @@ class _Descent:
 def search(
     problem: Problem, starts: Sequence[Array], *, iterations: int = 30, progress: Progress = lambda _runs: None
 ) -> Optimum:
-    """Search from several points and return the best that meets the constraints, or else the least objective.
+    """Search from several points and return the best that meets the constraints, or else the smallest objective.
 
     Args:
         problem: Objective and constraints.

@@ -26,7 +26,7 @@ class Band:
         share: Share of the gain that is kept [1].
         size: Half-width of the box around the optimum, as a share of each range; 0: no box was large enough.
         kept: Share of the random points in the box that keep the gain and meet the constraints [1].
-        points: These random points (P, n).
+        points: Random points in the box (P, n).
         alone: Lower and upper place (n, 2) of each number within which the gain is kept while the others stay.
     """
 
