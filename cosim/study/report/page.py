@@ -15,7 +15,8 @@ from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.answer import answer_of
-from cosim.study.report.sheet import Column, Extras, Scale, Sheet, build_colors, packed, shown_columns
+from cosim.study.report.packed import packed
+from cosim.study.report.sheet import Column, Extras, Scale, Sheet, build_colors, shown_columns
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
