@@ -13,7 +13,6 @@ from rich.markup import escape
 from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, check_report_folder, seed_option
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
-from eightpost.report.tables import result_table
 
 if TYPE_CHECKING:
     from cosim.study.study import Study
@@ -156,6 +155,7 @@ def _search(
 def _show(console: Console, found: Aim) -> None:
     """Print objectives, band, targets and what is near them."""
     from eightpost.app.shape_page import band_text, neighbour_table, number_table, objective_table, robust_table
+    from eightpost.report.tables import result_table
 
     for table in (objective_table(found), robust_table(found)):
         console.print(result_table(table))
