@@ -141,6 +141,19 @@ def source_files(path: str | Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(path.parent / part for part in parts if not part.endswith(".fmu")))
 
 
+def bank_sources(path: str | Path) -> dict[str, Path]:
+    """Return the file of each build of a study file whose parameters are those of the file.
+
+    Raises:
+        InputError: The file cannot be read, or an entry is unknown, missing or wrong.
+    """
+    path = Path(path)
+    bank = _content(path, read_text(path)).bank
+    plain = {name: part if isinstance(part, str) else part.fmu for name, part in bank.items()
+             if isinstance(part, str) or not part.parameters}  # fmt: skip
+    return {name: path.parent / file for name, file in plain.items()}
+
+
 def _content(path: Path, text: str) -> _File:
     return parse_model(_File, text, path, SCHEMA, _WORDS)
 

@@ -13,7 +13,10 @@ from types import ModuleType
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = ("at_setting", "compiled", "curve", "file", "fit_uncertainty", "lag", "law", "laws", "port", "settings")
+_OTHERS = (
+    "at_setting", "compiled", "curve", "file", "fit_uncertainty", "lag", "law", "laws", "port", "settings", "shape",
+    "slope_change",
+)  # fmt: skip
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -93,9 +95,22 @@ class Evaluator:
         self.study = study
         vehicle = study.vehicle
         self._vehicle = FmuComponent(vehicle.fmu, vehicle.name)
-        self._shocks: dict[tuple[str, str], FmuComponent] = {}
+        self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
         self._batches: dict[tuple[str, float, str], Batches | None] = {}
+
+    def for_study(self, study: Study) -> Evaluator | None:
+        """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
+
+        The evaluators share the instances, so they must be used one after the other.
+        """
+        own = self.study
+        shocks = {name: getattr(study, name) for name in ("bank", "corners", "alike", "baseline")}
+        if replace(own, **shocks) != study:
+            return None
+        found = copy(self)
+        found.study, found._batches = study, {}
+        return found
 
     def system(self, setup: Setup) -> System:
         """Return the coupled system of a setup.
@@ -276,9 +291,10 @@ class Evaluator:
         )
 
     def _shock(self, corner: str, build: str) -> FmuComponent:
-        key = (corner, build)
+        fmu = self.study.bank[build].fmu
+        key = (corner, fmu)  # builds that differ in their parameters share an instance
         if key not in self._shocks:
-            self._shocks[key] = FmuComponent(self.study.bank[build].fmu, corner)
+            self._shocks[key] = FmuComponent(fmu, corner)
         return self._shocks[key]
 
     def _bond(self, corner: str, shock: Component) -> Bond:

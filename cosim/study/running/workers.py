@@ -28,7 +28,9 @@ _own = threading.local()
 def _evaluator_for(study: str) -> Evaluator:
     """Return this thread's evaluator of a study, given as JSON."""
     if getattr(_own, "study", None) != study:
-        _own.evaluator, _own.study = Evaluator(Study.from_json(study)), study
+        described, known = Study.from_json(study), getattr(_own, "evaluator", None)
+        similar = None if known is None else known.for_study(described)
+        _own.evaluator, _own.study = similar or Evaluator(described), study
     evaluator: Evaluator = _own.evaluator
     return evaluator
 

@@ -13,10 +13,11 @@ from eightpost.units import convert
 #: One square millimetre [m2].
 _MM2 = 1e-6
 
-_PSI = convert(1.0, "psi", "Pa")
+#: One pound per square inch [Pa].
+PSI = convert(1.0, "psi", "Pa")
 
 #: Maximum gas pressure of a shock of this type, gauge [Pa].
-HIGHEST_GAS = 400.0 * _PSI
+HIGHEST_GAS = 400.0 * PSI
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ SHIMS_OF_BUILD = {1: Shims("B", "B", "B"), 2: Shims("B", "B", "A+"), 4: Shims("A
 
 #: Rows of Table 3.1, numbered from 1.
 CONFIGURATIONS = {
-    number: Setting(build, clicks, pressure * _PSI)
+    number: Setting(build, clicks, pressure * PSI)
     for number, (build, pressure, clicks) in enumerate(
         ((build, pressure, clicks) for build in SHIMS_OF_BUILD for pressure in (50.0, 150.0) for clicks in (1, 14)),
         start=1,
@@ -78,10 +79,10 @@ def configuration(number: int) -> PhysicalDamper:
         raise ParameterError(f"there is no configuration {number!r}; Table 3.1 has 1 to {len(CONFIGURATIONS)}")
     setting = CONFIGURATIONS[number]
     shims, clicks, gas_pressure = SHIMS_OF_BUILD[setting.build], setting.clicks, setting.gas_pressure
-    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
+    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
 
 
-def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * _PSI) -> PhysicalDamper:
+def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * PSI) -> PhysicalDamper:
     """Return a shock with a flat (linear) main piston, such as those of Table 7.3.
 
     Args:
@@ -96,12 +97,17 @@ def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * _PSI
     if not slash:
         raise ParameterError(f"{name!r} is not a build; write it as COMPRESSION/REBOUND, such as {BUILDS[5]}")
     shims = Shims(compression, rebound)
-    return _shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
+    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
 
 
-def _shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
+def shimmed_shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
+    """Return a shock with shims, a piston with a dish [m] (0: flat) and a bleed jet [m2].
+
+    Raises:
+        ParameterError: A shim code does not exist, or clicks or pressure are out of range.
+    """
     if not 0.0 <= gas_pressure <= HIGHEST_GAS:
-        given, most = gas_pressure / _PSI, HIGHEST_GAS / _PSI
+        given, most = gas_pressure / PSI, HIGHEST_GAS / PSI
         raise ParameterError(f"the gas pressure must be 0 to {most:g} psi gauge, not {given:g} psi")
     compression, rebound = (
         ShimValve(ShimStack(code), port_area=40.0 * _MM2, edge=0.09, dish=dish)

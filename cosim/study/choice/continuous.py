@@ -1,0 +1,334 @@
+"""Search over continuous numbers of the shocks at each corner, for the best mean plus scatter of the objective.
+
+scipy's SLSQP minimises the study's objective under its constraints from several starts; gradients are differences of
+runs, a batch for each step, so that all cores are busy (D. Kraft, DFVLR-FB 88-28, 1988).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import Bounds, minimize
+from scipy.stats import norm, qmc
+
+from cosim.study.choice.optimise import scores_of
+from cosim.study.choice.optimise_genetic import Scores
+from cosim.study.choice.sensitivity import factors_of
+from cosim.study.running.trials import Trials
+from cosim.study.study import Build, Study
+from eightpost.array_types import Array, Flags
+from eightpost.errors import InputError
+
+#: Difference of a gradient, as a share of a number's range.
+_DIFFERENCE = 5e-3
+
+#: Precision of the objective at which a search ends, as a share of its value at the start.
+_PRECISION = 2e-5
+
+
+def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
+    """Return the corners of a study; corners that are alike are one group."""
+    return tuple(tuple(factor.name.split("+")) for factor in factors_of(study.space))
+
+
+# ---- The space ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Range of one number of a shock.
+
+    Attributes:
+        name: Name of the number.
+        low: Lower limit, in the number's own unit.
+        high: Upper limit.
+        tolerance: Standard deviation from shock to shock, as a share of the value [1].
+
+    Raises:
+        InputError: The range is empty, or the tolerance is negative.
+    """
+
+    name: str
+    low: float
+    high: float
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"range of {self.name}: the lower limit {self.low:g} must be below {self.high:g}")
+        if not 0.0 <= self.tolerance < 1.0:
+            raise InputError(f"tolerance of {self.name} must be 0 or more and below 1, not {self.tolerance:g}")
+
+    @property
+    def by_factors(self) -> bool:
+        """Whether equal steps are equal factors: the whole range is positive."""
+        return self.low > 0.0
+
+    def value(self, place: Array) -> Array:
+        """Return values at places from 0 (lower limit) to 1 (upper limit)."""
+        if self.by_factors:
+            return np.asarray(self.low * (self.high / self.low) ** place)
+        return np.asarray(self.low + (self.high - self.low) * place)
+
+    def place(self, value: Array | float) -> Array:
+        """Return the places of values; the inverse of `value`, limited to the range."""
+        value = np.clip(value, self.low, self.high)
+        if self.by_factors:
+            return np.asarray(np.log(value / self.low) / np.log(self.high / self.low))
+        return np.asarray((value - self.low) / (self.high - self.low))
+
+
+#: Function that returns the build of a shock for a group of corners with the given numbers, by name.
+BuildOf = Callable[[tuple[str, ...], Mapping[str, float]], Build]
+
+
+@dataclass(frozen=True, slots=True)
+class ShockSpace:
+    """Numbers of a shock at each corner, or group of corners with the same shock.
+
+    A point is an array (n,) of places between 0 and 1, the numbers of the first group first.
+
+    Attributes:
+        groups: Corners of each group that varies.
+        ranges: Ranges of the numbers, the same at each group.
+        build: Function that returns the build of a shock with these numbers.
+        fixed: Builds of the other corners.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    ranges: tuple[Range, ...]
+    build: BuildOf
+    fixed: Mapping[str, Build] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates."""
+        return len(self.groups) * len(self.ranges)
+
+    def values(self, points: Array) -> Array:
+        """Return the values (K, groups, numbers) at points (K, n)."""
+        places = points.reshape(-1, len(self.groups), len(self.ranges))
+        return np.stack([one.value(places[..., k]) for k, one in enumerate(self.ranges)], axis=-1)
+
+    def point(self, values: Sequence[Mapping[str, float]]) -> Array:
+        """Return the point (n,) nearest to the numbers of each group; values beyond the range are set to its limit."""
+        return np.array([float(one.place(group[one.name])) for group in values for one in self.ranges])
+
+    def numbers(self, values: Array) -> list[dict[str, float]]:
+        """Return values (groups, numbers) as the numbers of each group by name."""
+        return [dict(zip((one.name for one in self.ranges), row, strict=True)) for row in values.tolist()]
+
+    def trial(self, values: Array) -> dict[str, Build]:
+        """Return the build at each corner for values (groups, numbers)."""
+        builds = [self.build(*pair) for pair in zip(self.groups, self.numbers(values), strict=True)]
+        own = {corner: build for group, build in zip(self.groups, builds, strict=True) for corner in group}
+        return {**self.fixed, **own}
+
+
+# ---- The objective: mean and scatter over shocks that are not exactly as planned ----------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Robustness:
+    """Draws of the tolerances, the same for every point, and the weight of the scatter.
+
+    Attributes:
+        draws: Number of draws; 0: shocks are exactly as planned.
+        weight: Number of standard deviations that are added to the mean of objective and constraints.
+        seed: Seed of the draws.
+
+    Raises:
+        InputError: There is a single draw, or the weight is negative.
+    """
+
+    draws: int = 0
+    weight: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.draws < 0 or self.draws == 1 or not self.weight >= 0.0:
+            raise InputError(f"robust search: use no draws, or two or more, not {self.draws}, and a weight of 0 or "
+                             f"more, not {self.weight:g}")  # fmt: skip
+
+    def factors(self, space: ShockSpace) -> Array:
+        """Return factors (1 + S, groups, numbers) on the values; the first row is 1."""
+        shape = (len(space.groups), len(space.ranges))
+        if self.draws == 0:
+            return np.ones((1, *shape))
+        uniform = qmc.LatinHypercube(space.size, rng=self.seed).random(self.draws).reshape(-1, *shape)
+        tolerances = np.array([one.tolerance for one in space.ranges])
+        return np.concatenate([np.ones((1, *shape)), np.exp(tolerances * norm.ppf(uniform))])
+
+
+class Evaluation(NamedTuple):
+    """Values of K points.
+
+    Attributes:
+        objective: Robust objective (K,): mean plus weighted scatter; NaN if a run failed.
+        violations: Robust violation of each constraint (K, C), as a share of the limit.
+        nominal: Objective of the shocks exactly as planned (K,).
+        scatter: Standard deviation of the objective over the draws (K,); 0 without draws.
+    """
+
+    objective: Array
+    violations: Array
+    nominal: Array
+    scatter: Array
+
+    @property
+    def allowed(self) -> Flags:
+        """Whether each point ran and meets all constraints (K,)."""
+        return np.asarray(np.isfinite(self.objective) & (self.violations <= 0.0).all(axis=1), dtype=np.bool_)
+
+
+class Problem:
+    """Objective and constraints of a study over a space of shocks.
+
+    Args:
+        trials: Runs of the study.
+        space: Numbers of the shocks.
+        robustness: Draws of the tolerances.
+        objective: Measure to minimise; empty: the study's objective.
+    """
+
+    def __init__(
+        self, trials: Trials, space: ShockSpace, robustness: Robustness = Robustness(), objective: str = ""
+    ) -> None:
+        self.trials, self.space, self.robustness = trials, space, robustness
+        self._objectives = (objective,) if objective else ()
+        self._factors = robustness.factors(space)
+
+    def scores(self, trials: Sequence[Mapping[str, Build]]) -> Scores:
+        """Return objective (K, 1) and violations (K, C) of builds by corner."""
+        result = self.trials.run(trials)
+        return scores_of(result, result.setups, self._objectives)
+
+    def evaluate(self, points: Array) -> Evaluation:
+        """Evaluate points (K, n) in one batch, each with all draws."""
+        values = self.space.values(points)
+        drawn = values[:, None] * self._factors  # (K, 1 + S, groups, numbers)
+        scores = self.scores([self.space.trial(one) for rows in drawn for one in rows])
+        objectives = scores.objectives[:, 0].reshape(drawn.shape[:2])
+        violations = scores.violations.reshape(*drawn.shape[:2], -1)
+        nominal = objectives[:, 0]
+        if self.robustness.draws == 0:
+            return Evaluation(nominal, violations[:, 0], nominal, np.zeros_like(nominal))
+        weight = self.robustness.weight
+        mean, scatter = objectives.mean(axis=1), objectives.std(axis=1, ddof=1)
+        with np.errstate(invalid="ignore"):  # a failed run violates its constraints infinitely
+            robust = violations.mean(axis=1) + weight * np.nan_to_num(violations.std(axis=1, ddof=1))
+        return Evaluation(mean + weight * scatter, robust, nominal, scatter)
+
+
+# ---- The search -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Optimum:
+    """Result of a continuous search.
+
+    Attributes:
+        point: Best point (n,).
+        objective: Robust objective there.
+        nominal: Objective of the shocks exactly as planned.
+        scatter: Standard deviation of the objective over the draws.
+        allowed: Whether the point meets all constraints.
+        starts: Objective at each start, and at the end of its search.
+        runs: Number of setups that were run.
+        status: Reasons why the searches ended.
+    """
+
+    point: Array
+    objective: float
+    nominal: float
+    scatter: float
+    allowed: bool
+    starts: tuple[tuple[float, float], ...]
+    runs: int
+    status: tuple[str, ...]
+
+
+Progress = Callable[[int], None]
+
+
+@dataclass(slots=True)
+class _Descent:
+    """One search with SLSQP: values and gradients of the last point, and the best point so far."""
+
+    problem: Problem
+    scale: float
+    progress: Progress
+    best: tuple[bool, float, Array] = field(init=False)
+    _known: tuple[bytes, Any] = field(init=False, default=(b"", None))
+
+    def run(self, start: Array, iterations: int) -> str:
+        """Search from a point (n,)."""
+        self.best = (False, np.inf, start)
+        problem: Any = {
+            "fun": lambda point: self._at(point)[0] / self.scale,
+            "jac": lambda point: self._at(point)[2] / self.scale,
+            "bounds": Bounds(np.zeros(start.size), np.ones(start.size)),
+            "options": {"maxiter": iterations, "ftol": _PRECISION},
+        }
+        if self.problem.trials.study.constraints:
+            limits = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+            problem["constraints"] = [limits]
+        found = minimize(x0=start, method="SLSQP", **problem)
+        return str(found.message)
+
+    def _at(self, point: Array) -> tuple[float, Array, Array, Array]:
+        """Return objective, violations (1, C) and their gradients (n,) and (C, n) by differences into the range."""
+        key = point.tobytes()
+        if self._known[0] != key:
+            steps = np.where(point > 0.5, -_DIFFERENCE, _DIFFERENCE)
+            found = self.problem.evaluate(np.clip(np.vstack([point, point + np.diag(steps)]), 0.0, 1.0))
+            self.progress(self.problem.trials.count)
+            objective = np.nan_to_num(found.objective, nan=10.0 * self.scale, posinf=10.0 * self.scale)
+            violations = np.minimum(found.violations, 10.0)
+            allowed = bool(found.allowed[0])
+            if (not allowed, objective[0]) < (not self.best[0], self.best[1]):
+                self.best = (allowed, float(objective[0]), point.copy())
+            slopes = ((violations[1:] - violations[0]) / steps[:, None]).T
+            self._known = key, (float(objective[0]), violations[:1], (objective[1:] - objective[0]) / steps, slopes)
+        known: tuple[float, Array, Array, Array] = self._known[1]
+        return known
+
+
+def search(
+    problem: Problem, starts: Sequence[Array], *, iterations: int = 30, progress: Progress = lambda _runs: None
+) -> Optimum:
+    """Search from several points and return the best that meets the constraints, or else the smallest objective.
+
+    Args:
+        problem: Objective and constraints.
+        starts: Points (n,).
+        iterations: Largest number of steps of each search.
+        progress: Function that receives the number of setups run so far.
+
+    Raises:
+        InputError: There is no start.
+    """
+    if not starts:
+        raise InputError("a search needs one start or more")
+    first = problem.evaluate(np.stack(starts))
+    ends, words = [], []
+    for start, before in zip(starts, first.objective.tolist(), strict=True):
+        descent = _Descent(problem, abs(before) or 1.0, progress)
+        words.append(descent.run(start, iterations))
+        ends.append(descent.best)
+    _, _, point = min(ends, key=lambda end: (not end[0], end[1]))
+    found = problem.evaluate(point[None])
+    pairs = tuple((before, end[1]) for before, end in zip(first.objective.tolist(), ends, strict=True))
+    return Optimum(
+        point,
+        float(found.objective[0]),
+        float(found.nominal[0]),
+        float(found.scatter[0]),
+        bool(found.allowed[0]),
+        pairs,
+        problem.trials.count,
+        tuple(words),
+    )

@@ -1,0 +1,274 @@
+"""Search for the target curves of a study: shapes of shocks, run by FMUs, and the valving that gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+
+from builder.build import build
+from cosim.study.choice.continuous import (
+    Evaluation,
+    Optimum,
+    Problem,
+    Progress,
+    Range,
+    Robustness,
+    ShockSpace,
+    groups_of,
+    search,
+)
+from cosim.study.choice.gain_band import Band, band
+from cosim.study.choice.optimise import Search, search_study
+from cosim.study.result import StudyResult
+from cosim.study.running.evaluator import Coupling
+from cosim.study.running.sweep import Requested
+from cosim.study.running.trials import Trials
+from cosim.study.running.workers import Workers
+from cosim.study.study import Build, Study
+from eightpost.app.shape_target import Target, targets_of
+from eightpost.array_types import Array
+from eightpost.errors import InputError
+from eightpost.shock import Shock, read_shock, write_shock
+from eightpost.shock.shape import CURVE_NUMBERS, Shape, ShapeFit, range_of
+
+# ---- Request and result ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What to search.
+
+    Attributes:
+        vary: Names of the numbers that vary; the others are those of the best build of the bank at each corner.
+        limits: Lower and upper limit [SI] by number; numbers without limits range over the bank.
+        corners: Corners whose shocks are searched, with those that are alike; empty: all.
+        tolerance: Standard deviation of every number from shock to shock, as a share of its value [1].
+        robustness: Draws of the tolerance, and weight of the scatter.
+        starts: Number of starts of the search: the best setup of the bank, the baseline, and random points.
+        keep: Share of the gain that the band keeps [1].
+        objective: Measure to minimise; empty: the objective of the study.
+        seed: Seed of the random starts.
+    """
+
+    vary: tuple[str, ...] = CURVE_NUMBERS
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    corners: tuple[str, ...] = ()
+    tolerance: float = 0.03
+    robustness: Robustness = field(default_factory=lambda: Robustness(6))
+    starts: int = 3
+    keep: float = 0.8
+    objective: str = ""
+    seed: int = 0
+
+
+#: Setups that are run through the study with FMUs of their own.
+VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """Result of a search for target curves.
+
+    Attributes:
+        study: Study.
+        request: Request.
+        ranges: Ranges of the numbers that varied.
+        fits: Shape of each build of the bank that has a shock file, with its residual.
+        bank: Builds of the best setup of the bank, by corner.
+        reference: The best setup of the bank, its shocks as shapes.
+        optimum: Result of the search.
+        band: Band that keeps the gain; None without a gain.
+        targets: Target curve of each group of corners.
+        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
+        runs: Number of setups that were run.
+    """
+
+    study: Study
+    request: Request
+    ranges: tuple[Range, ...]
+    fits: Mapping[str, ShapeFit]
+    bank: Mapping[str, str]
+    reference: Evaluation
+    optimum: Optimum
+    band: Band | None
+    targets: tuple[Target, ...]
+    verified: StudyResult
+    runs: int
+
+    @property
+    def gain(self) -> float:
+        """Robust objective of the best setup of the bank less that of the targets."""
+        return float(self.reference.objective[0]) - self.optimum.objective
+
+    def verified_objective(self, rank: int) -> float:
+        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
+        return float(_objectives(self.verified, self.request.objective)[rank])
+
+
+# ---- The search -----------------------------------------------------------------------------------------------------
+
+
+def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
+    """Return the shape of each build of a bank from its shock file.
+
+    Args:
+        sources: Shock file by name of the build.
+
+    Raises:
+        InputError: There is no shock file.
+    """
+    if not sources:
+        raise InputError(
+            "no build of the bank is a shock file (.json), so the range of shapes is not known; name shock files in "
+            "[bank], or state the limits of every number with --limit"
+        )
+    return {name: Shape.of(read_shock(path).law) for name, path in sources.items()}
+
+
+def aim(
+    requested: Requested,
+    sources: Mapping[str, Path],
+    workers: Workers,
+    coupling: Coupling,
+    request: Request = Request(),
+    progress: Progress = lambda _runs: None,
+) -> Aim:
+    """Search for the curves to aim at, describe them, and verify them by runs of their own FMUs.
+
+    Args:
+        requested: Checked study with the runs of its bank; the bank is run first where it was not.
+        sources: Shock file by name of the build.
+        workers: Workers that run the setups.
+        coupling: Coupling of all runs.
+        request: Numbers, ranges and settings of the search.
+        progress: Function that receives the number of trials so far.
+
+    Raises:
+        InputError: A corner, number or limit is wrong, or the bank has no shock file.
+    """
+    study = requested.study
+    fits = shapes_of_bank(sources)
+    bank = _best_of_bank(requested, workers, coupling, request.objective)
+    groups = _groups(study, request.corners)
+    folder = requested.folder / "shapes"
+    bases = {group: _base(fits, bank[group[0]]) for group in groups}
+    fmu = _fmu(Shock("any shape", bases[groups[0]].law()), folder / "any_shape.json", folder / "fmus")
+
+    def build_of(group: tuple[str, ...], numbers: Mapping[str, float]) -> Build:
+        return Build(fmu, bases[group].with_numbers(numbers).parameters())
+
+    searched = {corner for group in groups for corner in group}
+    fixed = {corner: study.bank[name] for corner, name in bank.items() if corner not in searched}
+    ranges = tuple(_range(name, request, fits) for name in request.vary)
+    space = ShockSpace(groups, ranges, build_of, fixed)
+    trials = Trials(study, workers, coupling)
+    problem = Problem(trials, space, objective=request.objective)
+    own = space.point([bases[group].numbers() for group in groups])
+    planned = search(problem, _starts(space, own, study, fits, request), progress=progress)
+    robust = Problem(trials, space, request.robustness, request.objective)
+    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
+    reference = robust.evaluate(own[None])
+    kept = None
+    if float(reference.nominal[0]) > optimum.nominal:
+        kept = band(problem, optimum, float(reference.nominal[0]), share=request.keep)
+        progress(trials.count)
+    found = tuple(space.numbers(space.values(optimum.point[None])[0]))
+    shapes = {group: bases[group].with_numbers(numbers) for group, numbers in zip(groups, found, strict=True)}
+    targets = targets_of(problem, optimum, kept, shapes, bases, fits, sources)
+    verified = _verified(requested, workers, coupling, bank, targets)
+    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
+    return Aim(study, request, ranges, fits, bank, reference, optimum, kept, targets, verified, trials.count)
+
+
+#: Largest number of steps of the robust search, which starts from the best of the searches without draws.
+_POLISHING = 8
+
+#: Largest number of setups of a bank that is run completely; larger banks are searched.
+_EXHAUSTIVE = 5000
+
+
+def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, objective: str) -> Mapping[str, str]:
+    study = requested.study
+    if len(study.space) > _EXHAUSTIVE:
+        result, _ = search_study(requested, workers, coupling, Search((objective,) if objective else ()))
+    else:
+        result = requested.request(workers, coupling, study.space.indices.tolist())
+    rows = result.ranking(objective or None)
+    if not rows.size:
+        raise InputError("no setup of the bank runs and meets the constraints, so there is nothing to compare with")
+    return result.setup(int(rows[0])).builds
+
+
+def _groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    if unknown := sorted(set(corners) - set(study.corners)):
+        raise InputError(f"there is no corner {unknown[0]!r}; the corners are {', '.join(study.corners)}")
+    return tuple(group for group in groups_of(study) if not corners or set(group) & set(corners))
+
+
+def _base(fits: Mapping[str, ShapeFit], build_name: str) -> Shape:
+    """Return the shape of a build; of a build without a shock file, that of the first one with."""
+    return (fits.get(build_name) or next(iter(fits.values()))).shape
+
+
+def _range(name: str, request: Request, fits: Mapping[str, ShapeFit]) -> Range:
+    stated = request.limits.get(name)
+    low, high = stated or range_of([fit.shape for fit in fits.values()], name)
+    return Range(name, low, high, request.tolerance)
+
+
+def _starts(space: ShockSpace, own: Array, study: Study, fits: Mapping[str, ShapeFit], request: Request) -> list[Array]:
+    """Return the best setup of the bank, the baseline, and random points."""
+    found = [own]
+    if study.baseline and request.starts > 1:
+        shapes = [_base(fits, study.baseline[group[0]]) for group in space.groups]
+        found.append(space.point([shape.numbers() for shape in shapes]))
+    count = max(request.starts - len(found), 0)
+    return [*found, *qmc.LatinHypercube(space.size, rng=request.seed).random(count)]
+
+
+def _fmu(shock: Shock, path: Path, folder: Path) -> Path:
+    """Write a shock file and build its FMU."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_shock(shock, path)
+    return build([path], folder)[0].path
+
+
+# ---- Verification: FMUs of their own, run as any setup of a study ---------------------------------------------------
+
+
+def _verified(
+    requested: Requested, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
+) -> StudyResult:
+    """Run the setups of `VERIFIED`; the rows are in this order."""
+    study, folder = requested.study, requested.folder / "shapes"
+    own, setups = dict(study.bank), [dict(bank) for _ in VERIFIED]
+    shocks = {}
+    for target in targets:
+        shocks[f"target {target.name}"] = target.shape, folder / f"{target.name}.json"
+        shocks[f"valving {target.name}"] = target.valving_shape, folder / f"{target.name}_valving.json"
+    for name, (shape, path) in shocks.items():
+        write_shock(Shock(name, shape.law()), path)
+    built = build([path for _, path in shocks.values()], folder / "fmus")
+    own |= {name: Build(item.path) for name, item in zip(shocks, built, strict=True)}
+    for target in targets:
+        planned, valved = f"target {target.name}", f"valving {target.name}"
+        for setup, name in zip(setups[1:], (planned, target.neighbours[0].build, valved), strict=True):
+            setup.update(dict.fromkeys(target.corners, name))
+    allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}
+    checked = replace(study, bank=own, corners=allowed, alike=(), baseline=bank, name=f"{study.name}: targets")
+    runs = Requested(checked, folder)
+    numbers = [checked.space.find(one).index for one in setups]
+    result = runs.request(workers, coupling, numbers)
+    rows = np.searchsorted(result.setups, numbers)
+    return replace(result, table=result.table.take(rows), _cache={})
+
+
+def _objectives(result: StudyResult, measure: str) -> Array:
+    if measure:
+        return result.values(measure)
+    own = result.objective
+    return result.values(result.measures[0].name) if own is None else own

@@ -1,0 +1,165 @@
+"""`eightpost shapes`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, check_report_folder, seed_option
+from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from cosim.study.study import Study
+    from eightpost.app.shape_search import Aim, Request
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+              help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
+              "results.")  # fmt: skip
+@click.option("--for", "objective", metavar="MEASURE",
+              help="Measure to minimise; default: the objective of the study.")  # fmt: skip
+@click.option("--at", "corners", multiple=True, metavar="CORNER",
+              help="Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other "
+              "corners keep the builds of the best setup of the bank.")  # fmt: skip
+@click.option("--vary", multiple=True, metavar="NUMBER",
+              help="Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of "
+              "the curve.")  # fmt: skip
+@click.option("--limit", "limits", multiple=True, type=Assignment("NUMBER=LOW,HIGH"), metavar="NUMBER=LOW,HIGH",
+              help="Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: "
+              "the range over the builds of the bank.")  # fmt: skip
+@click.option("--tolerance", type=Quantity("1"), metavar="SHARE", default="3 %", show_default=True,
+              help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
+              help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
+@click.option("--weight", type=click.FloatRange(0.0, 10.0), metavar="K", default=1.0, show_default=True,
+              help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
+@click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
+              help="Share of the gain that the band keeps.")  # fmt: skip
+@click.option("--starts", type=click.IntRange(min=1), metavar="N", default=3, show_default=True,
+              help="Number of starts: the best of the bank, the baseline, and random ones.")  # fmt: skip
+@seed_option(0, "Seed of the random starts.")
+@WORKERS
+@SCHEDULER
+@click.pass_context
+def shapes(
+    ctx: click.Context,
+    /,
+    study_file: Path,
+    output: Path,
+    objective: str | None,
+    corners: tuple[str, ...],
+    vary: tuple[str, ...],
+    limits: tuple[tuple[str, str], ...],
+    tolerance: float,
+    draws: int,
+    weight: float,
+    keep: float,
+    starts: int,
+    seed: int,
+    workers: int | None,
+    scheduler: str | None,
+) -> None:
+    """Find the shock curves to aim at: the best shapes for a study, also such that nobody has built.
+
+    STUDY is the TOML file of `eightpost study` with shock files in its bank. A shape has a few numbers: bleed, knee,
+    low- and high-speed slopes of each side, lag and gas. The search varies them at each corner within the range of the
+    bank, under the constraints of the study, and minimises mean plus scatter of the objective over the tolerance. The
+    page states the target curves with a band that keeps most of the gain, the nearest builds of the bank, and the
+    shims, bleed and clicks of the virtual damper that come closest. The targets are run as FMUs of their own. The exit
+    code is 1 if they are not better than the best setup of the bank.
+
+    \b
+    Examples:
+      eightpost shapes examples/study.toml -o out/
+      eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
+      eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
+    """
+    from cosim.study.choice.continuous import Robustness
+    from cosim.study.study_file import bank_sources
+    from eightpost.app.shape_page import aim_verdict, write_aim
+    from eightpost.app.shape_search import Request
+    from eightpost.app.show import show_verdict
+    from eightpost.shock.shape import CURVE_NUMBERS
+
+    console = Console()
+    check_report_folder(output, "study")
+    described = read_with_fmus(console, study_file, output)
+    if objective is not None:
+        described.measure(objective)
+    request = Request(
+        vary=vary or CURVE_NUMBERS,
+        limits=_limits(limits),
+        corners=corners,
+        tolerance=tolerance,
+        robustness=Robustness(draws, weight),
+        starts=starts,
+        keep=keep,
+        objective=objective or "",
+        seed=seed,
+    )
+    sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
+    found = _search(console, described, output, sources, request, workers, scheduler)
+    _show(console, found)
+    show_verdict(console, aim_verdict(found))
+    for path in write_aim(found, output):
+        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+    ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
+
+
+def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float]]:
+    """Return limits in SI by number."""
+    from eightpost import units
+    from eightpost.shock.shape import Shape, Side, unit_of
+
+    known = Shape(Side(1.0, 1.0, 1.0, 1.0, 0.0), Side(1.0, 1.0, 1.0, 1.0, 0.0)).numbers()
+    found = {}
+    for name, text in stated:
+        ends = [part.strip() for part in text.split(",")]
+        if name not in known or len(ends) != 2:
+            raise InputError(
+                f"--limit {name}={text}: write NUMBER=LOW,HIGH with units; the numbers are {', '.join(known)}"
+            )
+        low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
+        found[name] = (low, high)
+    return found
+
+
+def _search(
+    console: Console, described: Study, output: Path, sources: Mapping[str, Path], request: Request,
+    workers: int | None, scheduler: str | None,
+) -> Aim:  # fmt: skip
+    from cosim.study.folder import RESULTS
+    from cosim.study.running.sweep import Requested
+    from eightpost.app.shape_search import aim
+
+    requested = Requested(described, output)
+    show_study(console, requested)
+    with running_workers(workers, scheduler) as pool:
+        with console.status("choosing the coupling step"):
+            coupling = requested.coupling(pool)
+        show_coupling(console, coupling, described)
+        with console.status("running the bank") as status:
+            found = aim(requested, sources, pool, coupling, request, lambda runs: status.update(f"{runs} trials"))
+        requested.everything(coupling).save(output / RESULTS)
+        return found
+
+
+def _show(console: Console, found: Aim) -> None:
+    """Print objectives, band, targets and what is near them."""
+    from eightpost.app.shape_page import band_text, neighbour_table, number_table, objective_table, robust_table
+    from eightpost.report.tables import result_table
+
+    for table in (objective_table(found), robust_table(found)):
+        console.print(result_table(table))
+    console.print(escape(band_text(found)), highlight=False, soft_wrap=True)
+    for target in found.targets:
+        console.print(result_table(number_table(target, found)))
+        console.print(result_table(neighbour_table(target, found)))

@@ -1,0 +1,86 @@
+"""`eightpost shapes` and `eightpost whatif`: files, claims on the console, and exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from cosim.components.component import Variable
+from cosim.study import Build, StudyResult
+from eightpost.__main__ import main
+from eightpost.app.whatif import change_of
+from eightpost.errors import InputError
+from eightpost.shock import read_shock
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+TEXT = """
+schema = 1
+families = ["numbers"]
+settling = "1 s"
+baseline = "B/B"
+alike = [["lf", "rf", "lr", "rr"]]
+
+[vehicle]
+fmu = "{car}"
+means = "trusted"
+
+[bank]
+"B/B" = "{bank}/B_B.json"
+"C/C" = "{bank}/C_C.json"
+
+[[drive]]
+file = "{track}"
+stop = "2.5 s"
+
+[[objective]]
+measure = "grip number"
+"""
+
+
+@pytest.mark.nightly
+def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_measures(fmus, tmp_path):
+    path, out = tmp_path / "study.toml", tmp_path / "out"
+    track = EXAMPLES / "data" / "track.parquet"
+    path.write_text(TEXT.format(car=fmus["seven_dof"], bank=EXAMPLES / "bank", track=track))
+    options = ["shapes", str(path), "-o", str(out), "--workers", "1", "--draws", "2", "--starts", "1",
+               "--vary", "rebound.low", "--limit", "rebound.low=10 lbf.s/in,60 lbf.s/in"]  # fmt: skip
+    done = CliRunner().invoke(main, options)
+    assert done.exit_code in (0, 1), done.output
+    content = json.loads((out / "shapes.json").read_text())
+    objective, (target,) = content["objective"], content["targets"]
+    assert objective["targets"] == pytest.approx(objective["targets_in_search"], rel=1e-9)  # the FMU of its own
+    assert (done.exit_code == 0) == (objective["targets"] < objective["best_of_bank"])
+    low, high = content["ranges"]["rebound.low"]
+    assert low <= target["numbers"]["rebound.low"] <= high == pytest.approx(60.0 * 175.1268, rel=1e-4)
+    assert {one["build"] for one in target["builds"]} == {"B/B", "C/C"}
+    assert target["valving"]["relative"] < 0.1
+    own = read_shock(out / "shapes" / "lf+rf+lr+rr.json").law.curve
+    forces = [own.force(v) for v in target["velocity [m/s]"]]
+    bands = zip(target["lowest_force [N]"], forces, target["highest_force [N]"], strict=True)
+    assert all(least - 1e-9 <= force <= most + 1e-9 for least, force, most in bands)
+    for expected in ("Target at lf+rf+lr+rr", "virtual damper", "shapes.html"):
+        assert expected in done.output
+    assert (out / "shapes.html").is_file()
+
+    assert StudyResult.load(out / "results.parquet").done.all()  # of the bank, for the other commands
+    asked = CliRunner().invoke(main, ["whatif", str(out), "--at", "lr", "--rebound", "+1"])
+    assert asked.exit_code == 0 and "lr: rebound slope at low speeds +5 %" in asked.output
+    assert "grip number" in asked.output
+    for arguments, message in ((["--at", "lr"], "nothing changes"), (["--at", "front", "--rebound", "1"], "no corner")):
+        wrong = CliRunner().invoke(main, ["whatif", str(out), *arguments])
+        assert wrong.exit_code == 2 and message in wrong.output
+
+
+def test_a_shock_with_an_adjuster_is_turned_by_its_clicks_within_its_stops():
+    build = Build(Path("shock.fmu"), {"clicks.rebound": 12.0})
+    variables = {"clicks.rebound": Variable("clicks.rebound", "parameter", start=10.0, minimum=0.0, maximum=14.0)}
+    before, after, words = change_of(build, variables, {"rebound": 2.0}, share=0.05, speeds="low")
+    assert (before, after) == ({}, {"clicks.rebound": 14.0}) and words == "clicks.rebound from 12 to 14"
+    with pytest.raises(InputError, match=r"would be 15, beyond its stops 0 to 14"):
+        change_of(build, variables, {"rebound": 3.0}, share=0.05, speeds="low")
+    with pytest.raises(InputError, match="neither an adjuster"):
+        change_of(build, variables, {"compression": 1.0}, share=0.05, speeds="low")

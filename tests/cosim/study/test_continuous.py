@@ -1,0 +1,141 @@
+"""Continuous search: analytic optima, robust ones, bands, and trials that are runs of the study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.study import Build
+from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, groups_of, search
+from cosim.study.choice.gain_band import band
+from cosim.study.choice.what_if import what_if
+from cosim.study.running.sweep import Requested
+from cosim.study.running.trials import Trials
+from eightpost.errors import InputError
+
+SPACE = ShockSpace((("front",), ("rear",)), (Range("a", 1.0, 100.0, 0.1), Range("b", -1.0, 1.0)), lambda *_: Build("x"))
+
+
+@dataclass
+class Analytic:
+    """A problem without runs: a function of points (K, n), and a constraint that is met where it is negative."""
+
+    function: object
+    constraint: object = None
+    space: ShockSpace = SPACE
+    trials: SimpleNamespace = field(init=False)
+
+    def __post_init__(self):
+        self.trials = SimpleNamespace(count=0, study=SimpleNamespace(constraints=(self.constraint,) * bool(
+            self.constraint)))  # fmt: skip
+
+    def evaluate(self, points):
+        self.trials.count += len(points)
+        values = self.function(points)
+        kept = self.constraint(points)[:, None] if self.constraint else np.empty((len(points), 0))
+        return Evaluation(values, kept, values, np.zeros(len(points)))
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4))
+def test_the_minimum_of_a_bowl_is_found_also_at_the_edge_of_the_range(center):
+    bowl = Analytic(lambda points: 5.0 + ((points - center) ** 2 @ np.array([1.0, 2.0, 3.0, 4.0])))
+    found = search(bowl, [np.full(4, 0.5)])
+    assert found.allowed and found.objective == pytest.approx(5.0, abs=2e-3)
+
+
+def test_a_constraint_holds_at_the_optimum():
+    bowl = Analytic(lambda points: 5.0 + ((points - 0.8) ** 2).sum(axis=1), lambda points: points[:, 0] - 0.3)
+    found = search(bowl, [np.full(4, 0.1), np.full(4, 0.9)])
+    assert found.allowed and found.point[0] == pytest.approx(0.3, abs=0.01)
+    assert found.objective == pytest.approx(5.25, abs=0.01) and len(found.starts) == 2
+
+
+def test_failed_runs_do_not_end_a_search():
+    def function(points):
+        values = 5.0 + ((points - 0.6) ** 2).sum(axis=1)
+        return np.where(points[:, 0] > 0.9, np.nan, values)
+
+    found = search(Analytic(function), [np.full(4, 0.2)])
+    assert found.objective == pytest.approx(5.0, abs=2e-3)
+
+
+def test_the_band_is_as_wide_as_the_gain_allows():
+    cliff = Analytic(lambda points: 5.0 + 100.0 * (points[:, 0] - 0.5) ** 2)
+    optimum = search(cliff, [np.full(4, 0.3)])
+    kept = band(cliff, optimum, 6.0, share=0.7)  # 0.3 of the gain of 1 is lost at a distance of 0.055
+    assert kept.size == 0.05 and kept.kept >= 0.95
+    assert kept.alone[0] == pytest.approx([0.45, 0.55], abs=0.005)
+    assert kept.alone[1] == pytest.approx([0.0, 1.0])
+    with pytest.raises(InputError, match="there is no gain"):
+        band(cliff, optimum, 4.0)
+
+
+@given(st.floats(1.0, 100.0), st.floats(-1.0, 1.0))
+def test_points_are_values_within_the_ranges_and_back(a, b):
+    point = SPACE.point([{"a": a, "b": b}, {"a": 1e9, "b": -1e9}])
+    front, rear = SPACE.numbers(SPACE.values(point[None])[0])
+    assert front == pytest.approx({"a": a, "b": b}) and rear == pytest.approx({"a": 100.0, "b": -1.0})
+
+
+def test_the_tolerance_acts_on_the_numbers_that_have_one_and_is_the_same_for_every_point():
+    factors = Robustness(50, seed=3).factors(SPACE)
+    assert (factors[0] == 1.0).all() and (factors[..., 1] == 1.0).all()
+    assert np.log(factors[1:, :, 0]).std() == pytest.approx(0.1, rel=0.1)
+    assert (Robustness(50, seed=3).factors(SPACE) == factors).all()
+    with pytest.raises(InputError, match="not 1"):
+        Robustness(1)
+
+
+def scaled(study, *scales):
+    fmu = study.bank["stiff"].fmu
+    return [dict.fromkeys(study.corners, Build(fmu, {"rebound_scale": scale})) for scale in scales]
+
+
+def test_a_trial_is_the_run_of_the_study_to_the_bit_whatever_ran_before(small_study, here, tmp_path):
+    study = small_study(alike=(("lf", "rf"), ("lr", "rr")))
+    requested = Requested(study, tmp_path)
+    coupling = requested.coupling(here)
+    known = requested.request(here, coupling, study.space.indices.tolist())
+    assert groups_of(study) == (("lf", "rf"), ("lr", "rr"))
+    trials = Trials(study, here, coupling)
+    rows = [known.row(dict.fromkeys(study.corners, name)) for name in study.bank]
+    other, *_ = scaled(study, 2.0)
+    found = trials.run([other, *(dict.fromkeys(study.corners, build) for build in study.bank.values()), other])
+    for measure in study.measures:
+        values = found.values(measure.name)
+        assert values[1:3].tolist() == known.values(measure.name)[rows].tolist()
+        assert values[0] == values[3] != values[2]
+    with pytest.raises(InputError, match="a trial needs shocks at lf, rf, lr, rr"):
+        trials.run([{"lf": study.bank["stiff"]}])
+
+    # A change of one corner is the difference of two setups of the study.
+    stiff, soft = (dict.fromkeys(study.corners, name) for name in ("stiff", "soft"))
+    effects = what_if(known, here, dict.fromkeys(study.corners, study.bank["soft"].parameters),
+                      setup=study.space.find(stiff).index)  # fmt: skip
+    for effect in effects:
+        shown = known.shown(effect.measure)
+        assert effect.change == shown[known.row(soft)] - shown[known.row(stiff)]
+        assert effect.is_clear and effect.noise > 0.0
+    with pytest.raises(InputError, match="no corner 'left'"):
+        what_if(known, here, {"left": {"rebound_scale": 2.0}}, setup=0)
+    with pytest.raises(InputError, match="nothing changes"):
+        what_if(known, here, {}, setup=0)
+
+    # The search over a continuous scale is at least as good as both builds, and mean plus scatter is what it says.
+    names = ("compression_scale", "rebound_scale")
+
+    def build(_group, numbers):
+        return Build(study.bank["stiff"].fmu, dict.fromkeys(names, numbers["scale"]))
+
+    space = ShockSpace(groups_of(study), (Range("scale", 0.5, 1.0, 0.05),), build)
+    measure = study.measures[1].name
+    optimum = search(Problem(trials, space, objective=measure), [np.full(2, 0.5)], iterations=5)
+    assert optimum.objective <= known.values(measure).min() + 1e-6 * abs(optimum.objective)
+    robust = Problem(trials, space, Robustness(2, 2.0), measure).evaluate(optimum.point[None])
+    assert robust.nominal[0] == optimum.nominal and robust.scatter[0] > 0.0
