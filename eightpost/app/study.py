@@ -105,7 +105,8 @@ def study(
         console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
     console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
     write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
-    ctx.exit(0 if not result.partial and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
+    stopped = result.partial or (sure and certainty is None)
+    ctx.exit(0 if not stopped and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
 
 
 def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers, rank: str | None) -> Certainty | None:
