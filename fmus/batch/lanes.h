@@ -80,6 +80,11 @@ static inline int in_any(truth condition)
     return bits_of(condition) != 0;
 }
 
+static inline truth one_of(truth a, truth b)
+{
+    return a | b;
+}
+
 static inline int in_every(truth condition)
 {
     return bits_of(condition) == (1U << SETUPS) - 1U;

@@ -120,14 +120,14 @@ static inline real force_of_polynomials(const Parameters *p, real v)
 {
     const real share = outer_share(p, size_of(v));
     const truth is_inner = share == 0.0, is_outer = share == 1.0;
-    real inner = uniform(0.0), outer = inner;
+    real inner = uniform(0.0);
     if (!in_every(is_outer)) {
         inner = inner_force(p, v);
     }
     if (in_every(is_inner)) {
         return inner;
     }
-    outer = outer_force(p, v);
+    const real outer = outer_force(p, v);
     return in_every(is_outer) ? outer : either(is_inner, inner, either(is_outer, outer, (1.0 - share) * inner + share * outer));
 }
 
@@ -143,7 +143,7 @@ static inline real fitted_force(const Parameters *p, real v)
 
 static inline truth is_beyond_fit(const Parameters *p, real v)
 {
-    return (v > p->curve_compression_speed) | (v < -p->curve_rebound_speed);
+    return one_of(v > p->curve_compression_speed, v < -p->curve_rebound_speed);
 }
 
 static inline real curve_force(const Parameters *p, real v)

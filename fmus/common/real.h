@@ -36,6 +36,12 @@ static inline int in_every(truth condition)
     return condition;
 }
 
+/* Whether one of two conditions is true, in each setup. */
+static inline truth one_of(truth a, truth b)
+{
+    return a || b;
+}
+
 static inline real chosen(const real *numbers, Index index)
 {
     return numbers[index];

@@ -49,7 +49,7 @@ static inline void load(const real *u, Modal *w)
                     sum[r] += column[r] * input;
                 }
             }
-            memcpy(w->at + b * BLOCK + first, sum, sizeof sum);
+            memcpy(&w->at[b * BLOCK + first], sum, sizeof sum);
         }
     }
 }
