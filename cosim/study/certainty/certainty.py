@@ -260,6 +260,11 @@ class Certainty:
         return all(one.status is not Status.UNKNOWN for one in self.contributions)
 
     @property
+    def left_out(self) -> tuple[Contribution, ...]:
+        """Contributions to the uncertainty of the true levels that are not included; noise of rig runs is not one."""
+        return tuple(one for one in self.contributions if one.status is Status.LEFT_OUT and one.name != "run to run")
+
+    @property
     def leader(self) -> int | None:
         """Number of the setup that is most probably the best; None if no setup is feasible."""
         return self.ties[0] if self.ties else None

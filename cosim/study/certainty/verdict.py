@@ -13,9 +13,15 @@ RULES = Rules()
 
 ONE_BEST = RULES.add("one setup is the best", ABOUT, Grade.USABLE,
     condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, and no contribution to the "
-    "uncertainty is unknown",
+    "uncertainty is unknown or not included",
     why="the probability contains the choice among all setups of the study",
     remedy="nothing; confirm it on the rig (eightpost confirm)",
+)  # fmt: skip
+BEST_BY_PART = RULES.add("one setup is the best by a part of the uncertainty", ABOUT, Grade.LIMITED,
+    condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, but a contribution to the "
+    "uncertainty is not included",
+    why="with the missing contribution, other setups may be as good",
+    remedy="state it, e.g. fit several builds of a shock together (eightpost fit), or confirm the setup on the rig",
 )  # fmt: skip
 TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
     condition=f"no single setup is the best with a probability of {100 * TIE:g} %",
@@ -51,6 +57,10 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     origin = f"{certainty.criterion}; {certainty.draws} draws"
     if len(certainty.ties) > 1:
         yield TIED.reason("several setups may be the best", figure=figure, origin=origin)
+    elif certainty.is_known and certainty.left_out:
+        names = listed(one.name for one in certainty.left_out)
+        figure = f"{figure}; not included: {names}"
+        yield BEST_BY_PART.reason("one setup is the best by the included contributions", figure=figure, origin=origin)
     elif certainty.is_known:
         yield ONE_BEST.reason("one setup is the best", figure=figure, origin=origin)
     for one in certainty.contributions:

@@ -112,7 +112,8 @@ def _predicted(sheet: Sheet) -> Answer:
 def _grade(known: Certainty) -> Grade:
     if not known.is_known:
         return Grade.UNKNOWN
-    return Grade.USABLE if len(known.ties) == 1 and not known.contradictions else Grade.LIMITED
+    sound = len(known.ties) == 1 and not known.contradictions and not known.left_out
+    return Grade.USABLE if sound else Grade.LIMITED
 
 
 def _which(sheet: Sheet, known: Certainty, tied: list[int]) -> str:

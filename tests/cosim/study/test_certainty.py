@@ -203,8 +203,11 @@ def test_builds_without_stated_uncertainty_leave_the_choice_unknown():
 
 
 def test_a_certain_choice_is_usable_and_a_tie_is_not():
-    sure, tied = (certainty_of(two_setups(gap, (0.0, 0.1))) for gap in (0.01, 0.0))
-    assert [one.grade for one in certainty_reasons(sure)] == [Grade.USABLE]
+    partly, tied = (certainty_of(two_setups(gap, (0.0, 0.1))) for gap in (0.01, 0.0))
+    assert {one.name for one in partly.left_out} == {"build to build", "coupling"}
+    assert [one.grade for one in certainty_reasons(partly)] == [Grade.LIMITED]
+    included = tuple(replace(one, status=Status.INCLUDED) for one in partly.contributions)
+    assert [one.grade for one in certainty_reasons(replace(partly, contributions=included))] == [Grade.USABLE]
     assert [one.grade for one in certainty_reasons(tied)] == [Grade.LIMITED]
     assert [one.grade for one in certainty_reasons(None)] == [Grade.UNKNOWN]
 

@@ -58,6 +58,8 @@ def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_
     assert "vehicle" in _answer(few, unknown).sure
     assert "is the best" not in _answer(few, unknown).which and "not known" in _answer(few, unknown).which
     assert "known contributions alone" in _answer(few, unknown).chance
+    partly = replace(alone, contributions=(Contribution("build to build", Status.LEFT_OUT, "copies are equal"),))
+    assert _answer(few, partly).grade is Grade.LIMITED
     contradicted = replace(alone, contradictions=(Contradiction("run.csv", alone.ties[0], FRONT, 1.0, 2.0, 1e-6),))
     assert _answer(few, contradicted).grade is Grade.LIMITED
 
