@@ -1,4 +1,4 @@
-"""Functions shared by the scripts that make the plots of docs/identification.md."""
+"""Functions shared by the scripts that make the plots of docs/explanation/identification.md."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from eightpost.ident.response import response_of
 from eightpost.units import convert
 
-DOCS = Path(__file__).resolve().parent
+PICTURES = Path(__file__).resolve().parents[1] / "pictures"
 DAMPING, INCH, POUND = (convert(1.0, unit, si) for unit, si in (("lbf.s/in", "N.s/m"), ("in", "m"), ("lbf", "N")))
 GRAVITY = convert(1.0, "g_0", "m/s2")
 
@@ -54,7 +54,7 @@ def figure_of(rows, columns, size):
 
 def save(figure, name) -> None:
     """Write docs/identification_<name>.png."""
-    figure.savefig(DOCS / f"identification_{name}.png", dpi=80)
+    figure.savefig(PICTURES / f"identification_{name}.png", dpi=80)
 
 
 def numbers(values) -> str:

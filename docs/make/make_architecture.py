@@ -1,4 +1,4 @@
-"""Write docs/architecture.md and its picture from the code: `python docs/make_architecture.py`.
+"""Write docs/development/architecture.md and its picture from the code: `python docs/make/make_architecture.py`.
 
 The picture has a box for each folder, above the folders that it imports. The list of calls is that of a traced
 `eightpost run` of the quarter car. The recipes name files, and the script fails if one of
@@ -21,7 +21,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.structure import PACKAGES, Source, importers, sources  # noqa: E402
@@ -34,43 +34,49 @@ _RECIPES = (
     (
         "law of a shock",
         ("eightpost/shock/lpf1.py", "fmus/shock_lpf1/model.c", "fmus/shock_lpf1/interface.toml"),
-        "add_a_law.md",
+        "development/add_a_law.md",
     ),
-    ("measure of a study", ("cosim/study/statistics.py", "cosim/study/families.py"), "study.md"),
+    ("measure of a study", ("cosim/study/statistics.py", "cosim/study/families.py"), "how_to/study.md"),
     (
         "static rule of `check`",
         ("builder/check/catalogue/static.py", "builder/check/static/description.py"),
-        "check.md",
+        "reference/check.md",
     ),
-    ("dynamic rule of `check`", ("builder/check/catalogue/behaviour.py", "builder/check/probes/states.py"), "check.md"),
-    ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "files.md"),
+    (
+        "dynamic rule of `check`",
+        ("builder/check/catalogue/behaviour.py", "builder/check/probes/states.py"),
+        "reference/check.md",
+    ),
+    ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "reference/files.md"),
     (
         "coupling scheme",
         ("cosim/systems/algorithm.py", "cosim/engine/sweep.py", "cosim/engine/march.py"),
-        "coupling.md",
+        "explanation/coupling.md",
     ),
 )
 
 _INTRODUCTION = """# Architecture
 
-This page is generated from the code: `python docs/make_architecture.py` writes it.
+This page is generated from the code: `python docs/make/make_architecture.py` writes it.
 
 `eightpost` is the library: files, units, signals, laws of shocks, vehicles, virtual rigs, identification. `builder`
 turns its models into FMUs and checks FMUs of any maker. `cosim` simulates coupled FMUs and knows no physics. `fmus`
 contains the C and Python sources that FMUs contain. The commands (`eightpost.app`) use all of these and contain none of
 the work. Imports run downwards only; `lint-imports` checks the contracts of `pyproject.toml`.
 
-![folders and their imports](architecture.png)
+![folders and their imports](../pictures/architecture.png)
 
 """
 
 
 def main() -> None:
-    """Write the page and the picture to docs/, or to the folder that is the argument."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs"
+    """Write the page and the picture to their places in docs/, or to the folder that is the argument."""
+    given = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     files = sources(ROOT)
-    draw(folders(files), folder / "architecture.png")
-    (folder / "architecture.md").write_text(page(files, traced_run()), encoding="utf-8")
+    draw(folders(files), (given or ROOT / "docs" / "pictures") / "architecture.png")
+    ((given or ROOT / "docs" / "development") / "architecture.md").write_text(
+        page(files, traced_run()), encoding="utf-8"
+    )
 
 
 # ---- The picture --------------------------------------------------------------------------------------------------
@@ -266,8 +272,13 @@ def _recipes() -> str:
             if not (ROOT / path).is_file():
                 raise FileNotFoundError(f"{path}: the recipe for a {what} names it, but there is no such file")
         opened = ", ".join(f"`{path}`" for path in paths)
-        rows.append(f"| {what} | {opened} | [{document}]({document}) |")
+        rows.append(f"| {what} | {opened} | [{Path(document).name}]({_from_here(document)}) |")
     return "\n".join(rows) + "\n"
+
+
+def _from_here(document: str) -> str:
+    """Return the link from the page of the architecture to another page of docs/."""
+    return document.removeprefix("development/") if document.startswith("development/") else f"../{document}"
 
 
 if __name__ == "__main__":

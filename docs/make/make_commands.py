@@ -1,4 +1,4 @@
-"""Write docs/commands.md from the commands themselves: `python docs/make_commands.py`.
+"""Write docs/reference/commands.md from the commands themselves: `python docs/make/make_commands.py`.
 
 The page has a section for each verb, with the help text and the table of options that `eightpost VERB --help` prints.
 """
@@ -12,14 +12,14 @@ import click
 
 from eightpost.__main__ import VERBS, main
 
-PAGE = Path(__file__).parent / "commands.md"
+PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 
 _WIDTH = 120
 
 _INTRODUCTION = """# Commands
 
 All commands of `eightpost` in the order of the work, with all their options, as `eightpost VERB --help` prints them.
-This page is generated: `python docs/make_commands.py` writes it.
+This page is generated: `python docs/make/make_commands.py` writes it.
 
 A quantity is given with its unit, e.g. `--amplitude '10 mm'`, unless the option names the unit. Exit codes: 0 if the
 command succeeded, 1 if its result is not acceptable, 2 if the input is wrong.
@@ -73,7 +73,13 @@ def _escaped(cells: tuple[str, str]) -> tuple[str, ...]:
 
 def _linked(text: str) -> str:
     """Return a text whose pages are links, and whose angle brackets are not HTML."""
-    return re.sub(r"docs/(\w+\.md)", r"[\1](\1)", text.replace("<", r"\<"))
+    return re.sub(r"docs/(\w+)/(\w+\.md)", _link, text.replace("<", r"\<"))
+
+
+def _link(match: re.Match[str]) -> str:
+    """Return the link from the page of commands to another page."""
+    folder, name = match.groups()
+    return f"[{name}]({name if folder == PAGE.parent.name else f'../{folder}/{name}'})"
 
 
 if __name__ == "__main__":

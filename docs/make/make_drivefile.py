@@ -1,11 +1,11 @@
 """The complete workflow: track record, identification, drive file, study, confirmation on the rig and on the track.
 
-    python docs/make_drivefile.py FOLDER [--duration '400 s']
+    python docs/make/make_drivefile.py FOLDER [--duration '400 s']
 
 The track is a lap of the stand-in on roads that the rig does not know: of its record, only the four hub accelerations
 and the four shock displacements are kept. The script calls the commands of `eightpost` one after the other and prints
-each. Files that exist in FOLDER are not created again. It writes the tables in docs/drivefile.md and its picture; all
-data are SYNTHETIC. It takes about 10 minutes on one core.
+each. Files that exist in FOLDER are not created again. It writes the tables in docs/how_to/drivefile.md and its
+picture; all data are SYNTHETIC. It takes about 10 minutes on one core.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from eightpost.rig.post.bench import Bench
 from eightpost.signals import Drivefile, read_series
 from eightpost.signals.formats import write_series
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURE = ROOT / "docs" / "drivefile.md", ROOT / "docs" / "drivefile.png"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, PICTURE = ROOT / "docs" / "how_to" / "drivefile.md", ROOT / "docs" / "pictures" / "drivefile.png"
 
 BASELINE, ALTERNATE = "B/B", "AA/AA"
 #: Builds of the study, by corner: sixteen setups.

@@ -1,12 +1,12 @@
-"""Run the host programs of examples/hosts, and write the table and the picture of docs/hosts.md from their results.
+"""Run the host programs of examples/hosts, and write table and picture of docs/how_to/hosts.md from their results.
 
-    python docs/make_hosts.py                  # from the results in docs/hosts/
-    python docs/make_hosts.py --run            # run every program whose packages are installed first (minutes)
-    python docs/make_hosts.py --run mujoco_host
-    python docs/make_hosts.py --run interface_matrix
+    python docs/make/make_hosts.py                  # from the results in docs/data/hosts/
+    python docs/make/make_hosts.py --run            # run every program whose packages are installed first (minutes)
+    python docs/make/make_hosts.py --run mujoco_host
+    python docs/make/make_hosts.py --run interface_matrix
 
-A program is one file, examples/hosts/NAME_host.py; its result is docs/hosts/NAME_host.json. The tools that run the four
-interface kinds are those of benchmarks/interface_matrix; their results are docs/hosts/matrix.json.
+A program is one file, examples/hosts/NAME_host.py; its result is docs/data/hosts/NAME_host.json. The tools that run the
+four interface kinds are those of benchmarks/interface_matrix; their results are docs/data/hosts/matrix.json.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
-PROGRAMS, RESULTS, PAGE, PICTURE = ROOT / "examples" / "hosts", DOCS / "hosts", DOCS / "hosts.md", DOCS / "hosts.png"
-TOOLS_PAGE, MATRIX = DOCS / "hosts_tools.md", "matrix"
+PROGRAMS, RESULTS = ROOT / "examples" / "hosts", DOCS / "data" / "hosts"
+PAGE, PICTURE = DOCS / "how_to" / "hosts.md", DOCS / "pictures" / "hosts.png"
+TOOLS_PAGE, MATRIX = DOCS / "evidence" / "hosts_tools.md", "matrix"
 KINDS = ("2.0 CS", "2.0 ME", "3.0 CS", "3.0 ME")
 #: The place of each table on the page.
 TABLE, VEHICLE = "table", "vehicle"
@@ -56,7 +57,7 @@ def table(found: list[dict[str, Any]]) -> str:
     lines = [f"| host | loop | {head} | us per step | program |", "|---|---|" + "---|" * (len(STEPS) + 2)]
     for one in found:
         name = f"{one['host']} ({one['version']})" if one["version"] else one["host"]
-        program = f"[{one['program']}](../examples/hosts/{one['program']}), {one['lines']} lines"
+        program = f"[{one['program']}](../../examples/hosts/{one['program']}), {one['lines']} lines"
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
             rows = {round(row["step"], 9): row for row in one["rows"] if row["loop"] == loop}
             cells = [errors_of(rows.get(step)) for step in STEPS]

@@ -1,4 +1,4 @@
-"""Make the plots and numbers of docs/identification.md.
+"""Make the plots and numbers of docs/explanation/identification.md.
 
     python -m docs.make_identification_pictures 4 4.5 5 6 6.4.4
 
@@ -15,8 +15,8 @@ from scipy.signal import butter, sosfiltfilt, welch
 
 from benchmarks.identification_cases import CASES, records_of
 from benchmarks.identification_measures import measures_of, truth_of
-from docs import make_identification_quarter_rig, make_identification_stand_in, make_identification_static
-from docs.identification_pictures import (
+from docs.make import make_identification_quarter_rig, make_identification_stand_in, make_identification_static
+from docs.make.identification_pictures import (
     CORNERS,
     GRAVITY,
     INCH,

@@ -1,4 +1,4 @@
-"""Make section 4.5 of docs/identification.md: a quarter-car rig with one actuator and modelled shock forces.
+"""Make section 4.5 of docs/explanation/identification.md: a quarter-car rig with one actuator, modelled forces.
 
 This makes Figs 4.18 to 4.21 for the car of Table 4.1 with the physical dampers of Table 4.5, 120 s of Table 4.3, noise
 of 1 %.
@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.identification_shocks import twelve
-from docs.identification_pictures import GRAVITY, INCH, POUND, draw_pairs, draw_path, figure_of, path_of, save
+from docs.make.identification_pictures import GRAVITY, INCH, POUND, draw_pairs, draw_path, figure_of, path_of, save
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
 from eightpost.ident.vehicle.many_setups import ManySetups

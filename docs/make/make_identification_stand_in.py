@@ -1,6 +1,6 @@
-"""Make the plots and tables of chapter 6 of docs/identification.md: Figs 6.19 to 6.31, Tables 6.5 and 6.6.
+"""Make the plots and tables of chapter 6 of docs/explanation/identification.md: Figs 6.19 to 6.31, Tables 6.5 and 6.6.
 
-The car is the 8-post stand-in. docs/make_identification_static.py makes the static loading of 6.4.4.
+The car is the 8-post stand-in. docs/make/make_identification_static.py makes the static loading of 6.4.4.
 """
 
 from dataclasses import replace
@@ -10,7 +10,17 @@ from scipy.signal import butter, sosfiltfilt, welch
 
 from benchmarks.identification_cases import CASES, records_of
 from benchmarks.identification_measures import measures_of, truth_of
-from docs.identification_pictures import CORNERS, GRAVITY, INCH, POUND, draw_pairs, draw_path, figure_of, numbers, save
+from docs.make.identification_pictures import (
+    CORNERS,
+    GRAVITY,
+    INCH,
+    POUND,
+    draw_pairs,
+    draw_path,
+    figure_of,
+    numbers,
+    save,
+)
 from eightpost.ident.response.conditioning import Preconditioning, feedback_paths
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_6, Boggs

@@ -1,4 +1,4 @@
-"""Make the static loading of docs/identification.md (6.4.4): the spring matrix of Eq 6.10 and 6.11 and its residual.
+"""Make the static loading of docs/explanation/identification.md (6.4.4): the spring matrix of Eq 6.10 and 6.11.
 
 F_aero = K X_aero + F_zero is fitted to five levels up and down in heave, pitch, roll, warp and of single aeroloaders.
 """
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from docs.identification_pictures import CORNERS, DAMPING, INCH, POUND, figure_of, save
+from docs.make.identification_pictures import CORNERS, DAMPING, INCH, POUND, figure_of, save
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, Tires, run_test, stand_in_truth, static_drive
 from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.units import convert

@@ -1,4 +1,4 @@
-"""Create the pictures of docs/linearity.md and print its figures; the data are SYNTHETIC."""
+"""Create the pictures of docs/explanation/linearity.md and print its figures; the data are SYNTHETIC."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,7 @@ from eightpost.ident.preparation import prepare
 from eightpost.rig.post import Car, LinearDamper, RigTest, random_drive, run_test, stand_in_truth
 from eightpost.units import convert
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 #: Baseline and alternate shock of 6.1.4.
 BASELINE, ALTERNATE = (LinearDamper(convert(rate, "lbf.s/in", "N.s/m")) for rate in (20.0, 9.0))
 PEAKS = (0.4, 0.1)
@@ -59,8 +59,8 @@ def main() -> None:
         found = judge_linearity(prepare(tests(car)), outputs=OUTPUTS)
         print_counts(f"{title}, all inputs", found)
         if title == "friction":
-            plot_conditions(found, ROOT / "docs" / "linearity.png")
-            plot_output(found, "lr.velocity", ROOT / "docs" / "linearity_lr_velocity.png")
+            plot_conditions(found, ROOT / "docs" / "pictures" / "linearity.png")
+            plot_output(found, "lr.velocity", ROOT / "docs" / "pictures" / "linearity_lr_velocity.png")
         roads = ("rf.road", "lr.road")
         sizes = prepare(test for peak in PEAKS for test in singles(car, peak, roads))
         near = judge_linearity(sizes, outputs=("rf.velocity", "lr.velocity", "rf.tire_force", "lr.tire_force"))

@@ -1,7 +1,7 @@
-"""Reproduce all items and write their results: `python docs/make_reproduce.py [FOLDER]`.
+"""Reproduce all items and write their results: `python docs/make/make_reproduce.py [FOLDER]`.
 
-It writes docs/reproduced.json, which docs/equations.md shows (`python docs/make_tables.py`), and the page of `eightpost
-reproduce --all` in the folder (default out). It takes some minutes.
+It writes docs/data/reproduced.json, which docs/evidence/equations.md shows (`python docs/make/make_tables.py`), and the
+page of `eightpost reproduce --all` in the folder (default out). It takes some minutes.
 """
 
 import json
@@ -12,7 +12,7 @@ from pathlib import Path
 from eightpost.reproduce import FULL, inventory, reproduce
 from eightpost.reproduce.page import write_reproduction
 
-RESULTS = Path(__file__).with_name("reproduced.json")
+RESULTS = Path(__file__).resolve().parents[1] / "data" / "reproduced.json"
 
 
 def main() -> None:

@@ -1,11 +1,11 @@
 """The rig day of chapter 7 on the 8-post stand-in: identify, predict 2401 setups, select twenty, test them, compare.
 
-    python docs/make_rig_day.py FOLDER [--duration '400 s'] [--bank FOLDER] [--workers N]
+    python docs/make/make_rig_day.py FOLDER [--duration '400 s'] [--bank FOLDER] [--workers N]
 
 The script calls the commands of `eightpost` one after the other and prints each, so that any of them can be repeated
-manually. Files that exist in FOLDER are not created again. It writes the tables in docs/rig_day.md and its picture; all
-data are SYNTHETIC, and the seeds are constants of this script. --bank takes fitted shocks from another folder, such as
-examples/bank, instead of testing and fitting the seven builds.
+manually. Files that exist in FOLDER are not created again. It writes the tables in docs/evidence/rig_day.md and its
+picture; all data are SYNTHETIC, and the seeds are constants of this script. --bank takes fitted shocks from another
+folder, such as examples/bank, instead of testing and fitting the seven builds.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from eightpost.corners import CORNERS
 from eightpost.ident.vehicle import read_fit
 from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURE = ROOT / "docs" / "rig_day.md", ROOT / "docs" / "rig_day.png"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, PICTURE = ROOT / "docs" / "evidence" / "rig_day.md", ROOT / "docs" / "pictures" / "rig_day.png"
 
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 BASELINE, ALTERNATE = "B/B", "AA/AA"

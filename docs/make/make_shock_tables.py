@@ -1,4 +1,6 @@
-"""Rewrite tables and picture of docs/shock_models.md and docs/measured_shocks.md: python docs/make_shock_tables.py.
+"""Rewrite the tables and the picture of docs/evidence/shock_models.md and measured_shocks.md.
+
+Run it by `python docs/make/make_shock_tables.py`.
 
 The script runs `benchmarks/shock_fit.py --quick` with both recipes, which takes some minutes. The page of the measured
 records is not changed if EIGHTPOST_DATA does not name their folder.
@@ -19,7 +21,7 @@ from benchmarks.shock_tables import gains_table, grid, summary, table_3_4, table
 from benchmarks.table import number
 from eightpost.ident.shock.plots import law_title
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).resolve().parents[1]
 ALL = tuple(range(1, 13))
 
 
@@ -29,7 +31,7 @@ def main() -> None:
     virtual_ones = [one for one in ours if not one.case.about_mean]
     boggs = list(results(Bench(ALL, LAWS[:3], quick=True, recipe="boggs", measured=())))
     errors = virtual(virtual_ones)
-    draw(virtual_ones, DOCS / "shock_models.png")
+    draw(virtual_ones, DOCS / "pictures" / "shock_models.png")
     regions = {
         "fits": table_3_4(virtual_ones),
         "errors": table_3_5(errors),
@@ -39,11 +41,11 @@ def main() -> None:
         "boggs_gains": gains_table(virtual(boggs)),
         "times": times(virtual_ones),
     }
-    rewrite(DOCS / "shock_models.md", regions)
+    rewrite(DOCS / "evidence" / "shock_models.md", regions)
     measured = [one for one in ours if one.case.about_mean]
     if measured:
         tables = {"held_out": held_out_table, "fitted": fit_errors_table, "lags": lag_table}
-        rewrite(DOCS / "measured_shocks.md", {name: table(measured) for name, table in tables.items()})
+        rewrite(DOCS / "evidence" / "measured_shocks.md", {name: table(measured) for name, table in tables.items()})
 
 
 def times(found: list) -> str:

@@ -1,8 +1,8 @@
-"""Rewrite the tables in docs that are generated from the code: `python docs/make_tables.py`.
+"""Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
 
-The variables in docs/ports.md come from the interface.toml files, the rules in docs/verdict.md from the modules that
-define them, the items in docs/equations.md from the inventory of `eightpost reproduce` and the results of its last full
-run, docs/reproduced.json (`python docs/make_reproduce.py`).
+The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
+the modules that define them, the items in docs/evidence/equations.md from the inventory of `eightpost reproduce` and
+the results of its last full run, docs/data/reproduced.json (`python docs/make/make_reproduce.py`).
 """
 
 import importlib
@@ -13,8 +13,11 @@ from pathlib import Path
 
 from eightpost.reproduce import inventory
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
+
+#: Pages that have generated tables.
+PAGES = ("reference/ports.md", "reference/verdict.md", "evidence/equations.md")
 
 #: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
@@ -51,7 +54,7 @@ def rules(module: str) -> str:
 
 def items(chapter: int) -> str:
     """Return the table of a chapter's numbered items with the results of the last full run."""
-    results = json.loads((DOCS / "reproduced.json").read_text(encoding="utf-8"))["items"]
+    results = json.loads((DOCS / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
     head = "| item | content | section | result | difference |\n" + "|---" * 5 + "|\n"
     rows = [
         (item.label, item.title, item.section, *results[item.name])
@@ -71,7 +74,7 @@ def laws() -> str:
 
 def _law(source: Path) -> str:
     interface, kind = tomllib.loads(source.read_text(encoding="utf-8")), source.parent.name
-    text = f"### {kind}\n\n{interface['description']}: [equations and limits](../fmus/{kind}/README.md).\n\n"
+    text = f"### {kind}\n\n{interface['description']}: [equations and limits](../../fmus/{kind}/README.md).\n\n"
     return text + (f"{table(source)}\n" if "variable" in interface else "It has no further variables.\n\n")
 
 
@@ -109,5 +112,6 @@ def _range(row: dict) -> str:
 
 
 if __name__ == "__main__":
-    for path in (DOCS / "ports.md", DOCS / "verdict.md", DOCS / "equations.md"):
+    for name in PAGES:
+        path = DOCS / name
         path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

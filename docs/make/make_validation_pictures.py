@@ -1,4 +1,7 @@
-"""Create the picture of docs/validation.md from the synthetic damper A: python docs/make_validation_pictures.py."""
+"""Create the picture of docs/how_to/validation.md from the synthetic damper A.
+
+Run it by `python docs/make/make_validation_pictures.py`.
+"""
 
 from pathlib import Path
 
@@ -13,7 +16,7 @@ from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 LAWS = ("polylinear", "lpf1", "lpnl2")
 
 #: Table 3.3: amplitude [in] and peak velocity [in/s].
@@ -46,7 +49,7 @@ def main() -> None:
     for axes in (left, right):
         axes.legend()
         axes.grid(visible=True, color="0.92")
-    figure.savefig(ROOT / "docs" / "validation.png", dpi=100)
+    figure.savefig(ROOT / "docs" / "pictures" / "validation.png", dpi=100)
 
 
 def _measured(drive: Drivefile) -> DynoTest:
