@@ -185,7 +185,7 @@ LAG_FULL_FORCE = 44.482216152605
 def curve_parameters(
     curve: StaticCurve, arrays: Sequence[str] = ("knot_velocity", "knot_force", "knot_slope")
 ) -> dict[str, float]:
-    """Return a curve through knots as parameters of a shock FMU by name (docs/ports.md)."""
+    """Return a curve through knots as parameters of a shock FMU by name (docs/reference/ports.md)."""
     found = {f"curve.{name}": getattr(curve, name) for name in ("compression_slope", "rebound_slope")}
     if "knot_velocity" in arrays:
         found |= {f"curve.{name}": getattr(curve, name) for name in ("compression_speed", "rebound_speed")}

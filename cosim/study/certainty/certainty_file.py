@@ -1,4 +1,4 @@
-"""The file certainty.parquet: one row per setup, and a header in its metadata (docs/certainty.md)."""
+"""The file certainty.parquet: one row per setup, and a header in its metadata (docs/explanation/certainty.md)."""
 
 from __future__ import annotations
 

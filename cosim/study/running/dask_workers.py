@@ -1,4 +1,4 @@
-"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/scale.md)."""
+"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/how_to/scale.md)."""
 
 from __future__ import annotations
 

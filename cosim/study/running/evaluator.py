@@ -303,7 +303,7 @@ class Evaluator:
 
 
 def ports(vehicle: Component) -> tuple[str, ...]:
-    """Return the corners at which a vehicle has a port (docs/ports.md); `corner` for a quarter car."""
+    """Return the corners at which a vehicle has a port (docs/reference/ports.md); `corner` for a quarter car."""
     names = vehicle.variables
     found = [
         name.removesuffix(".velocity")
@@ -323,7 +323,8 @@ def _port_of(vehicle: Component, name: str, corner: str) -> str:
     known = ports(vehicle)
     if corner not in known:
         raise InputError(
-            f"{vehicle.source} has no port {corner!r}; its ports: {', '.join(known) or 'none (docs/ports.md)'}"
+            f"{vehicle.source} has no port {corner!r}; "
+            f"its ports: {', '.join(known) or 'none (docs/reference/ports.md)'}"
         )
     return f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
 

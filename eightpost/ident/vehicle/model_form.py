@@ -59,7 +59,7 @@ class Shares(NamedTuple):
 
 
 #: Shares in the band of the model and above it, and of the standard deviation due to noise
-#: (docs/vehicle_uncertainty.md).
+#: (docs/explanation/vehicle_uncertainty.md).
 _INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.8), Shares(0.045, 0.23), Shares(1.9, 2.1)
 
 
