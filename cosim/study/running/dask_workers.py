@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import replace
@@ -75,7 +75,7 @@ class DaskWorkers:
         return coupling
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True.
 

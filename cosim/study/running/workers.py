@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -95,9 +95,9 @@ class Workers(Protocol):
         """Choose the coupling of a study."""
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and yield their rows as they complete, in any order; start none after `stop` returns True."""
+        """Run chunks and yield their rows as they complete, in any order; take none after `stop` returns True."""
 
     def close(self) -> None:
         """End the workers."""
@@ -135,7 +135,7 @@ class ProcessWorkers:
             ) from None
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
         text, waiting = study.to_json(), iter(chunks)
