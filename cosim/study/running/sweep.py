@@ -21,7 +21,7 @@ from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
 from cosim.systems.system import System
 from eightpost import units
-from eightpost.errors import InputError
+from eightpost.errors import InputError, WorkersLostError
 from eightpost.files import check_output_folder
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
@@ -172,20 +172,29 @@ class Sweep:
     def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
+        If the workers are lost, the result is partial, too.
+
         Args:
             workers: Workers that run the setups.
             coupling: Coupling of the setups.
             progress: Called after every chunk.
+
+        Raises:
+            WorkersLostError: The workers have ended; the partial result was written.
         """
         indices = self.study.space.indices
         chunks = Cutter(indices, self._kept.completed, lambda: workers.count)
         progress(indices.size - chunks.left, indices.size)
         stop = Event()
-        with interrupts_deferred(stop.set):
-            for chunk, rows in workers.rows(self.study, coupling, chunks, stop.is_set):
-                self._kept.write(chunk, rows)
-                chunks.learn(rows)
-                progress(indices.size - chunks.left, indices.size)
+        try:
+            with interrupts_deferred(stop.set):
+                for chunk, rows in workers.rows(self.study, coupling, chunks, stop.is_set):
+                    self._kept.write(chunk, rows)
+                    chunks.learn(rows)
+                    progress(indices.size - chunks.left, indices.size)
+        except WorkersLostError:
+            self.collect(coupling, partial=chunks.left > 0)
+            raise
         return self.collect(coupling, partial=chunks.left > 0)
 
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:

@@ -55,6 +55,11 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
         return evaluator.rows([evaluator.study.space.setup(index) for index in indices], coupling)
 
 
+def batch_refusal(study: str, coupling: Coupling) -> str:
+    """Return why this process runs setups through the FMUs although the coupling asks for batches; else empty."""
+    return _evaluator_for(study).batch_refusal(coupling)
+
+
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------
 
 #: Number of chunks submitted per worker, so that no worker is idle.
