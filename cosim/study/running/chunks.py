@@ -126,8 +126,8 @@ def gaps(done: Sequence[range], count: int) -> list[range]:
     """Return the positions below `count` that are in none of the ranges, as ranges in increasing order."""
     found, first = list[range](), 0
     for part in (*sorted(done, key=lambda one: one.start), range(count, count)):
-        if part.start > first:
-            found.append(range(first, part.start))
+        if min(part.start, count) > first:
+            found.append(range(first, min(part.start, count)))
         first = max(first, part.stop)
     return found
 
