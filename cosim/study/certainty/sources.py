@@ -193,7 +193,7 @@ def error_sources(
         own=np.array([0.0 if one is None else one.own for one in found]),
         bases=tuple(bases),
         positions=_positions(result, predicted, positive),
-        builds=_builds(result),
+        builds=result.places(list(result.study.bank)),
         shared=shared,
         changes=changes,
         copies=np.array([effect.copies for effect in effects]),
@@ -214,12 +214,6 @@ def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
     x = np.log(np.where(result.done[:, None], predicted[:, kept], 1.0)) / np.sqrt(max(len(kept), 1))
     middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
     return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
-
-
-def _builds(result: StudyResult) -> Integers:
-    place = {name: k for k, name in enumerate(result.study.bank)}
-    rows = [[place[build] for build in result.builds(corner)] for corner in result.study.corners]
-    return np.array(rows, dtype=np.int64).T.reshape(len(result), len(result.study.corners))
 
 
 def _effects(result: StudyResult, effects: Sequence[Effect], names: Sequence[str]) -> tuple[Array, Array]:
