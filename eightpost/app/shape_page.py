@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.study.choice.continuous import ASSURED
 from eightpost.app.shape_search import VERIFIED, Aim
 from eightpost.app.shape_target import Target
 from eightpost.files import atomic_path
@@ -17,7 +18,7 @@ from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
 from eightpost.shock.shape import unit_of
-from eightpost.verdict import Grade, Rules, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 SCHEMA = 1
 
@@ -32,8 +33,18 @@ RULES = Rules()
 
 GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
     condition="the runs of the targets' own FMUs are better than the best setup of the bank",
-    why="the gain is that of the model: errors of the car and of the form of the law are not in it",
+    why="the gain is that of laws on the model: errors of the form of the law are not in it",
     remedy="build the nearest valving, test it (eightpost dyno or a dynamometer), fit it, and run it in a study",
+)  # fmt: skip
+DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
+    condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
+    why="the gain is not larger than what the vehicle is uncertain by",
+    remedy="test the best of the bank and builds near the targets on the rig (eightpost confirm), then search again",
+)  # fmt: skip
+UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
+    condition="the vehicle states no uncertainty for a measure of the objective",
+    why="errors of the car are not in the gain and its band",
+    remedy="identify the vehicle (eightpost identify), which states its uncertainty",
 )  # fmt: skip
 NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
     condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
@@ -53,11 +64,25 @@ def aim_verdict(found: Aim) -> Verdict:
     origin = f"{found.runs} trials; verified by runs of their own FMUs"
     gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
     reasons = [(GAIN if targets < best else NO_GAIN).reason("the objective", figure=gain, origin=origin)]
+    reasons += _of_the_car(found)
     apart = targets - found.optimum.nominal
     if abs(apart) > AGREEMENT * abs(targets):
         text = f"{found.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
         reasons.append(DIFFERS.reason("search and verifying run disagree", figure=text, origin=origin))
     return Verdict(reasons)
+
+
+def _of_the_car(found: Aim) -> Iterator[Reason]:
+    """Yield what the stated uncertainty of the vehicle means for the gain."""
+    if found.car is None or not found.car.is_known:
+        missing = "no measure" if found.car is None else ", ".join(found.car.unknown(found.car.criterion.measures))
+        known = "stated for" if found.car is None else "not stated for"
+        yield UNSTATED.reason("uncertainty of the vehicle", figure=f"{known} {missing}", origin="the vehicle's FMU")
+    elif found.chance < ASSURED:
+        figure = f"{100.0 * found.chance:.3g} %; limit {100.0 * ASSURED:g} %"
+        yield DOUBTFUL.reason(
+            "probability of a gain", figure=figure, origin=f"{found.gains.size} draws of cars and shocks"
+        )
 
 
 # ---- Tables ---------------------------------------------------------------------------------------------------------
@@ -85,15 +110,32 @@ def robust_table(found: Aim) -> ResultTable:
     robust = found.request.robustness
     title = (
         f"Objective over {robust.draws} draws with a tolerance of {100.0 * found.request.tolerance:g} % of every "
-        f"number; robust: mean + {robust.weight:g} standard deviations"
+        f"number{'' if found.car is None else ', and over the cars that the true one may be'}; "
+        f"robust: mean + {robust.weight:g} standard deviations"
     )
     return ResultTable.of(title, ("setup", "as planned .6", "standard deviation", "robust .6"), rows)
+
+
+def gain_table(found: Aim) -> ResultTable:
+    """Return the gain over the best setup of the bank: predicted, and what is assured."""
+    best = float(found.reference.nominal[0])
+    drawn = "shocks" if found.car is None else "shocks and cars"
+    quantiles = np.quantile(found.gains, [1.0 - ASSURED, 0.5]).tolist()
+    gains = {
+        "predicted, shocks exactly as planned": best - found.optimum.nominal,
+        f"exceeded by 50 % of the draws of {drawn}": quantiles[1],
+        f"exceeded by {100.0 * ASSURED:g} % of them": quantiles[0],
+    }
+    rows = [(words, gain, 100.0 * gain / abs(best)) for words, gain in gains.items()]
+    return ResultTable.of(
+        "Gain over the best setup of the bank", ("gain", "objective .4", "of the objective [%]"), rows
+    )
 
 
 def number_table(target: Target, found: Aim) -> ResultTable:
     """Return the numbers of a target, their ranges, and the intervals that keep the gain."""
     rows = []
-    ranges = {one.name: one for one in found.ranges}
+    ranges = {one.name: one for one in found.space.ranges}
     for name, value in target.shape.numbers().items():
         unit = unit_of(name)
         cells: list[Cell | float | None] = [name, unit, Amount(value, unit)]
@@ -105,7 +147,7 @@ def number_table(target: Target, found: Aim) -> ResultTable:
         else:
             cells += [None, None, None, None, "fixed"]
         rows.append(cells)
-    share = f"{100.0 * found.request.keep:g} % of the gain"
+    share = f"{100.0 * found.request.keep:g} % of the assured gain"
     heads = ("number", "unit", "target", "lower limit", "upper limit", f"from, alone keeps {share}", "to", "")
     return ResultTable.of(f"Target at {target.name}", heads, rows)
 
@@ -134,7 +176,12 @@ def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
     with atomic_path(data) as temporary:
         temporary.write_text(json.dumps(_content(found), indent=2) + "\n", encoding="utf-8")
     title = f"Curves to aim at: {found.study.name}"
-    return data, write_page(page, document(title, aim_verdict(found), list(_sections(found)), lead=_lead(found)))
+    return data, write_page(
+        page,
+        document(
+            title, aim_verdict(found), list(_sections(found)), lead=_lead(found), links={"report.html": "The study"}
+        ),
+    )
 
 
 def _lead(found: Aim) -> str:
@@ -142,11 +189,25 @@ def _lead(found: Aim) -> str:
     return f"Shapes of the bank describe its curves with an RMS error of: {fits}."
 
 
+def car_text(found: Aim) -> str:
+    """Return a sentence about what the vehicle's uncertainty does to the gain."""
+    if found.car is None:
+        return (
+            "The vehicle states no uncertainty: the gain and its band are those of this vehicle, as if it were exact."
+        )
+    missing = found.car.unknown(found.car.criterion.measures)
+    unknown = f" The uncertainty of {', '.join(missing)} is not known and not included." if missing else ""
+    return (
+        f"With the errors that the vehicle states, the targets are better than the best setup of the bank with a "
+        f"probability of {100.0 * found.chance:.3g} %.{unknown}"
+    )
+
+
 def band_text(found: Aim) -> str:
     """Return a sentence about the band."""
     if found.band is None:
-        return "There is no gain over the best setup of the bank, so there is no band."
-    share = f"{100.0 * found.band.share:g} % of the gain"
+        return f"No gain is assured with {100.0 * ASSURED:g} %, so there is no band."
+    share = f"{100.0 * found.band.share:g} % of the assured gain"
     if found.band.size == 0.0:
         return f"No box around the targets keeps {share}: a deviation of 1 % of the ranges already loses more."
     return (
@@ -156,7 +217,11 @@ def band_text(found: Aim) -> str:
 
 
 def _sections(found: Aim) -> Iterator[Section]:
-    yield Section("gain", "Gain", [objective_table(found), robust_table(found), band_text(found)])
+    yield Section(
+        "gain",
+        "Gain",
+        [objective_table(found), gain_table(found), car_text(found), robust_table(found), band_text(found)],
+    )
     for target in found.targets:
         blocks: list[Block] = [_figure(target, found), number_table(target, found), neighbour_table(target, found)]
         if target.valving.limits:
@@ -187,6 +252,7 @@ def _content(found: Aim) -> dict[str, Any]:
         "schema": SCHEMA,
         "kind": "shapes",
         "study": found.study.name,
+        "digest": found.digest,
         "best_of_bank": dict(found.bank),
         "objective": {
             "best_of_bank": found.verified_objective(0),
@@ -201,10 +267,16 @@ def _content(found: Aim) -> dict[str, Any]:
         "meets_constraints": found.optimum.allowed,
         "coupling_error_percent": found.verified.worst_coupling_error,
         "robustness": robust | {"tolerance": found.request.tolerance},
+        "gain": {
+            "predicted": float(found.reference.nominal[0]) - found.optimum.nominal,
+            "assured": found.assured_gain,
+            "probability": found.chance,
+            "includes_car": found.car is not None and found.car.is_known,
+        },
         "band": None if found.band is None else {
             "share": found.band.share, "size": found.band.size, "kept": found.band.kept
         },
-        "ranges": {one.name: [one.low, one.high] for one in found.ranges},
+        "ranges": {one.name: [one.low, one.high] for one in found.space.ranges},
         "targets": [_target(target) for target in found.targets],
         "starts": [list(pair) for pair in found.optimum.starts],
         "status": list(found.optimum.status),

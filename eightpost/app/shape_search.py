@@ -10,7 +10,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from builder.build import build
+from cosim.study.certainty import OBJECTIVE
+from cosim.study.certainty.assess import Knowledge, posterior_of
+from cosim.study.certainty.vehicle_draws import DrawnCar, VehicleDraws
 from cosim.study.choice.continuous import (
+    ASSURED,
     Evaluation,
     Optimum,
     Problem,
@@ -23,6 +27,7 @@ from cosim.study.choice.continuous import (
 )
 from cosim.study.choice.gain_band import Band, band
 from cosim.study.choice.optimise import Search, search_study
+from cosim.study.folder import chosen_so_far
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
@@ -52,6 +57,7 @@ class Request:
         keep: Share of the gain that the band keeps [1].
         objective: Measure to minimise; empty: the objective of the study.
         seed: Seed of the random starts.
+        uncertain: Whether the errors that the vehicle states are drawn too.
     """
 
     vary: tuple[str, ...] = CURVE_NUMBERS
@@ -63,6 +69,7 @@ class Request:
     keep: float = 0.8
     objective: str = ""
     seed: int = 0
+    uncertain: bool = True
 
 
 #: Setups that are run through the study with FMUs of their own.
@@ -75,25 +82,31 @@ class Aim:
 
     Attributes:
         study: Study.
+        digest: Digest of the study's result.
         request: Request.
-        ranges: Ranges of the numbers that varied.
+        space: Numbers that varied at each group of corners, with their ranges.
         fits: Shape of each build of the bank that has a shock file, with its residual.
         bank: Builds of the best setup of the bank, by corner.
         reference: The best setup of the bank, its shocks as shapes.
         optimum: Result of the search.
-        band: Band that keeps the gain; None without a gain.
+        car: Cars that the true one may be; None: the vehicle states no uncertainty, or it was not asked for.
+        gains: Gain of the targets over the best setup of the bank, for each draw of shocks and cars (N,).
+        band: Band that keeps the assured gain; None without one.
         targets: Target curve of each group of corners.
         verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
         runs: Number of setups that were run.
     """
 
     study: Study
+    digest: str
     request: Request
-    ranges: tuple[Range, ...]
+    space: ShockSpace
     fits: Mapping[str, ShapeFit]
     bank: Mapping[str, str]
     reference: Evaluation
     optimum: Optimum
+    car: DrawnCar | None
+    gains: Array
     band: Band | None
     targets: tuple[Target, ...]
     verified: StudyResult
@@ -103,6 +116,16 @@ class Aim:
     def gain(self) -> float:
         """Robust objective of the best setup of the bank less that of the targets."""
         return float(self.reference.objective[0]) - self.optimum.objective
+
+    @property
+    def assured_gain(self) -> float:
+        """Gain that is exceeded with a probability of 95 % over the draws of shocks and cars."""
+        return float(np.quantile(self.gains, 1.0 - ASSURED))
+
+    @property
+    def chance(self) -> float:
+        """Probability that the targets are better than the best setup of the bank, over the draws [1]."""
+        return float(np.mean(self.gains > 0.0))
 
     def verified_objective(self, rank: int) -> float:
         """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
@@ -152,7 +175,9 @@ def aim(
     """
     study = requested.study
     fits = shapes_of_bank(sources)
-    bank = _best_of_bank(requested, workers, coupling, request.objective)
+    known, best = _best_of_bank(requested, workers, coupling, request.objective)
+    bank = known.setup(best).builds
+    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
     groups = _groups(study, request.corners)
     folder = requested.folder / "shapes"
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
@@ -169,29 +194,50 @@ def aim(
     problem = Problem(trials, space, objective=request.objective)
     own = space.point([bases[group].numbers() for group in groups])
     planned = search(problem, _starts(space, own, study, fits, request), progress=progress)
-    robust = Problem(trials, space, request.robustness, request.objective)
+    robust = Problem(trials, space, request.robustness, request.objective, car)
     optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
     reference = robust.evaluate(own[None])
+    start = float(reference.nominal[0])
+    gains = start - robust.drawn(optimum.point[None])[0]
     kept = None
-    if float(reference.nominal[0]) > optimum.nominal:
-        kept = band(problem, optimum, float(reference.nominal[0]), share=request.keep)
+    if start > optimum.assured:
+        exact = Problem(trials, space, Robustness(0, request.robustness.weight), request.objective, car)
+        kept = band(exact, optimum, start, share=request.keep)
         progress(trials.count)
     found = tuple(space.numbers(space.values(optimum.point[None])[0]))
     shapes = {group: bases[group].with_numbers(numbers) for group, numbers in zip(groups, found, strict=True)}
     targets = targets_of(problem, optimum, kept, shapes, bases, fits, sources)
     verified = _verified(requested, workers, coupling, bank, targets)
     optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
-    return Aim(study, request, ranges, fits, bank, reference, optimum, kept, targets, verified, trials.count)
+    return Aim(
+        study,
+        requested.digest,
+        request,
+        space,
+        fits,
+        bank,
+        reference,
+        optimum,
+        car,
+        gains,
+        kept,
+        targets,
+        verified,
+        trials.count,
+    )
 
 
 #: Largest number of steps of the robust search, which starts from the best of the searches without draws.
-_POLISHING = 8
+_POLISHING = 12
 
 #: Largest number of setups of a bank that is run completely; larger banks are searched.
 _EXHAUSTIVE = 5000
 
 
-def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, objective: str) -> Mapping[str, str]:
+def _best_of_bank(
+    requested: Requested, workers: Workers, coupling: Coupling, objective: str
+) -> tuple[StudyResult, int]:
+    """Return the runs of the bank, and the row of its best setup."""
     study = requested.study
     if len(study.space) > _EXHAUSTIVE:
         result, _ = search_study(requested, workers, coupling, Search((objective,) if objective else ()))
@@ -200,7 +246,26 @@ def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, ob
     rows = result.ranking(objective or None)
     if not rows.size:
         raise InputError("no setup of the bank runs and meets the constraints, so there is nothing to compare with")
-    return result.setup(int(rows[0])).builds
+    return result, int(rows[0])
+
+
+def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "") -> DrawnCar | None:
+    """Return the cars that the true one may be, given the rig runs in a study's folder.
+
+    Args:
+        result: Runs of the bank.
+        best: Row of its best setup, which others are compared with.
+        folder: Folder of the study; rig runs of its certainty are taken into account.
+        objective: Measure to minimise; empty: the objective of the study.
+
+    Returns:
+        None if the vehicle states no uncertainty.
+    """
+    certainty = chosen_so_far(result, folder).certainty
+    known = Knowledge.of(certainty) if certainty else Knowledge()
+    draws = VehicleDraws.of(result, posterior_of(result, known))
+    name = objective or (OBJECTIVE if result.study.objective else result.measures[0].name)
+    return None if draws is None else DrawnCar.of(result, draws, name, best)
 
 
 def _groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:

@@ -98,6 +98,7 @@ class Evaluator:
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
         self._batches: dict[tuple[str, float, str], Batches | None] = {}
+        self._earlier: Mapping[tuple[str, float, str], Batches | None] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
@@ -109,7 +110,7 @@ class Evaluator:
         if replace(own, **shocks) != study:
             return None
         found = copy(self)
-        found.study, found._batches = study, {}
+        found.study, found._batches, found._earlier = study, {}, {**self._earlier, **self._batches}
         return found
 
     def system(self, setup: Setup) -> System:
@@ -177,8 +178,9 @@ class Evaluator:
         """Return the batches of the study at a coupling; None if it cannot run as a batch."""
         key = (coupling.scheme, coupling.step, coupling.batch)
         if key not in self._batches:
+            earlier = self._earlier.get(key)
             try:
-                self._batches[key] = Batches(self, *key)
+                self._batches[key] = (earlier and earlier.for_shocks(self)) or Batches(self, *key)
             except (NotInBatchError, EightpostError):  # the rows state the reason
                 self._batches[key] = None
         return self._batches[key]
