@@ -3,8 +3,8 @@
     python -m benchmarks.shapes_truths [--seeds FIRST:END] [--kinds NAMES] [--kept FOLDER] [--json FILE]
 
 The truths are those of benchmarks/vehicle_uncertainty.py: stand-ins and flexible cars with random parameters, each
-identified from five rig tests of 80 s. For each of them, a bank of random valvings of the virtual damper is drawn,
-tested on the virtual dynamometer and fitted. `eightpost shapes` searches target curves on the identified car. The best
+identified from five rig tests of 80 s. For each of them, a bank of random valvings of the virtual damper is drawn;
+its laws are their static curves with a lag. `eightpost shapes` searches target curves on the identified car. The best
 setup of the bank, the targets and random points of their band are then driven on the true car itself, with the same
 laws of the shocks, so that the table shows the errors of the car alone. Gains are shares of the objective with the
 predicted best setup of the bank.
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import tempfile
@@ -34,22 +35,22 @@ from benchmarks.identification_measures import SETTLING, TOTAL
 from benchmarks.vehicle_uncertainty import parts
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
+from builder.native.toolchain import Zig, this_platform
 from cosim.study.families import Car, family
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from eightpost import units
-from eightpost.app.shape_search import Aim, Request, aim
+from eightpost.app.shape_search import Curves, Request, find_curves
 from eightpost.corners import CORNERS
-from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.ident.vehicle.verdict import with_validity
-from eightpost.rig import Actuator, random_multisine, read_dyno_test, read_out
 from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
-from eightpost.rig.post import Actuators, Shock, track_drive
-from eightpost.shock import read_shock, write_shock
-from eightpost.shock.shape import Shape
+from eightpost.rig.post import Actuators, track_drive
+from eightpost.rig.post import Shock as RigShock
+from eightpost.shock import Shock, read_shock, write_shock
+from eightpost.shock.shape import Shape, fit_force
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.vehicle.storage import write_vehicle
 
@@ -63,11 +64,14 @@ Row = dict[str, Any]
 #: Length of the lap [s], number of random valvings of a bank, number of points of a band that are driven.
 LAP, BUILDS, POINTS = 13.0, 6, 12
 
+#: Share of the assured gain that the band keeps [1].
+KEPT = Request().keep
+
 #: Numbers of a shape that vary.
 VARIED = ("compression.low", "compression.high", "rebound.low", "rebound.high")
 
-#: Peak of the dynamometer's random test of a valving [m], and its length [s].
-PEAK, TEST = units.convert(1.0, "in", "m"), 12.0
+#: Highest speed of the curves [m/s]; lag of their laws [s], and force from which there is none [N].
+REACH, LAG, LAG_FORCE = 1.0, 0.7e-3, 4325.0
 
 #: Weight and unit of the terms of the objective, and the output whose RMS each is.
 OBJECTIVE = {
@@ -81,6 +85,7 @@ def main() -> None:
     options = _options()
     seeds = REPORT[:6] if options.seeds is None else range(*options.seeds)
     kinds = options.kinds.split(",") if options.kinds else KINDS
+    Zig.platforms = (this_platform(),)  # the FMUs run here only
     rows = []
     for seed in seeds:
         for kind in kinds:
@@ -100,44 +105,49 @@ def draw(one: Outcome, folder: Path, workers: int) -> Row:
     """Return the row of a truth."""
     car = truth(one.kind, one.seed)
     lap = Actuators().follow(track_drive(car, 40000 + one.seed, duration=LAP).series, car)
-    bank = {str(valving): _fitted(valving, one.seed, folder) for valving in random_valvings(one.seed)}
+    bank = {str(valving): _written(valving, folder) for valving in random_valvings(one.seed)}
     study = _study(one, lap, bank, folder)
     pool = ProcessWorkers(workers)
     try:
         requested = Requested(study, folder / "out")
-        found = aim(requested, bank, pool, requested.coupling(pool), Request(vary=VARIED, starts=2, seed=one.seed))
-        known = requested.everything(requested.coupling(pool))
+        coupling = requested.coupling(pool)
+        found = find_curves(requested, bank, pool, coupling, Request(vary=VARIED, starts=2, seed=one.seed))
+        known = requested.everything(coupling)
     finally:
         pool.close(wait=True)
     laws = {name: read_shock(path).law for name, path in bank.items()}
     setups = [known.setup(row).builds for row in range(len(known))]
     builds = [tuple(laws[setup[corner]] for corner in CORNERS) for setup in setups]
-    planned = _laws_at(found, [target.shape for target in found.targets])
-    banded = [_laws_at(found, shapes) for shapes in _banded(found)]
-    true = np.array([objective_of(measures) for measures in truths_of(car, lap, [*builds, planned, *banded])])
+    points = [found.optimum.point, *(() if found.band is None else found.band.points[:POINTS])]
+    planned = [_laws_at(found, point) for point in points]
+    true = np.array([objective_of(measures) for measures in truths_of(car, lap, [*builds, *planned])])
     best = setups.index(dict(found.bank))
     return _row(one, found, true, best, len(builds))
 
 
-def _row(one: Outcome, found: Aim, true: Array, best: int, count: int) -> Row:
-    start = float(found.reference.nominal[0])
-    in_percent = 100.0 / start
-    gain = 100.0 * (true[best] - true[count]) / true[best]
-    kept = (true[best] - true[count + 1 :]) * 100.0 / true[best]
-    limit = found.request.keep * found.assured_gain * in_percent
+def _row(one: Outcome, found: Curves, true: Array, best: int, count: int) -> Row:
+    """Return the row of a truth from true objectives of the bank, the targets and points of the band."""
+    in_percent = 100.0 / float(found.reference.nominal[0])
+    gains = 100.0 * (true[best] - true) / true[best]
+    kept = gains[count + 1 :]
+    ends = np.abs(found.optimum.point - 0.5) > 0.49
     return {
         "car": f"{one.kind} {one.seed}",
-        "predicted gain, %": in_percent * (start - found.optimum.nominal),
+        "predicted gain, %": in_percent * found.predicted_gain,
         "assured gain, %": in_percent * found.assured_gain,
         "probability of a gain": found.chance,
-        "true gain, %": gain,
-        "over the truly best of the bank, %": 100.0 * (true[:count].min() - true[count]) / true[best],
+        "true gain, %": float(gains[count]),
+        "true gain over the truly best of the bank, %": float(gains[count] - gains[:count].max()),
         "band, % of each range": 0.0 if found.band is None else 100.0 * found.band.size,
-        "points of the band that truly keep 80 %": float(np.mean(kept >= limit)) if kept.size else None,
-        "lowest true gain in the band, %": float(kept.min()) if kept.size else None,
-        "numbers at a limit": f"{sum(len(t.at_limit) for t in found.targets)} of {found.optimum.point.size}",
-        "trials": found.runs,
+        "points of the band that truly keep it": _of(kept >= KEPT * in_percent * found.assured_gain),
+        "lowest true gain in the band, %": float(kept.min()) if kept.size else "",
+        "numbers at a limit": _of(ends),
+        "trials": found.trials.count,
     }
+
+
+def _of(flags: Array) -> str:
+    return f"{int(flags.sum())} of {flags.size}" if flags.size else ""
 
 
 def random_valvings(seed: int) -> tuple[Valving, ...]:
@@ -153,14 +163,16 @@ def random_valvings(seed: int) -> tuple[Valving, ...]:
     return tuple(one() for _ in range(BUILDS))
 
 
-def _fitted(valving: Valving, seed: int, folder: Path) -> Path:
-    """Test a valving on the virtual dynamometer and fit it; return its shock file."""
-    number = len(list(folder.glob("build_*.json")))
-    record, path = folder / f"build_{number}.parquet", folder / f"build_{number}.json"
-    command = random_multisine(700 + seed + number, duration=TEST, peak=PEAK).series
-    response = valving.damper().respond(Actuator().follow(command), rate=2000.0)
-    write_parquet(read_out(response, seed=seed), record, note=f"SYNTHETIC: {valving}")
-    write_shock(fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=str(valving)).shock, path)
+def _written(valving: Valving, folder: Path) -> Path:
+    """Write the law of a valving, its static curve with the lag of the builds of Table 7.3; return its shock file."""
+    damper = valving.damper()
+
+    def force(velocity: float) -> float:
+        return damper.static_force(velocity) + math.copysign(damper.seals.drag, velocity)
+
+    shape = replace(fit_force(force, REACH, REACH).shape, lag=LAG, lag_force=LAG_FORCE)
+    path = folder / f"build_{len(list(folder.glob('build_*.json')))}.json"
+    write_shock(Shock(str(valving), shape.law()), path)
     return path
 
 
@@ -173,12 +185,13 @@ def _study(one: Outcome, lap: TimeSeries, bank: dict[str, Path], folder: Path) -
     fit = with_validity(replace(one.fit, trust=replace(trust, measures=stated)))
     write_vehicle(folder / "car.json", fit.vehicle)
     write_parquet(lap, folder / "lap.parquet", note="SYNTHETIC lap")
-    car, *shocks = build([folder / "car.json", *bank.values()], folder / "fmus")
+    car, shock = build([folder / "car.json", next(iter(bank.values()))], folder / "fmus")
+    laws = {name: Shape.of(read_shock(path).law).shape for name, path in bank.items()}
     channels = [f"car.{name}" for name in fit.vehicle.state_space.output_names]
     return Study(
         name=f"{one.kind} {one.seed}",
         vehicle=Vehicle(car.path, means_trusted=False),
-        bank={name: Build(item.path) for name, item in zip(bank, shocks, strict=True)},
+        bank={name: Build(shock.path, shape.parameters()) for name, shape in laws.items()},
         corners=dict.fromkeys(CORNERS, tuple(bank)),
         drives=(Drive("lap", folder / "lap.parquet", LAP),),
         measures=tuple(m for m in family("ride", Car("car", CORNERS, channels)) if not m.absolute),
@@ -188,19 +201,9 @@ def _study(one: Outcome, lap: TimeSeries, bank: dict[str, Path], folder: Path) -
     )
 
 
-def _banded(found: Aim) -> list[list[Shape]]:
-    """Return the shapes of each group at some points of the band."""
-    if found.band is None:
-        return []
-    shapes = []
-    for values in found.space.values(found.band.points[:POINTS]):
-        numbers = found.space.numbers(values)
-        shapes.append([t.shape.with_numbers(n) for t, n in zip(found.targets, numbers, strict=True)])
-    return shapes
-
-
-def _laws_at(found: Aim, shapes: Sequence[Shape]) -> tuple[Shock, ...]:
-    laws = {corner: shape.law() for t, shape in zip(found.targets, shapes, strict=True) for corner in t.corners}
+def _laws_at(found: Curves, point: Array) -> tuple[RigShock, ...]:
+    """Return the law at each corner at a point of the search."""
+    laws = {corner: shape.law() for group, shape in found.shapes_at(point).items() for corner in group}
     return tuple(laws[corner] for corner in CORNERS)
 
 

@@ -76,62 +76,6 @@ class Request:
 VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Aim:
-    """Result of a search for target curves.
-
-    Attributes:
-        study: Study.
-        digest: Digest of the study's result.
-        request: Request.
-        space: Numbers that varied at each group of corners, with their ranges.
-        fits: Shape of each build of the bank that has a shock file, with its residual.
-        bank: Builds of the best setup of the bank, by corner.
-        reference: The best setup of the bank, its shocks as shapes.
-        optimum: Result of the search.
-        car: Cars that the true one may be; None: the vehicle states no uncertainty, or it was not asked for.
-        gains: Gain of the targets over the best setup of the bank, for each draw of shocks and cars (N,).
-        band: Band that keeps the assured gain; None without one.
-        targets: Target curve of each group of corners.
-        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
-        runs: Number of setups that were run.
-    """
-
-    study: Study
-    digest: str
-    request: Request
-    space: ShockSpace
-    fits: Mapping[str, ShapeFit]
-    bank: Mapping[str, str]
-    reference: Evaluation
-    optimum: Optimum
-    car: DrawnCar | None
-    gains: Array
-    band: Band | None
-    targets: tuple[Target, ...]
-    verified: StudyResult
-    runs: int
-
-    @property
-    def gain(self) -> float:
-        """Robust objective of the best setup of the bank less that of the targets."""
-        return float(self.reference.objective[0]) - self.optimum.objective
-
-    @property
-    def assured_gain(self) -> float:
-        """Gain that is exceeded with a probability of 95 % over the draws of shocks and cars."""
-        return float(np.quantile(self.gains, 1.0 - ASSURED))
-
-    @property
-    def chance(self) -> float:
-        """Probability that the targets are better than the best setup of the bank, over the draws [1]."""
-        return float(np.mean(self.gains > 0.0))
-
-    def verified_objective(self, rank: int) -> float:
-        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
-        return float(_objectives(self.verified, self.request.objective)[rank])
-
-
 # ---- The search -----------------------------------------------------------------------------------------------------
 
 
@@ -150,6 +94,118 @@ def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
             "[bank], or state the limits of every number with --limit"
         )
     return {name: Shape.of(read_shock(path).law) for name, path in sources.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """Curves that a search found.
+
+    Attributes:
+        trials: Runs of the study.
+        space: Numbers that varied at each group of corners, with their ranges.
+        fits: Shape of each build of the bank that has a shock file, with its residual.
+        bank: Builds of the best setup of the bank, by corner.
+        bases: Shape of the best setup of the bank, by group of corners.
+        reference: That setup as a point of the space.
+        optimum: Result of the search.
+        car: Cars that the true one may be; None if the vehicle is taken to be exact.
+        gains: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
+        band: Band that keeps the assured gain; None without one.
+    """
+
+    trials: Trials
+    space: ShockSpace
+    fits: Mapping[str, ShapeFit]
+    bank: Mapping[str, str]
+    bases: Mapping[tuple[str, ...], Shape]
+    reference: Evaluation
+    optimum: Optimum
+    car: DrawnCar | None
+    gains: Array
+    band: Band | None
+
+    def shapes_at(self, point: Array) -> dict[tuple[str, ...], Shape]:
+        """Return the shape of each group of corners at a point (n,)."""
+        numbers = self.space.numbers(self.space.values(point[None])[0])
+        return {group: self.bases[group].with_numbers(own) for group, own in zip(self.bases, numbers, strict=True)}
+
+    @property
+    def predicted_gain(self) -> float:
+        """Predicted objective of the best setup of the bank less that of the targets, shocks exactly as planned."""
+        return float(self.reference.nominal[0]) - self.optimum.nominal
+
+    @property
+    def assured_gain(self) -> float:
+        """Gain that is exceeded with a probability of 95 % over the draws of shocks and cars."""
+        return float(np.quantile(self.gains, 1.0 - ASSURED))
+
+    @property
+    def chance(self) -> float:
+        """Probability that the targets are better than the best setup of the bank, over the draws [1]."""
+        return float(np.mean(self.gains > 0.0))
+
+
+def find_curves(
+    requested: Requested,
+    sources: Mapping[str, Path],
+    workers: Workers,
+    coupling: Coupling,
+    request: Request,
+    progress: Progress = lambda _runs: None,
+) -> Curves:
+    """Search for the curves to aim at and their band; see `aim` for the arguments and errors."""
+    study = requested.study
+    fits = shapes_of_bank(sources)
+    known, best = _best_of_bank(requested, workers, coupling, request.objective)
+    bank = known.setup(best).builds
+    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
+    groups = _groups(study, request.corners)
+    bases = {group: _base(fits, bank[group[0]]) for group in groups}
+    folder = requested.folder / "shapes"
+    space = _space(study, bank, bases, fits, _fmu(bases[groups[0]], folder), request)
+    trials = Trials(study, workers, coupling)
+    own = space.point([bases[group].numbers() for group in groups])
+    starts = _starts(space, own, study, fits, request)
+    planned = search(Problem(trials, space, objective=request.objective), starts, progress=progress)
+    robust = Problem(trials, space, request.robustness, request.objective, car)
+    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
+    reference = robust.evaluate(own[None])
+    start = float(reference.nominal[0])
+    gains = start - robust.drawn(optimum.point[None])[0]
+    kept = None
+    if start > optimum.assured:
+        exact = Problem(trials, space, Robustness(0, request.robustness.weight), request.objective, car)
+        kept = band(exact, optimum, start, share=request.keep)
+        progress(trials.count)
+    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
+    return Curves(trials, space, fits, bank, bases, reference, optimum, car, gains, kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """Curves to aim at, described and verified.
+
+    Attributes:
+        study: Study.
+        digest: Digest of the study's result.
+        request: Request.
+        curves: Curves that the search found.
+        targets: Target curve of each group of corners.
+        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
+        runs: Number of setups that were run.
+    """
+
+    study: Study
+    digest: str
+    request: Request
+    curves: Curves
+    targets: tuple[Target, ...]
+    verified: StudyResult
+    runs: int
+
+    def verified_objective(self, rank: int) -> float:
+        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
+        return float(_objectives(self.verified, self.request.objective)[rank])
 
 
 def aim(
@@ -173,58 +229,30 @@ def aim(
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
     """
-    study = requested.study
-    fits = shapes_of_bank(sources)
-    known, best = _best_of_bank(requested, workers, coupling, request.objective)
-    bank = known.setup(best).builds
-    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
-    groups = _groups(study, request.corners)
-    folder = requested.folder / "shapes"
-    bases = {group: _base(fits, bank[group[0]]) for group in groups}
-    fmu = _fmu(Shock("any shape", bases[groups[0]].law()), folder / "any_shape.json", folder / "fmus")
+    found = find_curves(requested, sources, workers, coupling, request, progress)
+    shapes = found.shapes_at(found.optimum.point)
+    problem = Problem(found.trials, found.space, objective=request.objective)
+    targets = targets_of(problem, found.optimum, found.band, shapes, found.bases, found.fits, sources)
+    verified = _verified(requested, workers, coupling, found.bank, targets)
+    return Aim(requested.study, requested.digest, request, found, targets, verified, found.trials.count)
+
+
+def _space(
+    study: Study,
+    bank: Mapping[str, str],
+    bases: Mapping[tuple[str, ...], Shape],
+    fits: Mapping[str, ShapeFit],
+    fmu: Path,
+    request: Request,
+) -> ShockSpace:
+    """Return the space of the shapes at the groups of corners; other corners keep the builds of the bank."""
 
     def build_of(group: tuple[str, ...], numbers: Mapping[str, float]) -> Build:
         return Build(fmu, bases[group].with_numbers(numbers).parameters())
 
-    searched = {corner for group in groups for corner in group}
+    searched = {corner for group in bases for corner in group}
     fixed = {corner: study.bank[name] for corner, name in bank.items() if corner not in searched}
-    ranges = tuple(_range(name, request, fits) for name in request.vary)
-    space = ShockSpace(groups, ranges, build_of, fixed)
-    trials = Trials(study, workers, coupling)
-    problem = Problem(trials, space, objective=request.objective)
-    own = space.point([bases[group].numbers() for group in groups])
-    planned = search(problem, _starts(space, own, study, fits, request), progress=progress)
-    robust = Problem(trials, space, request.robustness, request.objective, car)
-    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
-    reference = robust.evaluate(own[None])
-    start = float(reference.nominal[0])
-    gains = start - robust.drawn(optimum.point[None])[0]
-    kept = None
-    if start > optimum.assured:
-        exact = Problem(trials, space, Robustness(0, request.robustness.weight), request.objective, car)
-        kept = band(exact, optimum, start, share=request.keep)
-        progress(trials.count)
-    found = tuple(space.numbers(space.values(optimum.point[None])[0]))
-    shapes = {group: bases[group].with_numbers(numbers) for group, numbers in zip(groups, found, strict=True)}
-    targets = targets_of(problem, optimum, kept, shapes, bases, fits, sources)
-    verified = _verified(requested, workers, coupling, bank, targets)
-    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
-    return Aim(
-        study,
-        requested.digest,
-        request,
-        space,
-        fits,
-        bank,
-        reference,
-        optimum,
-        car,
-        gains,
-        kept,
-        targets,
-        verified,
-        trials.count,
-    )
+    return ShockSpace(tuple(bases), tuple(_range(name, request, fits) for name in request.vary), build_of, fixed)
 
 
 #: Largest number of steps of the robust search, which starts from the best of the searches without draws.
@@ -295,11 +323,12 @@ def _starts(space: ShockSpace, own: Array, study: Study, fits: Mapping[str, Shap
     return [*found, *qmc.LatinHypercube(space.size, rng=request.seed).random(count)]
 
 
-def _fmu(shock: Shock, path: Path, folder: Path) -> Path:
-    """Write a shock file and build its FMU."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_shock(shock, path)
-    return build([path], folder)[0].path
+def _fmu(shape: Shape, folder: Path) -> Path:
+    """Build the FMU that plays every shape in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "any_shape.json"
+    write_shock(Shock("any shape", shape.law()), path)
+    return build([path], folder / "fmus")[0].path
 
 
 # ---- Verification: FMUs of their own, run as any setup of a study ---------------------------------------------------

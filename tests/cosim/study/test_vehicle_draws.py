@@ -30,8 +30,8 @@ def study(**scales):
         ("lf", "rf", "lr", "rr"), ("AA/AA", "B/B", "C/C")))  # fmt: skip
 
 
-def draws_of(found, known=Knowledge()):
-    return VehicleDraws.of(found, posterior_of(found, known))
+def draws_of(found, known=None):
+    return VehicleDraws.of(found, posterior_of(found, known or Knowledge()))
 
 
 def car_of(found, row=0, **changes):
