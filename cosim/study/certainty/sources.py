@@ -24,7 +24,7 @@ from cosim.study.certainty.vehicle_errors import (
     vehicle_uncertainties,
 )
 from cosim.study.result import StudyResult, error_column
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 
 #: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
 _DISTANCE = ("rms", "joint_rms")
@@ -174,8 +174,7 @@ def error_sources(
     The relative error of a measure that is zero or negative for a setup is not known.
     """
     names = tuple(measure.name for measure in result.measures)
-    predicted = np.stack([result.values(name) for name in names], axis=1)
-    positive = np.array([bool(np.all(predicted[result.done, m] > 0.0)) for m in range(len(names))])
+    predicted, positive = _predicted(result)
     stated = vehicle_uncertainties(result)
     found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
     bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
@@ -192,7 +191,7 @@ def error_sources(
         common=np.array([0.0 if one is None else one.common for one in found]),
         own=np.array([0.0 if one is None else one.own for one in found]),
         bases=tuple(bases),
-        positions=_positions(result, predicted, positive),
+        positions=_positions(result, predicted),
         builds=result.places(list(result.study.bank)),
         shared=shared,
         changes=changes,
@@ -202,8 +201,12 @@ def error_sources(
     )
 
 
-def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
-    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
+def distance_basis(result: StudyResult) -> tuple[Integers, Array]:
+    """Return the positions of the Z measures that make up the distance of setups, and the mean of their x (Z,).
+
+    `x = ln(measures) / sqrt(Z)`. Each output counts once, as in the vehicle's own distance.
+    """
+    predicted, positive = _predicted(result)
     study = result.study
     found = stated_uncertainty(result, study.vehicle.fmu)
     outputs = {} if found is None else found.measures
@@ -211,8 +214,27 @@ def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
     kept = [k for output, k in plain.items() if output is not None]
     if not kept:
         kept = [k for k, m in enumerate(study.measures) if positive[k] and m.statistic in _DISTANCE and not m.function]
-    x = np.log(np.where(result.done[:, None], predicted[:, kept], 1.0)) / np.sqrt(max(len(kept), 1))
-    middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
+    basis = np.array(kept, dtype=np.int64)
+    x = coordinates(predicted[result.done], basis)
+    return basis, np.asarray(x.mean(axis=0)) if len(x) else np.zeros(basis.size)
+
+
+def coordinates(levels: Array, basis: Integers) -> Array:
+    """Return x = ln(measures) / sqrt(Z) (..., Z) of levels of all measures (..., M)."""
+    return np.asarray(np.log(levels[..., basis]) / np.sqrt(max(basis.size, 1)))
+
+
+def _predicted(result: StudyResult) -> tuple[Array, Flags]:
+    """Return the predicted levels (R, M), and whether all those of a measure are positive (M,)."""
+    predicted = np.stack([result.values(measure.name) for measure in result.measures], axis=1)
+    positive = [bool(np.all(predicted[result.done, m] > 0.0)) for m in range(predicted.shape[1])]
+    return predicted, np.array(positive, dtype=np.bool_)
+
+
+def _positions(result: StudyResult, predicted: Array) -> Array:
+    """Return the positions of the setups (R, Z); 0 for setups that failed."""
+    basis, middle = distance_basis(result)
+    x = coordinates(np.where(result.done[:, None], predicted, 1.0), basis)
     return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
 
 
