@@ -47,8 +47,7 @@ def trust_table(trust: Trust) -> Table:
         outputs = [one for name, one in trust.outputs.items() if name.rpartition(".")[2] == quantity]
         rows.append((quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures)))
     title = (
-        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models with "
-        "resampled noise"
+        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} drawn models"
     )
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
