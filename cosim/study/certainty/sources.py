@@ -2,9 +2,12 @@
 
     e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m, with `z = (x - mean of x)`, `x = ln(measures) / sqrt(Z)`. The common error and the gradient
-`own` (Z,) have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is unknown. All other
-variables are normal. The fit of a build has the same error at every corner, and each copy of it another one.
+for setup k and measure m. The position `z` of a setup has two parts. The first are the outputs, `(x - mean of x)` with
+`x = ln(measures) / sqrt(O)`; every measure depends on them. The second are `ln(measure)` minus its mean, of all M
+measures; only the measure itself depends on its own one: its range over the setups is wrong by a factor. The common
+error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
+unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
+another one.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ class Variables:
 
     Attributes:
         common: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
-        own: Gradient of each measure's own error (D, M, Z).
+        own: Gradient of each measure's own error (D, M, O + M).
         shocks: Error due to each build at each corner (D, C, B, M).
     """
 
@@ -62,7 +65,7 @@ class ErrorSources:
         common: Scale of the common error (M,) [1]; 0 if it is not known.
         own: Scale of the own error per distance (M,) [1]; 0 if it is not known.
         bases: Origin of both, by measure (Levels.basis).
-        positions: Positions z of the setups (R, Z); 0 for setups that failed.
+        positions: Positions z of the setups (R, O + M); 0 for setups that failed.
         builds: Positions of the builds at the corners (R, C) in the list of all builds.
         shared: Change of all setups by a standard deviation of each of F parameters (F, M).
         changes: Change by a build at a corner by a standard deviation of each parameter (F, C, B, M).
@@ -83,6 +86,13 @@ class ErrorSources:
     copies: Array
     coupling: Array
     run_to_run: Array
+
+    @property
+    def directions(self) -> Array:
+        """Whether each measure's own error depends on each part of the position (M, O + M): 1 or 0."""
+        measures = len(self.names)
+        outputs = self.positions.shape[1] - measures
+        return np.hstack([np.ones((measures, outputs)), np.eye(measures)])
 
     @property
     def parameters(self) -> int:
@@ -141,7 +151,8 @@ class ErrorSources:
         normal = generator.standard_normal
         fit = normal((count, self.parameters))
         common = normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
-        own = normal((count, len(self.names), self.positions.shape[1])) * (self.own * scales.own)[:, None]
+        gradient = (self.own * scales.own)[:, None] * self.directions
+        own = normal((count, *gradient.shape)) * gradient
         shocks = np.zeros((count, *self.changes.shape[1:]))
         for corner in range(corners):
             drawn = fit + self.copies * normal((count, self.parameters)) if np.any(self.copies) else fit
@@ -203,7 +214,7 @@ def error_sources(
 
 
 def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
-    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
+    """Return the positions of the setups (R, O + M): each output counts once, as in the vehicle's own distance."""
     study = result.study
     found = stated_uncertainty(result, study.vehicle.fmu)
     outputs = {} if found is None else found.measures
@@ -211,7 +222,8 @@ def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
     kept = [k for output, k in plain.items() if output is not None]
     if not kept:
         kept = [k for k, m in enumerate(study.measures) if positive[k] and m.statistic in _DISTANCE and not m.function]
-    x = np.log(np.where(result.done[:, None], predicted[:, kept], 1.0)) / np.sqrt(max(len(kept), 1))
+    own = np.log(np.where(result.done[:, None] & positive, predicted, 1.0))
+    x = np.hstack([own[:, kept] / np.sqrt(max(len(kept), 1)), own])
     middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
     return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
@@ -52,8 +53,9 @@ def trust_table(trust: Trust) -> Table:
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
-#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures.
-TENTH = 0.1
+#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
+#: measure itself.
+TENTH = math.hypot(0.1, 0.1)
 
 
 def measure_table(trust: Trust) -> Table:

@@ -34,8 +34,9 @@ from .constructed import result
 
 @pytest.mark.parametrize("own", [0.25, 0.5, 2.0])
 def test_of_two_setups_the_lower_one_is_the_best_with_the_probability_of_students_t(own):
+    """The only measure changes by its own logarithm, and by the same distance of the setups."""
     found = certainty_of(two_setups(0.01, (0.03, own)))
-    assert found.best[0] == pytest.approx(stats.t.cdf(1.0 / own, 4), abs=NOISE)
+    assert found.best[0] == pytest.approx(stats.t.cdf(1.0 / (own * np.sqrt(2.0)), 4), abs=NOISE)
     assert found.best.sum() == pytest.approx(1.0)
 
 

@@ -38,12 +38,13 @@ def test_conditioning_equals_that_of_an_independently_built_joint_normal_distrib
     rows = np.array([3, 40, 700])
     x = np.log(np.stack([study.values("a"), study.values("b")], axis=1)) / np.sqrt(2.0)
     z = (x - x.mean(axis=0))[rows]
+    level = np.sqrt(2.0) * z  # logarithms of the measures themselves
     builds = [study.setup(int(row)).builds for row in rows]
 
     def column(m: int) -> np.ndarray:
         """Loadings of the standard normal variables: own of a, own of b, fit C/C, copy C/C, B/C, k."""
-        own = np.zeros((3, 4))
-        own[:, 2 * m : 2 * m + 2] = 0.5 * scales.own[m] * z
+        own = np.zeros((3, 6))
+        own[:, 3 * m : 3 * m + 3] = 0.5 * scales.own[m] * np.column_stack([z, level[:, m]])
         c = np.array([m == 0 and one["rr"] == "C/C" for one in builds], dtype=float)
         b = np.array([m == 1 and one["lr"] == "B/C" for one in builds], dtype=float)
         return np.column_stack([own, 0.01 * c, 0.005 * c, -0.02 * b, np.full(3, 0.01 * (m == 0))])
@@ -71,7 +72,7 @@ def test_a_rig_run_of_both_setups_decides_between_them():
     before = certainty_of(study)
     known = Knowledge(run_to_run={"a": 0.001}, runs=(run(0, a=1.01), run(1, a=1.0)))
     after = certainty_of(study, known)
-    assert before.best[0] == pytest.approx(stats.t.cdf(0.5, 4), abs=NOISE)
+    assert before.best[0] == pytest.approx(stats.t.cdf(0.5 / np.sqrt(2.0), 4), abs=NOISE)
     assert after.best[0] < 0.01
     low, high = after.levels["a"].interval(0.95)
     assert low[0] < 1.01 < high[0] and np.log(high / low)[0] < 4.0 * 2.8 * 0.001
@@ -100,7 +101,7 @@ def test_a_record_that_contradicts_the_prediction_is_named():
 
 
 def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
-    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.03))
     levels = study.values("a")
     runs = tuple(run(k, a=1.1 * float(levels[k])) for k in (0, 7, 2400))
     found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
