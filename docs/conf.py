@@ -15,7 +15,7 @@ from eightpost import __version__  # noqa: E402
 
 project = "eightpost"
 author = "the eightpost developers"
-copyright = "the eightpost developers; MIT licence"  # noqa: A001
+copyright = "the eightpost developers; MIT licence"
 version = release = __version__
 
 extensions = [
@@ -48,6 +48,8 @@ myst_heading_anchors = 5
 myst_dmath_double_inline = False
 # Notebooks are stored with their outputs; tests run them, the site does not.
 nb_execution_mode = "off"
+# fmus/common/shock.md is also a part of other documents, where its headings are of the second level.
+suppress_warnings = ["myst.header"]
 
 # ---- Reference -------------------------------------------------------------------------------------------------------
 

@@ -44,7 +44,8 @@ def converted(lines: list[str]) -> list[str]:
     return found
 
 
-def _process(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def _process(*arguments: Any) -> None:
+    lines: list[str] = arguments[-1]
     lines[:] = converted(lines)
 
 

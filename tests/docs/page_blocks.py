@@ -7,8 +7,8 @@ prints how many blocks of each kind a page has. A comment on the line before a b
     <!-- not run: needs MATLAB -->
     <!-- run by tests/hosts/test_host_programs.py -->
 
-`<!-- all blocks: ... -->` states the same for all blocks of a page. Without a comment, tests/docs/test_pages_run.py runs
-the blocks of a page one after the other.
+`<!-- all blocks: ... -->` states the same for all blocks of a page. Without a comment, tests/docs/test_pages_run.py
+runs the blocks of a page one after the other.
 """
 
 from __future__ import annotations
