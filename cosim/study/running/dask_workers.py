@@ -51,14 +51,15 @@ class DaskWorkers:
         report: Function that receives messages about the cluster, such as that it has no workers.
 
     Raises:
-        InputError: No scheduler answers, or it has no workers.
+        InputError: No scheduler answers.
+        WorkersLostError: The scheduler has no workers, and none joins.
     """
 
     def __init__(
         self,
         address: str,
         *,
-        patience: float = 10.0,
+        patience: float = 30.0,
         waiting: float = workers.PATIENCE,
         report: Callable[[str], None] = lambda _text: None,
     ) -> None:
@@ -70,10 +71,13 @@ class DaskWorkers:
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._told: set[str] = set()
         self._alone_since: float | None = None
-        self.count = self._count_now()
-        if not self.count:
+        self.count = 0
+        try:
+            while not self._presence():
+                time.sleep(_POLL)
+        except WorkersLostError:
             self.close()
-            raise InputError(f"--scheduler {address}: the scheduler has no workers; start some (dask worker {address})")
+            raise
 
     def choose(self, study: Study) -> Coupling:
         """Choose the coupling of a study on a worker.
@@ -135,18 +139,18 @@ class DaskWorkers:
         count, now = self._count_now(), time.monotonic()
         if count:
             if self._alone_since is not None:
-                self._report(f"{self._address}: {count} workers have joined; the study continues")
+                self._report(f"{self._address}: {count} workers have joined")
             self.count, self._alone_since = count, None
         elif self._alone_since is None:
             self._alone_since = now
             self._report(
-                f"{self._address}: all workers have ended; waiting {self._waiting:g} s for new ones "
-                f"(dask worker {self._address})"
+                f"{self._address}: there are no workers; waiting {self._waiting:g} s for some (dask worker "
+                f"{self._address})"
             )
         elif now - self._alone_since > self._waiting:
             raise WorkersLostError(
-                f"--scheduler {self._address}: all workers have ended, and none has joined for {self._waiting:g} s. "
-                f"{_RESUME} when there are workers again (dask worker {self._address})"
+                f"--scheduler {self._address}: there were no workers for {self._waiting:g} s. {_RESUME} when there are "
+                f"workers (dask worker {self._address})"
             )
         return count
 
