@@ -35,6 +35,9 @@ _SUBMITTED = 2
 #: Interval at which a stop is checked [s].
 _POLL = 0.5
 
+#: Time within which a result is expected, before the workers are counted again [s].
+_FETCH = 3.0
+
 #: Words in the message of an error of a scheduler or worker that lacks this program or has an older version.
 _OURS = ("cosim", "eightpost", "deserializ", "_choose()", "_rows()", "_file()")
 
@@ -170,10 +173,11 @@ class DaskWorkers:
         return [future for future in running if future.done()]
 
     def _result(self, future: Any) -> Any:
-        while not self._finished([future]):
-            self._presence()
         try:
-            return future.result()
+            # A finished task runs again if the only worker that has its result dies before the result is fetched.
+            while (answer := self._answer(future)) is None:
+                self._presence()
+            return answer
         except (CancelledError, OSError) as error:
             raise self._lost(error) from error
         except (ImportError, AttributeError, TypeError, RuntimeError) as error:
@@ -183,6 +187,13 @@ class DaskWorkers:
                 f"--scheduler {self._address}: the scheduler or a worker cannot run this study "
                 f"({type(error).__name__}: {error}): install eightpost {__version__} there, as here. {_RESUME}"
             ) from error
+
+    def _answer(self, future: Any) -> Any:
+        """Return the result of a task; None if it does not come within some seconds."""
+        try:
+            return future.result(timeout=_FETCH)
+        except TimeoutError:
+            return None
 
     def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
         """Return the rows of a chunk; if several workers died of it, run its setups again one by one."""

@@ -18,7 +18,7 @@ from cosim.study.study_file import read_study
 pytest.importorskip("distributed", reason="needs the extra dask")
 
 from .conftest import TRACK
-from .dask_processes import ROOT, Cluster, cluster, kill, wait_until
+from .dask_processes import PATIENCE, ROOT, Cluster, cluster, kill, wait_until
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")]
 
@@ -103,7 +103,7 @@ def start(file: Path, out: Path, address: str, *options: str) -> subprocess.Pope
 
 def wait_for_chunk(out: Path, main: subprocess.Popen[str]) -> None:
     wait_until(lambda: any(out.glob("chunks/*/chunk_*.parquet")) or main.poll() is not None)
-    assert main.poll() is None, main.communicate()[0]
+    assert main.poll() is None, main.communicate(timeout=PATIENCE)[0]
 
 
 def load(out: Path) -> StudyResult:
@@ -115,7 +115,7 @@ def test_a_worker_that_is_killed_in_a_chunk_changes_no_bit(file, expected, tmp_p
         main = start(file, tmp_path / "out", made.address)
         wait_for_chunk(tmp_path / "out", main)
         kill(workers[0])
-        output = main.communicate()[0]
+        output = main.communicate(timeout=PATIENCE)[0]
     assert "64 setups, 64 to be run" in output
     found = load(tmp_path / "out")
     assert not found.partial and table(found).equals(expected)
@@ -127,7 +127,7 @@ def test_without_workers_the_study_stops_with_a_message_and_resumes_with_a_new_w
         wait_for_chunk(tmp_path / "out", main)
         for worker in workers:
             kill(worker)
-        output = main.communicate()[0]
+        output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
         assert "there are no workers; waiting 2 s for some" in output
         assert "Completed chunks are kept; run the study again to resume when there are workers" in output
@@ -135,7 +135,7 @@ def test_without_workers_the_study_stops_with_a_message_and_resumes_with_a_new_w
         assert part.partial and 0 < len(part) < 64
         made.start_worker()
         again = start(file, tmp_path / "out", made.address)
-        assert f"{64 - len(part)} to be run" in again.communicate()[0]
+        assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]
     assert table(load(tmp_path / "out")).equals(expected)
 
 
@@ -144,7 +144,7 @@ def test_when_the_scheduler_dies_the_partial_table_is_kept_and_another_cluster_c
         main = start(file, tmp_path / "out", made.address)
         wait_for_chunk(tmp_path / "out", main)
         kill(made.scheduler)
-        output = main.communicate()[0]
+        output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
         assert "the Dask scheduler has ended" in output and "run the study again to resume" in output
         part = load(tmp_path / "out")
@@ -152,7 +152,7 @@ def test_when_the_scheduler_dies_the_partial_table_is_kept_and_another_cluster_c
         made.start_scheduler()
         made.start_worker()
         again = start(file, tmp_path / "out", made.address)
-        assert f"{64 - len(part)} to be run" in again.communicate()[0]
+        assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]
     assert table(load(tmp_path / "out")).equals(expected)
 
 
@@ -162,7 +162,7 @@ def test_a_stopped_study_has_a_partial_table_and_resumes_on_this_machine(file, e
         main = start(file, tmp_path / "out", made.address)
         wait_for_chunk(tmp_path / "out", main)
         main.send_signal(number)
-        output = main.communicate()[0]
+        output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
     part = load(tmp_path / "out")
     assert part.partial and 0 < len(part) < 64 and "partial: run it again with the same folder" in output
@@ -183,7 +183,7 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(path=other)
         main = start(file, tmp_path / "out", made.address)
-        output = " ".join(main.communicate()[0].split())
+        output = " ".join(main.communicate(timeout=PATIENCE)[0].split())
     assert main.returncode == 1, output
     assert "has eightpost 0.1.0 with other sources, but the same ones are required" in output
     assert "install the same one on it, or stop it" in output
@@ -208,7 +208,7 @@ def run_mixed(made: Cluster, folder: Path, study: Path, preload: str) -> tuple[S
     """Choose the coupling on this machine, and run all setups on a worker that differs from it."""
     (folder / "preload.py").write_text(preload)
     made.start_worker("--preload", str(folder / "preload.py"))
-    output = start(study, folder / "out", made.address).communicate()[0]
+    output = start(study, folder / "out", made.address).communicate(timeout=PATIENCE)[0]
     return load(folder / "out"), " ".join(output.split())
 
 
