@@ -2,9 +2,10 @@
 
     e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m. The position `z` of a setup has two parts. The first are the outputs, `(x - mean of x)` with
-`x = ln(measures) / sqrt(O)`; every measure depends on them. The second are `ln(measure)` minus its mean, of all M
-measures; only the measure itself depends on its own one: its range over the setups is wrong by a factor. The common
+for setup k and measure m. The position `z` of a setup has three parts. The first are the outputs, `x - mean of x` with
+`x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
+`ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
+setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
 error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
 unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
 another one.
@@ -28,6 +29,7 @@ from cosim.study.certainty.vehicle_errors import (
 )
 from cosim.study.result import StudyResult, error_column
 from eightpost.array_types import Array, Integers
+from eightpost.measure_uncertainty import local_features
 
 #: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
 _DISTANCE = ("rms", "joint_rms")
@@ -46,7 +48,7 @@ class Variables:
 
     Attributes:
         common: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
-        own: Gradient of each measure's own error (D, M, O + M).
+        own: Gradient of each measure's own error (D, M, Z).
         shocks: Error due to each build at each corner (D, C, B, M).
     """
 
@@ -65,7 +67,7 @@ class ErrorSources:
         common: Scale of the common error (M,) [1]; 0 if it is not known.
         own: Scale of the own error per distance (M,) [1]; 0 if it is not known.
         bases: Origin of both, by measure (Levels.basis).
-        positions: Positions z of the setups (R, O + M); 0 for setups that failed.
+        positions: Positions z of the setups (R, Z); 0 for setups that failed.
         builds: Positions of the builds at the corners (R, C) in the list of all builds.
         shared: Change of all setups by a standard deviation of each of F parameters (F, M).
         changes: Change by a build at a corner by a standard deviation of each parameter (F, C, B, M).
@@ -89,10 +91,10 @@ class ErrorSources:
 
     @property
     def directions(self) -> Array:
-        """Whether each measure's own error depends on each part of the position (M, O + M): 1 or 0."""
+        """Whether each measure's own error depends on each part of the position (M, Z): 1 or 0."""
         measures = len(self.names)
-        outputs = self.positions.shape[1] - measures
-        return np.hstack([np.ones((measures, outputs)), np.eye(measures)])
+        shared = self.positions.shape[1] - measures
+        return np.hstack([np.ones((measures, shared)), np.eye(measures)])
 
     @property
     def parameters(self) -> int:
@@ -214,7 +216,7 @@ def error_sources(
 
 
 def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
-    """Return the positions of the setups (R, O + M): each output counts once, as in the vehicle's own distance."""
+    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
     study = result.study
     found = stated_uncertainty(result, study.vehicle.fmu)
     outputs = {} if found is None else found.measures
@@ -225,7 +227,8 @@ def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
     own = np.log(np.where(result.done[:, None] & positive, predicted, 1.0))
     x = np.hstack([own[:, kept] / np.sqrt(max(len(kept), 1)), own])
     middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
-    return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
+    outputs, levels = np.split(x - middle, [len(kept)], axis=1)
+    return np.asarray(np.where(result.done[:, None], np.hstack([outputs, local_features(outputs), levels]), 0.0))
 
 
 def _builds(result: StudyResult) -> Integers:
