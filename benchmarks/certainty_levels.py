@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from eightpost.rig.post import AnyCar, Shock
     from eightpost.shock import ShockLaw
+    from eightpost.shock.file import Shock as FittedShock
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
 
@@ -92,7 +93,9 @@ def _of_truth(one: Outcome, count: int, knowledge: Knowledge) -> Levels:
     lap = Actuators().follow(track_drive(car, 40000 + one.seed, duration=LAP).series, car)
     steps = _FINE if one.kind == "flexible" and knowledge == "fitted" else STEPS
     levels = simulated_levels(car, one.fit.vehicle, shocks, lap, numbers, steps=steps)
-    return replace(levels, effects=shock_effects(one.fit.vehicle, levels, lap)) if knowledge == "fitted" else levels
+    if knowledge == "known":
+        return levels
+    return replace(levels, effects=shock_effects(one.fit.vehicle, levels, lap, fitted_shocks()))
 
 
 def simulated_levels(
@@ -122,15 +125,17 @@ def simulated_levels(
     return Levels(numbers, names, first, second)
 
 
-def shock_effects(vehicle: IdentifiedVehicle, levels: Levels, lap: TimeSeries) -> tuple[Effect, ...]:
-    """Return the effects of the uncertain parameters of `fitted_bank`, at the setup with the lowest total tire force.
+def shock_effects(
+    vehicle: IdentifiedVehicle, levels: Levels, lap: TimeSeries, shocks: Sequence[FittedShock]
+) -> tuple[Effect, ...]:
+    """Return the effects of the uncertain parameters of fitted shocks, at the setup with the lowest total tire force.
 
     As in a study, the setup gets each build at one corner at a time, with one changed parameter.
     """
-    laws = fitted_bank()
+    laws = [shock.law for shock in shocks]
     base = _places(levels.setups, len(laws))[int(np.argmin(levels.predicted[:, levels.names.index(TOTAL)]))]
     bank_of_all, effects, setups = list(laws), list[tuple[str, str, float, float, int]](), list[tuple[int, ...]]()
-    for place, shock in enumerate(fitted_shocks()):
+    for place, shock in enumerate(shocks):
         found = fitted_parameters(shock)
         assert found is not None
         for name, value, deviation, high in zip(
