@@ -84,7 +84,6 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     from cosim.results.result import SavedRun
     from cosim.study.choice.compare import verdict_of_runs
     from cosim.study.measures import available, channel_measures, ride_measures
-    from cosim.study.plots import plot_measures
 
     if len(folders) < 2:
         raise InputError("compare needs at least two runs; the first is the baseline")
@@ -98,6 +97,8 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
         raise InputError(f"{folders[0]} and the other runs have no channel in common")
     console.print(measure_table(runs, compared))
     if output:
+        from cosim.study.plots import plot_measures
+
         plot_measures(runs, compared, output)
         console.print(f"wrote {output}", highlight=False)
     return verdict_of_runs({folder: run.document for folder, run in saved.items()})

@@ -39,7 +39,7 @@ _BLEED_SHARE = 0.25
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
 #: Knee speeds from which a fit starts [m/s]; the best of the fits is kept.
-_KNEES = (0.06, 0.2)
+_KNEES = (0.06, 0.2, 0.35)
 
 #: Number of speeds of a side at which a shape is compared with a curve.
 _COMPARED = 80

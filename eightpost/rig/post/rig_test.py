@@ -184,6 +184,7 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
+    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)
