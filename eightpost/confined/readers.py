@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 
 
 def load_matlab(path: Path, simplify: bool) -> dict[str, Any]:
@@ -29,12 +29,9 @@ def load_matlab(path: Path, simplify: bool) -> dict[str, Any]:
     try:
         content = scipy.io.loadmat(path, simplify_cells=simplify)
     except NotImplementedError as error:
-        if importlib.util.find_spec("h5py") is None:
-            what = (
-                "reading MATLAB 7.3 (HDF5) files needs h5py, which is not installed: pip install 'eightpost[mat73]'; "
-                "or save the file again with `save(..., '-v7')`"
-            )
-            raise FileFormatError(what, path=path) from error
+        if not is_installed("h5py"):
+            what = requirement("reading MATLAB 7.3 (HDF5) files", "h5py", "mat73")
+            raise FileFormatError(f"{what}; or save the file again with `save(..., '-v7')`", path=path) from error
         return _load_hdf5(path)
     return {name: value for name, value in content.items() if not name.startswith("__")}
 

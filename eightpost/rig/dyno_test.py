@@ -111,7 +111,7 @@ def read_dyno_test(
     are described in the test's notes.
 
     Args:
-        path: Path of a file in one of the formats of docs/dyno_files.md.
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
         channel_map: Columns by channel, for columns with unusual names.
         units: Units by channel name, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.

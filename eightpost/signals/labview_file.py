@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.signals.channel_map import TIME_NAMES
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord, split_header
@@ -22,8 +23,10 @@ def read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
     """Read a .tdms file: one table per group; a waveform's increment gives the time.
 
     Raises:
-        FileFormatError: The file cannot be read or has no channel of numbers.
+        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
+            numbers.
     """
+    _check_reader(path, "nptdms", "reading TDMS files")
     return _records(Path(path), "load_tdms", "a TDMS file")
 
 
@@ -31,9 +34,16 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
     """Read a .lvm file: one table per segment.
 
     Raises:
-        FileFormatError: The file cannot be read or has no channel of numbers.
+        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
+            numbers.
     """
+    _check_reader(path, "lvm_read", "reading LabVIEW measurements (.lvm)")
     return _records(Path(path), "load_lvm", "a LabVIEW measurement (.lvm)")
+
+
+def _check_reader(path: str | Path, name: str, purpose: str) -> None:
+    if not is_installed(name):
+        raise FileFormatError(requirement(purpose, name, "files"), path=path)
 
 
 def _records(path: Path, function: str, kind: str) -> tuple[RawRecord, ...]:

@@ -62,7 +62,7 @@ UNEVEN = RULES.add("uneven record", ABOUT, Grade.LIMITED,
 ONE_SPEED_ONLY = RULES.add("single speed", ABOUT, Grade.LIMITED,
     condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
     why="at one speed, lag, friction and a spring have the same effect on the loop: the error at a faster or a slower "
-    "speed is unknown, and laws that agree here disagree by tens of percent there (docs/law_choice.md)",
+    "speed is unknown, and laws that agree here disagree by tens of percent there (docs/explanation/law_choice.md)",
     remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
 )  # fmt: skip
 FEW_CYCLES = RULES.add("few cycles", ABOUT, Grade.LIMITED,
