@@ -1,7 +1,7 @@
 """The cases of the identification benchmark: a true car, its rig tests, a drive file, setups with true measures.
 
 Noise is white, proportional to each measured channel's standard deviation, at the rig's 1250 Hz; there is no drift. The
-true cars are simulated at 5 kHz with code that shares nothing with the identified models (docs/rig.md).
+true cars are simulated at 5 kHz with code that shares nothing with the identified models (docs/explanation/rig.md).
 """
 
 from __future__ import annotations

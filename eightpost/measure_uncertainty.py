@@ -1,7 +1,7 @@
 """Uncertainty of a response measure of an identified vehicle: what all setups share, and what belongs to one setup.
 
 A study reads `MeasureUncertainty` of every measure from its car, and draws possible errors of all its setups with
-`SetupErrors` (docs/vehicle_uncertainty.md).
+`SetupErrors` (docs/explanation/vehicle_uncertainty.md).
 """
 
 from __future__ import annotations

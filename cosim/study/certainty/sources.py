@@ -20,19 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.vehicle_errors import (
-    FILE,
-    UNKNOWN,
-    plain_output,
-    stated_uncertainty,
-    vehicle_uncertainties,
-)
+from cosim.study.certainty.positions import Axes, predicted_levels
+from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN, vehicle_uncertainties
 from cosim.study.result import StudyResult, error_column
 from eightpost.array_types import Array, Integers
-from eightpost.measure_uncertainty import local_features
-
-#: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
-_DISTANCE = ("rms", "joint_rms")
 
 
 class Scales(NamedTuple):
@@ -187,8 +178,9 @@ def error_sources(
     The relative error of a measure that is zero or negative for a setup is not known.
     """
     names = tuple(measure.name for measure in result.measures)
-    predicted = np.stack([result.values(name) for name in names], axis=1)
-    positive = np.array([bool(np.all(predicted[result.done, m] > 0.0)) for m in range(len(names))])
+    predicted, axes = predicted_levels(result), Axes.of(result)
+    positive = axes.positive
+    done = result.done[:, None]
     stated = vehicle_uncertainties(result)
     found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
     bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
@@ -205,36 +197,14 @@ def error_sources(
         common=np.array([0.0 if one is None else one.common for one in found]),
         own=np.array([0.0 if one is None else one.own for one in found]),
         bases=tuple(bases),
-        positions=_positions(result, predicted, positive),
-        builds=_builds(result),
+        positions=np.where(done, axes.position(np.where(done, predicted, 1.0)), 0.0),
+        builds=result.places(list(result.study.bank)),
         shared=shared,
         changes=changes,
         copies=np.array([effect.copies for effect in effects]),
         coupling=_coupling(result, predicted),
         run_to_run=np.array([noise.get(name, np.nan) for name in names]),
     )
-
-
-def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
-    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
-    study = result.study
-    found = stated_uncertainty(result, study.vehicle.fmu)
-    outputs = {} if found is None else found.measures
-    plain = {plain_output(m, study.vehicle.name, outputs): k for k, m in enumerate(study.measures) if positive[k]}
-    kept = [k for output, k in plain.items() if output is not None]
-    if not kept:
-        kept = [k for k, m in enumerate(study.measures) if positive[k] and m.statistic in _DISTANCE and not m.function]
-    own = np.log(np.where(result.done[:, None] & positive, predicted, 1.0))
-    x = np.hstack([own[:, kept] / np.sqrt(max(len(kept), 1)), own])
-    middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
-    outputs, levels = np.split(x - middle, [len(kept)], axis=1)
-    return np.asarray(np.where(result.done[:, None], np.hstack([outputs, local_features(outputs), levels]), 0.0))
-
-
-def _builds(result: StudyResult) -> Integers:
-    place = {name: k for k, name in enumerate(result.study.bank)}
-    rows = [[place[build] for build in result.builds(corner)] for corner in result.study.corners]
-    return np.array(rows, dtype=np.int64).T.reshape(len(result), len(result.study.corners))
 
 
 def _effects(result: StudyResult, effects: Sequence[Effect], names: Sequence[str]) -> tuple[Array, Array]:
