@@ -10,14 +10,17 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import xlsxwriter
-import xlsxwriter.exceptions
 
 from cosim.study.report.sheet import Sheet, shown_columns
 from eightpost.cells import safe_cell
 from eightpost.errors import OutputError
+from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.signals import TimeSeries
+
+with needs("report", "writing workbooks"):
+    import xlsxwriter
+    import xlsxwriter.exceptions
 
 # ---- CSV tables in the layout of data-logging tools -----------------------------------------------------------------
 

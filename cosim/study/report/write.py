@@ -19,7 +19,7 @@ from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.answer import tied_rows
 from cosim.study.report.page import page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
+from cosim.study.report.sheet import AimPage, Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
 from cosim.study.report.shock_pages import ShockCurve
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import StudyResult
@@ -240,6 +240,7 @@ def write_study_report(
     certainty: Certainty | None = None,
     curves: Mapping[str, ShockCurve] | None = None,
     shock_pages: Mapping[str, str] | None = None,
+    aim: AimPage | None = None,
     trace_command: str = "",
 ) -> ReportPaths:
     """Write all files of a study's report without running a simulation.
@@ -252,11 +253,12 @@ def write_study_report(
         certainty: Certainty of the study.
         curves: Curves of the shocks, by build.
         shock_pages: Pages of the shocks relative to the folder, by build.
+        aim: Page of the curves to aim at.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
     sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
     chosen = selection.chosen if selection else ()
-    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {})
+    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
     return ReportPaths(
         page=write_page(folder / "report.html", page(sheet, extras)),
         workbook=write_workbook(sheet, folder / "ranking.xlsx"),

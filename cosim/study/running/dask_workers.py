@@ -1,4 +1,4 @@
-"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/scale.md)."""
+"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/how_to/scale.md)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from cosim.study.running.workers import Chunk, failed_row
 from cosim.study.study import Study
 from eightpost import __version__
 from eightpost.errors import InputError, StepError, WorkersLostError
+from eightpost.extras import needs
 from eightpost.files import atomic_path, sha256_of
 
-try:
+with needs("dask", "a study on a Dask cluster"):
     import dask
     from distributed import Client, KilledWorker, get_worker, wait
-except ImportError as error:  # an optional extra
-    raise InputError(f"a Dask cluster needs the extra dask ({error}): pip install 'eightpost[dask]'") from error
 
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2

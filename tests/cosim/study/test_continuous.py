@@ -38,7 +38,7 @@ class Analytic:
         self.trials.count += len(points)
         values = self.function(points)
         kept = self.constraint(points)[:, None] if self.constraint else np.empty((len(points), 0))
-        return Evaluation(values, kept, values, np.zeros(len(points)))
+        return Evaluation(values, kept, values, np.zeros(len(points)), values)
 
 
 @settings(max_examples=20)
