@@ -57,7 +57,7 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_numpy_docstring = False
 napoleon_google_docstring = True
 napoleon_use_ivar = True
@@ -74,6 +74,8 @@ html_css_files = ["eightpost.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_math_renderer = "mathml"
+# Pages without a section of their own have no list of it.
+html_sidebars = {name: [] for name in ("docs/index", "docs/gallery", "docs/notebooks/index")}
 html_theme_options = {
     "logo": {"text": "eightpost"},
     "navbar_align": "left",
@@ -81,6 +83,8 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "show_nav_level": 1,
     "show_toc_level": 2,
+    "collapse_navigation": True,
+    "navigation_depth": 3,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -56,13 +56,15 @@ class Block:
     @property
     def kind(self) -> str:
         """Name of what the block is: run, run elsewhere, not run, file, output, equation or unknown."""
+        if self.language in SHOWN:
+            return SHOWN[self.language]
         if self.note.startswith("not run: "):
             return "not run"
         if self.note.startswith("run by "):
             return "run elsewhere"
         if self.language in RUN:
             return "run"
-        return "file" if self.language in FILES else SHOWN.get(self.language, "unknown")
+        return "file" if self.language in FILES else "unknown"
 
     @property
     def place(self) -> str:

@@ -123,11 +123,11 @@ class Posterior:
         """
         sources, typical = self.sources, self.scales.typical
         rows = np.arange(len(sources.predicted))
-        squares = sources.positions**2
+        squares, directions = sources.positions**2, sources.directions
         student = np.zeros(rows.size)
         for m in _used(weights):  # one by one: the arrays of all measures take much memory for many setups
             common, own = sources.common[m] * typical.common[m], sources.own[m] * typical.own[m]
-            student += weights[:, m] ** 2 * (common**2 + own**2 * (squares @ sources.directions[m]))
+            student += weights[:, m] ** 2 * (common**2 + own**2 * (squares @ directions[m]))
         normal = self._normal(weights, rows)
         if not self.observations.rows.size:
             return np.zeros(rows.size), student, normal

@@ -1,9 +1,9 @@
-"""Pictures of a study's page in docs/study_report.md, and the time from opening it to the answer.
+"""Pictures of a study's page in docs/how_to/study_report.md, and the time from opening it to the answer.
 
     eightpost study examples/identified/study.toml -o out/
     eightpost shapes examples/identified/study.toml -o out/ --at lr
-    python docs/make_study_pictures.py out/            # pictures of the page
-    python docs/make_study_pictures.py out/ --times    # and times of pages of 2401 and 104 976 constructed setups
+    python docs/make/make_study_pictures.py out/            # pictures of the page
+    python docs/make/make_study_pictures.py out/ --times    # and times of pages of 2401 and 104 976 constructed setups
 
 Headless Chromium opens the page from a file, in a new profile. The pictures: the first screen at 1400 x 900, its dark
 form, a telephone, and print. Times are those of the browser's own clock, from the start of the navigation: the first
@@ -36,11 +36,11 @@ from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 from chromium import Browser, program  # noqa: E402 - the browser of the tests
 
-PAGE = ROOT / "docs" / "study_report.md"
+PAGE = ROOT / "docs" / "how_to" / "study_report.md"
 
 #: Pictures: size of the window, factor of the pixels, color scheme, medium, and whether the whole page is taken.
 VIEWS = {
@@ -53,10 +53,8 @@ VIEWS = {
 #: Builds at each corner of the constructed studies, and how often each page is opened.
 TIMED, OPENED = (7, 18), 3
 
-#: When the ranking has rows and the plots are drawn.
-_READY = (
-    "document.querySelectorAll('#ranking tbody tr').length > 1 && document.querySelectorAll('.js-plotly-plot').length"
-)
+#: When the page's script has drawn the ranking and the plots on the screen.
+_READY = "document.body && document.body.dataset.ready"
 
 
 def main() -> None:
@@ -66,7 +64,7 @@ def main() -> None:
     parser.add_argument("--times", action="store_true", help="also measure the times")
     options = parser.parse_args()
     for name in VIEWS:
-        picture(options.folder / "report.html", name, ROOT / "docs" / f"{name}.png")
+        picture(options.folder / "report.html", name, ROOT / "docs" / "pictures" / f"{name}.png")
     if options.times:
         rows = [time_of(options.folder / "report.html", "the example")]
         with tempfile.TemporaryDirectory() as folder:
