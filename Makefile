@@ -5,7 +5,7 @@
 #                 C compiler), coverage of confidence intervals, all twelve configurations of the virtual dynamometer
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
 #   make hosts    runs the programs of examples/hosts and the tools of benchmarks/interface_matrix that are installed, and
-#                 writes docs/hosts.md and docs/hosts_tools.md: minutes
+#                 writes docs/how_to/hosts.md and docs/evidence/hosts_tools.md: minutes
 #   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
@@ -49,15 +49,15 @@ fuzz: $(INSTALLED)
 	$(BIN)/python -m benchmarks.fuzz $(FUZZ)
 
 hosts: $(INSTALLED)
-	$(BIN)/python docs/make_hosts.py --run $(HOSTS)
+	$(BIN)/python docs/make/make_hosts.py --run $(HOSTS)
 
 mutants: $(INSTALLED)
 	$(BIN)/python -m benchmarks.mutants $(MUTANTS)
 
 docs: $(INSTALLED)
-	$(BIN)/python docs/make_tables.py
-	$(BIN)/python docs/make_commands.py
-	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python docs/make/make_tables.py
+	$(BIN)/python docs/make/make_commands.py
+	$(BIN)/python docs/make/make_pictures.py
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -330,7 +330,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--configurations", default=",".join(map(str, range(1, 13))), help="configurations, separated by commas"
     )
-    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/law_choice.md")
+    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/explanation/law_choice.md")
     parser.add_argument("--ours", action="store_true", help="leave out Bouc-Wen and NARX, which take most of the time")
     parser.add_argument("--cases", default="", help="run only cases whose name contains these words")
     return parser.parse_args()

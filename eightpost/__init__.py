@@ -1,3 +1,3 @@
 """Shock laws, vehicle models, signals and identification: the numerical part of the project, without FMI."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

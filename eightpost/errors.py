@@ -117,5 +117,9 @@ class DivergedError(StepError):
     """The coupling diverged; a smaller coupling step or another scheme may be stable."""
 
 
+class WorkersLostError(StepError):
+    """The workers that run the setups of a study have ended, or cannot run it; completed setups are kept."""
+
+
 class TerminatedError(StepError):
     """A component requested the end of the simulation."""

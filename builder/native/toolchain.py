@@ -22,6 +22,7 @@ from builder.native.headers import HEADERS, fmi_headers, installed
 from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
+from eightpost.extras import install_command
 from eightpost.workers.process import usable_processors
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -166,7 +167,7 @@ class SystemCompiler(Toolchain):
         self.platforms = (here,)
         self.limits = (
             f"built for {here.name} only, with {Path(path).name}; to build for all six platforms, "
-            "install the compiler zig: pip install 'eightpost[build]'"
+            f"install the compiler zig: {install_command('build')}"
         )
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
@@ -188,7 +189,7 @@ def find_toolchain() -> Toolchain:
             return SystemCompiler(found)
     raise FmuError(
         "there is no C compiler for native FMUs: install one that builds for all platforms with "
-        "pip install 'eightpost[build]', or build with --target python"
+        f"{install_command('build')}, or build with --target python"
     )
 
 
@@ -316,7 +317,7 @@ def compile_for_browser(library: Library) -> bytes:
     """
     toolchain = find_toolchain()
     if not isinstance(toolchain, Zig):
-        raise FmuError("a page in a browser needs the compiler zig: pip install 'eightpost[build]'")
+        raise FmuError(f"a page in a browser needs the compiler zig: {install_command('build')}")
     browser = (source_folder() / "common" / "browser.c").read_bytes()
     return _binary(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER)
 

@@ -14,7 +14,7 @@ from cosim.components.fmu_component import FmuComponent
 from eightpost.errors import WiringError
 from eightpost.wiring import Wire, Wiring
 
-#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
+#: A coupling step that suits race cars and their shocks (docs/explanation/coupling.md) [s].
 DEFAULT_STEP = 1e-3
 
 
@@ -39,7 +39,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Bond:
-    """Velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+    """Velocity/force port: velocity goes one way, force comes back (docs/reference/ports.md)."""
 
     name: str
     velocity: Connection
@@ -50,7 +50,7 @@ class Bond:
     def between(
         cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
     ) -> Bond:
-        """Connect a vehicle's port and a shock by the names of docs/ports.md.
+        """Connect a vehicle's port and a shock by the names of docs/reference/ports.md.
 
         Args:
             vehicle: Component and port: `car.lf`; only `car` for a quarter car.
@@ -281,7 +281,7 @@ class System:
             _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
-        """Refuse a constant displacement of a gas spring, which would give a wrong force silently (docs/ports.md)."""
+        """Refuse a gas spring whose displacement is constant: its force would be wrong (docs/reference/ports.md)."""
         for name, component in self.components.items():
             if not {"gas_stiffness", "displacement"} <= set(component.variables):
                 continue

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
               "a mean.")  # fmt: skip
-@map_option("docs/rig_data.md", "rig files of --measured")
+@map_option("docs/how_to/rig_data.md", "rig files of --measured")
 @click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True,
               help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
 @click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
@@ -84,7 +84,6 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     from cosim.results.result import SavedRun
     from cosim.study.choice.compare import verdict_of_runs
     from cosim.study.measures import available, channel_measures, ride_measures
-    from cosim.study.plots import plot_measures
 
     if len(folders) < 2:
         raise InputError("compare needs at least two runs; the first is the baseline")
@@ -98,6 +97,8 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
         raise InputError(f"{folders[0]} and the other runs have no channel in common")
     console.print(measure_table(runs, compared))
     if output:
+        from cosim.study.plots import plot_measures
+
         plot_measures(runs, compared, output)
         console.print(f"wrote {output}", highlight=False)
     return verdict_of_runs({folder: run.document for folder, run in saved.items()})

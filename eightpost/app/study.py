@@ -141,13 +141,17 @@ def running_workers(count: int | None, scheduler: str | None, *, patience: float
     if scheduler is not None:
         from cosim.study.running.dask_workers import DaskWorkers
 
-        pool: Workers = DaskWorkers(scheduler)
+        pool: Workers = DaskWorkers(scheduler, waiting=patience, report=_report)
     else:
         pool = ProcessWorkers(count or usable_processors(), patience=patience)
     try:
         yield pool
     finally:
         pool.close()
+
+
+def _report(text: str) -> None:
+    click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
 
 
 def show_study(console: Console, sweep: Sweep) -> None:

@@ -13,17 +13,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import jinja2
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
 from eightpost import __version__
+from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.report import numbers, tables
 from eightpost.report.charts import Figure
 from eightpost.report.numbers import Display
 from eightpost.report.tables import ResultTable
 from eightpost.verdict import Verdict
+
+with needs("report", "writing pages"):
+    import jinja2
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
 
 # ---- The page shell -------------------------------------------------------------------------------------------------
 

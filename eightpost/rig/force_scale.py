@@ -116,7 +116,7 @@ def scale_statement(series: TimeSeries) -> str:
     return (
         f"peak force {force[peak]:.4g} N at {velocity[peak]:.3g} m/s{stroke}: the file does not show whether its units "
         "are right. If this is not your shock, set them in a channel map, such as unit = 'lbf' "
-        "(docs/signs_and_units.md)"
+        "(docs/reference/signs_and_units.md)"
     )
 
 

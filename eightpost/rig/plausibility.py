@@ -31,8 +31,8 @@ from eightpost.verdict import Reason
 
 # ---- Limits ---------------------------------------------------------------------------------------------------------
 
-#: Usual damping rate of a shock [N.s/m]. The measured records of docs/measured_shocks.md and the virtual shocks have
-#: 1300 to 11,000; 1000 lbf per m/s labelled N would be 4.4 times less, inches labelled mm 25.4 times more.
+#: Usual damping rate of a shock [N.s/m]. The measured records of docs/evidence/measured_shocks.md and the virtual
+#: shocks have 1300 to 11,000; 1000 lbf per m/s labelled N would be 4.4 times less, inches labelled mm 25.4 times more.
 LOW_RATE, HIGH_RATE = 1e3, 3e4
 #: The same, if a file has force in newtons beside motion in inches, or the reverse.
 MIXED_LOW, MIXED_HIGH = 2.5e3, 1.2e4

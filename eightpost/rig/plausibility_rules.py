@@ -12,7 +12,7 @@ CONTRADICTORY_UNITS = RULES.add("contradictory units", ABOUT, Grade.NOT_USABLE,
     condition="the slope of displacement and the measured velocity differ by the ratio of two units (25.4, 1000, 10 or "
     "60, within 8 %)",
     why="one of the labels is wrong, so damping and stroke are wrong by the same factor",
-    remedy="correct the label, or override it in a channel map: unit = 'in' (docs/signs_and_units.md)",
+    remedy="correct the label, or override it in a channel map: unit = 'in' (docs/reference/signs_and_units.md)",
 )  # fmt: skip
 UNLIKELY_UNITS = RULES.add("unlikely units", ABOUT, Grade.UNKNOWN,
     condition="the damping rate is outside 1000 to 30,000 N.s/m (2500 to 12,000 if the file has newtons beside inches, "

@@ -271,7 +271,7 @@ def test_the_systems_compiler_builds_for_this_platform_and_reports_that(tmp_path
     system = system_compiler()
     (members,) = compile_libraries([LIBRARY], toolchain=system)
     assert list(members) == [this_platform().member("little")]
-    assert "pip install 'eightpost[build]'" in system.limits and this_platform().name in system.limits
+    assert 'pip install "eightpost[build]"' in system.limits and this_platform().name in system.limits
     path = tmp_path / "little.so"
     path.write_bytes(next(iter(members.values())))
     assert_runs(path)
@@ -296,7 +296,7 @@ def test_without_any_compiler_the_error_message_names_the_package_to_install(mon
     monkeypatch.setattr("builder.native.toolchain._zig", lambda: None)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(FmuError, match=r"pip install 'eightpost\[build\]'.*--target python"):
+    with pytest.raises(FmuError, match=r'pip install "eightpost\[build\]".*--target python'):
         find_toolchain()
 
 

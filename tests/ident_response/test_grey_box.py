@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from eightpost.ident.output_error import Record, simulate
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, bristle_of, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
+from eightpost.ident.vehicle.grey_box.uncertainty import sampled_cars
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
 from eightpost.ident.vehicle.recipes.grey_box import GreyBox
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
+from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import LinearStepper, SevenDof, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.friction import PortFriction, advance, named_ports, output
@@ -191,10 +194,32 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
 
 
 @pytest.mark.slow
-def test_a_car_with_another_mode_is_flagged(experiment, quick):
-    fit = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
-    assert fit.trust is not None
-    assert "gate" in fit.trust.flags
+def test_a_car_with_another_mode_is_flagged_and_states_larger_errors_where_it_acts(experiment, quick):
+    test = _test(experiment, 41)
+    known, hidden = (quick.identify([one], experiment) for one in (test, _with_hidden_mode(test)))
+    assert known.trust is not None and hidden.trust is not None
+    assert "gate" in hidden.trust.flags
+    assert set(known.trust.measures) == {*OUTPUTS, TOTAL}
+    assert max(one.common for one in known.trust.measures.values()) < 0.01
+    for name in ("lf.tire_force", "rf.hub_acceleration"):
+        assert hidden.trust.measures[name].own > 3.0 * known.trust.measures[name].own
+
+
+def test_drawn_cars_have_the_covariance_of_the_fit(experiment):
+    """Only a tire's stiffness is uncertain, by 2 %: drawn cars scatter by what a change of 2 % makes."""
+    table = declared(TRUE, experiment.rig)
+    values = {p.name: p.start for p in table}
+    variance = np.array([(0.02 if p.name == "lf.tire_stiffness" else 0.0) ** 2 for p in table.free])
+    fit = SimpleNamespace(table=table, theta=table.theta(values), covariance=np.diag(variance))
+    drawn = sampled_cars(fit, experiment, 400)
+    known = linear_model(values, experiment)
+    rate = np.array([car.A[8:16, :8] for car in drawn])
+    deviation, changed = (
+        rate.std(axis=0),
+        known.A[8:16, :8]
+        - linear_model(values | {"lf.tire_stiffness": 1.02 * values["lf.tire_stiffness"]}, experiment).A[8:16, :8],
+    )
+    np.testing.assert_allclose(deviation, np.abs(changed), rtol=0.1, atol=1e-9)
 
 
 def _with_hidden_mode(test: TimeSeries) -> TimeSeries:

@@ -123,7 +123,7 @@ class Posterior:
         """
         sources, typical = self.sources, self.scales.typical
         rows = np.arange(len(sources.predicted))
-        distance = np.sum(sources.positions**2, axis=1)[:, None]
+        distance = sources.positions**2 @ sources.directions.T
         parts = (sources.common * typical.common) ** 2 + (sources.own * typical.own) ** 2 * distance
         student = np.sum(weights**2 * parts, axis=1)
         normal = self._normal(weights, rows)
@@ -201,7 +201,8 @@ class Posterior:
         fits, copies = self._changes
         same = seen.measures[:, None] == np.arange(len(sources.names))
         common = same * (sources.common * scales.common) ** 2 + fits @ sources.shared
-        own = (same * (sources.own * scales.own) ** 2)[:, :, None] * sources.positions[seen.rows][:, None]
+        gradient = (sources.own * scales.own)[:, None] ** 2 * sources.directions
+        own = same[:, :, None] * gradient * sources.positions[seen.rows][:, None]
         shocks = np.tensordot(fits, sources.changes, axes=1)
         for corner in range(copies.shape[1]):
             shocks[:, corner] += np.tensordot(copies[:, corner] * sources.copies, sources.changes[:, corner], axes=1)

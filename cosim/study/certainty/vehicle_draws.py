@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.study.certainty.choice import Criterion, Limits, limits_of
+from cosim.study.certainty.positions import Axes
 from cosim.study.certainty.posterior import Posterior
-from cosim.study.certainty.sources import Variables, coordinates, distance_basis
+from cosim.study.certainty.sources import Variables
 from cosim.study.certainty.vehicle_errors import UNKNOWN
 from cosim.study.result import StudyResult
 from eightpost.array_types import Array, Integers
@@ -24,22 +25,20 @@ _SEED = 20270
 class VehicleDraws:
     """D drawn errors of M measures, as functions of the levels that the vehicle predicts for a setup.
 
-        ln(true / predicted) = common + own . (x - middle),    x = ln(measures) / sqrt(Z)
+        ln(true / predicted) = common + own . z,    z: position of the setup
 
     Attributes:
         names: Names of the measures.
         common: Common error (D, M).
-        own: Gradient of the own error (D, M, Z).
-        basis: Positions of the measures in x (Z,).
-        middle: Mean of x over the setups of the study (Z,).
+        own: Gradient of the own error (D, M, O + M).
+        axes: Axes of the positions of setups.
         unknown: Measures whose uncertainty is not known; their errors are 0.
     """
 
     names: tuple[str, ...]
     common: Array
     own: Array
-    basis: Integers
-    middle: Array
+    axes: Axes
     unknown: tuple[str, ...]
 
     @classmethod
@@ -55,12 +54,11 @@ class VehicleDraws:
         generator = np.random.default_rng(seed)
         drawn = [posterior.draw(one, _PER_GROUP, generator) for one in posterior.scales.groups(_GROUPS, generator)]
         parts = drawn if posterior.observations.rows.size else [_balanced(one) for one in drawn]
-        basis, middle = distance_basis(result)
         unknown = tuple(n for n, origin in zip(sources.names, sources.bases, strict=True) if origin == UNKNOWN)
         common, own = (np.concatenate([getattr(one, part) for one in parts]) for part in ("common", "own"))
         if not np.any(common) and not np.any(own):
             return None
-        return cls(sources.names, common, own, basis, middle, unknown)
+        return cls(sources.names, common, own, Axes.of(result), unknown)
 
     def levels(self, predicted: Array, measures: Integers) -> Array:
         """Return the true levels (D, K, I) of some measures, SI.
@@ -69,7 +67,7 @@ class VehicleDraws:
             predicted: Predicted levels of all measures of K setups (K, M), SI.
             measures: Positions of the measures (I,).
         """
-        places = coordinates(predicted, self.basis) - self.middle
+        places = self.axes.position(predicted)
         errors = self.common[:, None, measures] + np.einsum("diz,kz->dki", self.own[:, measures], places)
         return np.asarray(predicted[:, measures] * np.exp(errors))
 

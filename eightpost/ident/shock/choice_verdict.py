@@ -62,7 +62,7 @@ UNEVEN = RULES.add("uneven record", ABOUT, Grade.LIMITED,
 ONE_SPEED_ONLY = RULES.add("single speed", ABOUT, Grade.LIMITED,
     condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
     why="at one speed, lag, friction and a spring have the same effect on the loop: laws that agree here disagree by "
-    "tens of percent at another speed (docs/measured_shocks.md)",
+    "tens of percent at another speed (docs/evidence/measured_shocks.md)",
     remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
 )  # fmt: skip
 FEW_CYCLES = RULES.add("few cycles", ABOUT, Grade.LIMITED,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
@@ -47,14 +48,14 @@ def trust_table(trust: Trust) -> Table:
         outputs = [one for name, one in trust.outputs.items() if name.rpartition(".")[2] == quantity]
         rows.append((quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures)))
     title = (
-        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models with "
-        "resampled noise"
+        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} drawn models"
     )
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
-#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures.
-TENTH = 0.1
+#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
+#: measure itself.
+TENTH = math.hypot(0.1, 0.1)
 
 
 def measure_table(trust: Trust) -> Table:

@@ -33,6 +33,9 @@ def test_intervals_contain_the_prediction_and_grow_with_level_and_distance(commo
     assert low * high == pytest.approx(predicted**2)
     wider = one.interval(predicted, 0.95, distance=distance)
     farther = one.interval(predicted, 0.8, distance=distance + 0.1)
+    assert one.interval(predicted, 0.8, distance=0.3, change=-0.4) == pytest.approx(
+        one.interval(predicted, 0.8, distance=0.5)
+    )
     assert wider[0] < low
     assert high < wider[1]
     assert farther[0] < low
@@ -62,7 +65,18 @@ def test_setups_with_equal_predictions_are_a_draw():
     one = MeasureUncertainty(0.01, 0.2)
     assert one.probability_below(3.0, 3.0, distance=0.1) == pytest.approx(0.5)
     assert one.probability_below(3.0, 3.0, distance=0.0) == 0.5
-    assert one.probability_below(2.0, 3.0, distance=0.0) == 1.0
+    assert MeasureUncertainty(0.01, 0.0).probability_below(2.0, 3.0, distance=0.0) == 1.0
+
+
+@given(own=sizes, change=st.floats(0.001, 0.5), distance=st.floats(0.0, 0.5))
+def test_the_order_of_setups_is_less_sure_if_other_measures_differ_but_never_sure_by_the_measures_own_change(
+    own, change, distance
+):
+    """Without any other difference, the order is that of a slope error `own` against a slope of 1."""
+    one = MeasureUncertainty(0.0, own)
+    below = one.probability_below(1.0, math.exp(change), distance=distance)
+    assert below <= student_probability(1.0 / own) + 1e-12
+    assert below == pytest.approx(student.cdf(change / (own * math.hypot(distance, change)), DEGREES))
 
 
 def test_the_distance_of_two_setups_is_the_rms_of_their_logarithmic_differences():
@@ -129,7 +143,8 @@ def test_drawn_errors_of_two_setups_differ_as_much_as_every_pair_states(pair):
     drawn = SetupErrors.of(TABLE, STATED).draw("a", 40_000, np.random.default_rng(3))
     change = drawn[:, pair[0]] - drawn[:, pair[1]]
     distance = setup_distance(row(pair[0]), row(pair[1]))
-    assert interquartile(change) == pytest.approx(0.3 * distance, rel=0.03)
+    apart = math.hypot(distance, math.log(TABLE["a"][pair[0]] / TABLE["a"][pair[1]]))
+    assert interquartile(change) == pytest.approx(0.3 * apart, rel=0.03)
     below = np.mean(np.log(TABLE["a"][pair[0]]) - drawn[:, pair[0]] < np.log(TABLE["a"][pair[1]]) - drawn[:, pair[1]])
     stated = STATED["a"].probability_below(TABLE["a"][pair[0]], TABLE["a"][pair[1]], distance=distance)
     assert below == pytest.approx(stated, abs=0.01)

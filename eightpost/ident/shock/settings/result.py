@@ -76,7 +76,7 @@ class SettingsFit:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the shock can be used, and why (docs/verdict.md)."""
+        """Whether the shock can be used, and why (docs/reference/verdict.md)."""
         assert self.shock.validity is not None
         return self.shock.validity.verdict
 
