@@ -49,7 +49,7 @@ from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post import Shock as RigShock
-from eightpost.shock import Shock, read_shock, write_shock
+from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, fit_force
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.vehicle.storage import write_vehicle
@@ -86,12 +86,13 @@ def main() -> None:
     seeds = REPORT[:6] if options.seeds is None else range(*options.seeds)
     kinds = options.kinds.split(",") if options.kinds else KINDS
     Zig.platforms = (this_platform(),)  # the FMUs run here only
-    rows = []
+    rows, pool = [], ProcessWorkers(options.workers)
     for seed in seeds:
         for kind in kinds:
             with tempfile.TemporaryDirectory() as folder:
-                rows.append(draw(outcome(kind, seed, options.kept), Path(folder), options.workers))
+                rows.append(draw(outcome(kind, seed, options.kept), Path(folder), pool))
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    pool.close(wait=True)
     tables = {"draws": rows, "kinds": summary(rows)}
     print(*(markdown(table) for table in tables.values()), sep="\n\n")
     if options.json:
@@ -101,21 +102,20 @@ def main() -> None:
 # ---- One draw: an identified car, a bank of random valvings, targets, and the truth ---------------------------------
 
 
-def draw(one: Outcome, folder: Path, workers: int) -> Row:
+def draw(one: Outcome, folder: Path, pool: ProcessWorkers) -> Row:
     """Return the row of a truth."""
     car = truth(one.kind, one.seed)
     lap = Actuators().follow(track_drive(car, 40000 + one.seed, duration=LAP).series, car)
-    bank = {str(valving): _written(valving, folder) for valving in random_valvings(one.seed)}
-    study = _study(one, lap, bank, folder)
-    pool = ProcessWorkers(workers)
-    try:
-        requested = Requested(study, folder / "out")
-        coupling = requested.coupling(pool)
-        found = find_curves(requested, bank, pool, coupling, Request(vary=VARIED, starts=2, seed=one.seed))
-        known = requested.everything(coupling)
-    finally:
-        pool.close(wait=True)
-    laws = {name: read_shock(path).law for name, path in bank.items()}
+    shapes = {str(valving): shape_of(valving) for valving in random_valvings(one.seed)}
+    bank = {name: folder / f"build_{number}.json" for number, name in enumerate(shapes)}
+    for name, path in bank.items():
+        write_shock(Shock(name, shapes[name].law()), path)
+    study = _study(one, lap, shapes, folder, next(iter(bank.values())))
+    requested = Requested(study, folder / "out")
+    coupling = requested.coupling(pool)
+    found = find_curves(requested, bank, pool, coupling, Request(vary=VARIED, starts=2, seed=one.seed))
+    known = requested.everything(coupling)
+    laws = {name: shape.law() for name, shape in shapes.items()}
     setups = [known.setup(row).builds for row in range(len(known))]
     builds = [tuple(laws[setup[corner]] for corner in CORNERS) for setup in setups]
     points = [found.optimum.point, *(() if found.band is None else found.band.points[:POINTS])]
@@ -163,20 +163,17 @@ def random_valvings(seed: int) -> tuple[Valving, ...]:
     return tuple(one() for _ in range(BUILDS))
 
 
-def _written(valving: Valving, folder: Path) -> Path:
-    """Write the law of a valving, its static curve with the lag of the builds of Table 7.3; return its shock file."""
+def shape_of(valving: Valving) -> Shape:
+    """Return the shape of a valving: its static curve with the lag of the builds of Table 7.3."""
     damper = valving.damper()
 
     def force(velocity: float) -> float:
         return damper.static_force(velocity) + math.copysign(damper.seals.drag, velocity)
 
-    shape = replace(fit_force(force, REACH, REACH).shape, lag=LAG, lag_force=LAG_FORCE)
-    path = folder / f"build_{len(list(folder.glob('build_*.json')))}.json"
-    write_shock(Shock(str(valving), shape.law()), path)
-    return path
+    return replace(fit_force(force, REACH, REACH).shape, lag=LAG, lag_force=LAG_FORCE)
 
 
-def _study(one: Outcome, lap: TimeSeries, bank: dict[str, Path], folder: Path) -> Study:
+def _study(one: Outcome, lap: TimeSeries, shapes: dict[str, Shape], folder: Path, any_shock: Path) -> Study:
     """Return the study of the identified car, which states its uncertainty as shipped."""
     trust = one.fit.trust
     assert trust is not None
@@ -185,14 +182,13 @@ def _study(one: Outcome, lap: TimeSeries, bank: dict[str, Path], folder: Path) -
     fit = with_validity(replace(one.fit, trust=replace(trust, measures=stated)))
     write_vehicle(folder / "car.json", fit.vehicle)
     write_parquet(lap, folder / "lap.parquet", note="SYNTHETIC lap")
-    car, shock = build([folder / "car.json", next(iter(bank.values()))], folder / "fmus")
-    laws = {name: Shape.of(read_shock(path).law).shape for name, path in bank.items()}
+    car, shock = build([folder / "car.json", any_shock], folder / "fmus")
     channels = [f"car.{name}" for name in fit.vehicle.state_space.output_names]
     return Study(
         name=f"{one.kind} {one.seed}",
         vehicle=Vehicle(car.path, means_trusted=False),
-        bank={name: Build(shock.path, shape.parameters()) for name, shape in laws.items()},
-        corners=dict.fromkeys(CORNERS, tuple(bank)),
+        bank={name: Build(shock.path, shape.parameters()) for name, shape in shapes.items()},
+        corners=dict.fromkeys(CORNERS, tuple(shapes)),
         drives=(Drive("lap", folder / "lap.parquet", LAP),),
         measures=tuple(m for m in family("ride", Car("car", CORNERS, channels)) if not m.absolute),
         objective=tuple(Term(name, weight, unit) for name, (weight, unit, _, _) in OBJECTIVE.items()),

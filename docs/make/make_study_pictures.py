@@ -53,10 +53,8 @@ VIEWS = {
 #: Builds at each corner of the constructed studies, and how often each page is opened.
 TIMED, OPENED = (7, 18), 3
 
-#: When the ranking has rows and the plots are drawn.
-_READY = (
-    "document.querySelectorAll('#ranking tbody tr').length > 1 && document.querySelectorAll('.js-plotly-plot').length"
-)
+#: When the page's script has drawn the ranking and the plots on the screen.
+_READY = "document.body && document.body.dataset.ready"
 
 
 def main() -> None:

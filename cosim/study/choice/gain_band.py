@@ -14,7 +14,7 @@ from eightpost.errors import InputError
 #: Share of the random points in a band that must keep the gain, and their number.
 _KEPT, _POINTS = 0.95, 60
 
-#: Sizes of boxes to try, as shares of the range, the largest first.
+#: Sizes of boxes, as shares of the range, the largest first; they are bisected, as a smaller box keeps more.
 _SIZES = (0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.02, 0.01)
 
 
@@ -62,12 +62,15 @@ def band(problem: Problem, optimum: Optimum, reference: float, *, share: float =
     limit = reference - share * gain
     uniform = qmc.Sobol(problem.space.size, rng=seed).random(64)[:_POINTS]
     size, kept, points = 0.0, 0.0, np.empty((0, problem.space.size))
-    for one in _SIZES:
-        tried = np.clip(optimum.point + one * (2.0 * uniform - 1.0), 0.0, 1.0)
+    first, last = 0, len(_SIZES)  # the largest box that keeps it is in _SIZES[first:last], or there is none
+    while first < last:
+        middle = (first + last) // 2
+        tried = np.clip(optimum.point + _SIZES[middle] * (2.0 * uniform - 1.0), 0.0, 1.0)
         good = float(np.mean(_keeps(problem, tried, limit)))
         if good >= _KEPT:
-            size, kept, points = one, good, tried
-            break
+            size, kept, points, last = _SIZES[middle], good, tried, middle
+        else:
+            first = middle + 1
     return Band(share, size, kept, points, _alone(problem, optimum.point, limit))
 
 

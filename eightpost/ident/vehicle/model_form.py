@@ -60,7 +60,7 @@ class Shares(NamedTuple):
 
 #: Shares in the band of the model and above it, of the standard deviation due to noise, and smallest errors
 #: (docs/explanation/vehicle_uncertainty.md).
-_INSIDE, _ABOVE, _NOISE, _LEAST = Shares(0.36, 0.74), Shares(0.045, 0.1), Shares(1.9, 2.4), Shares(0.0, 8e-4)
+_INSIDE, _ABOVE, _NOISE, _LEAST = Shares(0.36, 0.68), Shares(0.045, 0.09), Shares(1.9, 2.25), Shares(0.0, 7e-4)
 
 
 @dataclass(frozen=True, slots=True)
