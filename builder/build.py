@@ -16,6 +16,7 @@ from builder.native.native_fmu import native_fmus
 from builder.native.toolchain import find_toolchain
 from builder.python_fmu import python_fmu
 from eightpost.archive import write_archive
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
 from eightpost.shock import read_shock
@@ -34,8 +35,8 @@ TARGETS = ("native", "python", "all")
 VERSIONS: Mapping[str, tuple[int, ...]] = MappingProxyType({"2": (2,), "3": (3,), "all": (2, 3)})
 
 
-@dataclass(frozen=True)
-class Built:
+@dataclass(frozen=True, repr=False)
+class Built(Summarized):
     """One FMU that was written.
 
     Attributes:
@@ -55,6 +56,17 @@ class Built:
     validity: Validity
     fmi: int = 2
     limits: str = ""
+
+    def _summary(self) -> Summary:
+        names = self.interface.names
+        return Summary.of(
+            f"FMU {self.path}",
+            ("source", self.source),
+            ("kind", f"{self.interface.kind} {self.interface.version}, FMI {self.fmi}.0, {self.target}"),
+            ("verdict", self.validity.verdict.headline),
+            *((f"{causality}s", some(names(causality))) for causality in ("input", "output", "parameter")),
+            ("limits", self.limits),
+        )
 
 
 def build(

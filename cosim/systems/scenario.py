@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError
 from eightpost.signals import Drivefile
 
 
-@dataclass(frozen=True)
-class Scenario:
+@dataclass(frozen=True, repr=False)
+class Scenario(Summarized):
     """A run of a system.
 
     Attributes:
@@ -46,6 +47,16 @@ class Scenario:
             raise InputError(
                 f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
             )
+
+    def _summary(self) -> Summary:
+        every = "every step" if self.record_step is None else f"every {1e3 * self.record_step:g} ms"
+        return Summary.of(
+            "Scenario",
+            ("duration", f"{self.stop:g} s"),
+            ("drive", "none" if self.drive is None else f"{some(self.drive.names)} from {self.drive_start:g} s"),
+            ("record", f"{some(self.record) or 'every output'}, {every}"),
+            ("settling", f"{self.settling:g} s" if self.settling else ""),
+        )
 
     def _check_cover(self) -> None:
         if self.drive is None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from cosim.components.component import DISCRETE, Component, Variable
 from cosim.components.conversion import convert_between
 from cosim.components.fmu_component import FmuComponent
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import WiringError
 from eightpost.wiring import Wire, Wiring
 
@@ -73,8 +74,8 @@ class Bond:
         return (self.velocity, self.force) + ((self.displacement,) if self.displacement else ())
 
 
-@dataclass(frozen=True)
-class System:
+@dataclass(frozen=True, repr=False)
+class System(Summarized):
     """Components and their connections; every rule that does not need a scenario is checked here.
 
     Attributes:
@@ -132,6 +133,17 @@ class System:
             frozenset(sums),
             dict(constants or {}),
             dict(parameters or {}),
+        )
+
+    def _summary(self) -> Summary:
+        changed = [f"{part}.{name} = {value}" for part, own in self.parameters.items() for name, value in own.items()]
+        return Summary.of(
+            "System",
+            ("components", some((f"{name} ({Path(c.source).name})" for name, c in self.components.items()), 8)),
+            ("bonds", some((bond.name for bond in self.bonds), 8)),
+            ("connections", some((f"{c.source} -> {c.target}" for c in self.connections), 3)),
+            ("constants", some((f"{name} = {value}" for name, value in self.constants.items()), 3)),
+            ("parameters", some(changed, 6)),
         )
 
     @property
