@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,12 +19,11 @@ from eightpost.archive import write_archive
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
+from eightpost.progress import Progress
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Verdict
-
-Progress = Callable[[int, int], None]
 
 #: A built FMU and the members of its archive.
 Members = tuple["Built", Mapping[str, bytes]]

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 Labelled = tuple[Sequence[str], Any, str]
 
 
-def data_frame(columns: Mapping[str, Any], index: Any, name: str, units: Mapping[str, str] | None = None) -> pd.DataFrame:
+def data_frame(
+    columns: Mapping[str, Any], index: Any, name: str, units: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """Return a pandas DataFrame.
 
     Args:

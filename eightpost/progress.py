@@ -42,6 +42,20 @@ class _Report:
 _report: ContextVar[_Report | None] = ContextVar("progress", default=None)
 
 
+def continued(progress: Progress) -> Progress:
+    """Return a callback for work whose amount begins at 0 again: what was done before is added to both amounts."""
+    before, last = 0.0, 0.0
+
+    def tell(done: float, total: float) -> None:
+        nonlocal before, last
+        if done < last:
+            before += last
+        last = done
+        progress(before + done, before + total)
+
+    return tell
+
+
 @contextmanager
 def reported_to(progress: Progress | None) -> Iterator[None]:
     """Report the work of the block to a callback: the share done, and 1; without a callback to nobody."""

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,6 +22,7 @@ from builder.native.headers import HEADERS, fmi_headers, installed
 from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
+from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -279,7 +280,7 @@ def compile_libraries(
     libraries: Sequence[Library],
     *,
     toolchain: Toolchain,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[dict[str, bytes]]:
     """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
 

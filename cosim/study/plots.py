@@ -20,9 +20,7 @@ def plot_measures(
     save(changes(runs, measures, title=title), path)
 
 
-def changes(
-    runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures"
-) -> Figure:
+def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
     """Return the figure of `plot_measures`."""
     labels = list(runs)
     baseline = runs[labels[0]]

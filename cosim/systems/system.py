@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
 from cosim.components.component import DISCRETE, Component, Variable
-from cosim.components.conversion import convert_between
+from cosim.components.conversion import convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
+from eightpost import units
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import WiringError
+from eightpost.errors import UnknownUnitError, WiringError
 from eightpost.wiring import Wire, Wiring
 
 #: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
@@ -200,6 +203,28 @@ class System(Summarized):
         files = {component: Path(fmus[component]) for component in self.components}
         return Wiring(name, files, tuple(wires), step, stop, self.sums, values)
 
+    def with_parameters(self, values: Mapping[str, float | bool | str]) -> System:
+        """Return the system with other values of parameters; it shares the components, which are not loaded again.
+
+        Args:
+            values: Values by `component.variable`: a number in the variable's own unit, or a text with another unit
+                ("55 lbf").
+
+        Raises:
+            WiringError: There is no such parameter (the message lists similar names), or it does not allow the value.
+        """
+        changed = {component: dict(own) for component, own in self.parameters.items()}
+        for name, value in values.items():
+            if not isinstance(name, str) or "." not in name:
+                raise WiringError(
+                    f"parameters: {name!r} must be component.parameter, such as "
+                    f"{next(iter(self.components), 'lf')}.{name if name else 'c_low'}; the components are "
+                    f"{', '.join(self.components)}"
+                )
+            component, _, variable = name.partition(".")
+            changed.setdefault(component, {})[variable] = own_unit(self.components, name, value)
+        return replace(self, parameters=changed) if values else self
+
     def start_values(self, component: str) -> dict[str, float | bool | str]:
         """Return the values that a component gets before initialization: parameters and constant discrete inputs."""
         constants = {
@@ -338,6 +363,28 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     if variable not in variables:
         raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
     return variables[variable]
+
+
+def own_unit(components: Mapping[str, Component], name: str, value: bool | float | str) -> bool | float | str:
+    """Return a value of `component.variable` in the variable's own unit; a number is already in it.
+
+    Raises:
+        WiringError: There is no such component or variable, or the unit does not fit.
+    """
+    variable = find_variable(components, name)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if variable.type in DISCRETE:
+        return int(value) if isinstance(value, float) and value.is_integer() else value
+    if variable.type != "Real":
+        return value
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        number, unit = units.quantity(value)
+        return convert_between(named_unit(unit), variable.unit, f"{name} = {value!r}")(number)
+    except UnknownUnitError as error:
+        raise WiringError(f"{name}: {error}") from error
 
 
 def can_be_set(variable: Variable) -> bool:

@@ -22,8 +22,8 @@ from eightpost.array_types import Array
 from eightpost.files import atomic_path
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure", "panels_of",
-    "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure",
+    "panels_of", "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 

@@ -95,7 +95,7 @@ def register_worker(places: Any, processes: Any, counts: Any) -> None:
     _own[:] = [_Slot(places, processes, counts)]
 
 
-def heartbeat(_share: float = 0.0) -> None:
+def heartbeat(_done: float = 0.0, _total: float = 1.0) -> None:
     """Report that this worker is alive; no effect outside a worker."""
     for slot in _own:
         slot.beat(1)
@@ -115,7 +115,7 @@ def working() -> Iterator[None]:
 # ---- The pool -------------------------------------------------------------------------------------------------------
 
 #: Interval at which a worker's heartbeat is checked [s].
-POLL = 0.2
+POLL = 0.1
 
 #: Time that working processes get to finish when their results are not needed any more [s].
 _GRACE = 3.0

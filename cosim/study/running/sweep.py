@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event
@@ -23,6 +23,7 @@ from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
+from eightpost.progress import Progress
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
 
@@ -118,9 +119,6 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
 
 # ---- Exhaustive study -----------------------------------------------------------------------------------------------
 
-#: Function that receives the number of completed setups and their total number.
-Progress = Callable[[int, int], None]
-
 
 class Sweep:
     """A checked study that is ready to run.
@@ -171,24 +169,31 @@ class Sweep:
             self._kept.keep_coupling(found)
         return found
 
-    def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
+    def run(self, workers: Workers, coupling: Coupling, progress: Progress | None = None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
         Args:
             workers: Workers that run the setups.
             coupling: Coupling of the setups.
-            progress: Called after every chunk.
+            progress: Callback that receives the number of completed setups and their total number, several times per
+                second.
         """
         done, total = self._kept.numbers, len(self.study.space)
         left = [chunk for chunk in self.chunks if chunk.number not in done]
         count = total - self.left
-        progress(count, total)
+        tell = progress or (lambda _done, _total: None)
+        tell(count, total)
         stop = Event()
+
+        def stopped() -> bool:
+            tell(count, total)  # the workers ask several times per second
+            return stop.is_set()
+
         with interrupts_deferred(stop.set):
-            for chunk, rows in workers.rows(self.study, coupling, left, stop.is_set):
+            for chunk, rows in workers.rows(self.study, coupling, left, stopped):
                 self._kept.write(chunk, rows)
                 count += len(rows)
-                progress(count, total)
+                tell(count, total)
         result = self._result(coupling, partial=count < total)
         result.save(self.path)
         return result
@@ -206,16 +211,14 @@ class Sweep:
                           models=self._models, above_band=self._above_band)  # fmt: skip
 
 
-def run_study(
-    study: Study, folder: str | Path, workers: Workers, progress: Progress = lambda _done, _all: None
-) -> StudyResult:
+def run_study(study: Study, folder: str | Path, workers: Workers, progress: Progress | None = None) -> StudyResult:
     """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
 
     Args:
         study: Study to run.
         folder: Output folder; a study that is run again with the same folder resumes where it stopped.
         workers: Workers that run the setups.
-        progress: Function that receives the number of completed setups and their total number.
+        progress: Callback that receives the number of completed setups and their total number.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.

@@ -24,8 +24,8 @@ from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
 from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
-from eightpost.rig.dyno_test import DynoTest
 from eightpost.labelled import data_frame, dataset
+from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
