@@ -1,13 +1,13 @@
 """Progress of long work, reported to a callback: one signature for every function that has one.
 
 A function that takes a callback either calls it itself, or opens `reported_to`, in which the functions below it divide
-their work with `parts`. They need no argument for it, as they need none for a log.
+their work with `portion` and `parts`. They need no argument for it, as they need none for a log.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
@@ -72,30 +72,39 @@ def reported_to(progress: Progress | None) -> Iterator[None]:
         _report.reset(token)
 
 
-def parts(items: Iterable[Item], weights: Sequence[float] | None = None) -> Iterator[Item]:
-    """Yield the parts of the current work, which is reported as each of them ends.
-
-    Args:
-        items: Parts of the work; work of a part that is itself divided is a share of it.
-        weights: Relative amounts of work of the parts; default: equal.
-    """
-    known = list(items)
+@contextmanager
+def portion(low: float, high: float) -> Iterator[None]:
+    """Take the work of the block as the portion from `low` to `high`, 0 to 1, of the current work."""
     report = _report.get()
     if report is None:
-        yield from known
+        yield
         return
-    low, high = report.low, report.high
-    each = weights or [1.0] * len(known)
-    total, done = sum(each) or 1.0, 0.0
+    outer = report.low, report.high
+    size = outer[1] - outer[0]
+    report.low, report.high = outer[0] + size * low, outer[0] + size * high
     try:
-        for item, weight in zip(known, each, strict=True):
-            report.low = low + (high - low) * done / total
-            done += weight
-            report.high = low + (high - low) * done / total
-            yield item
-            report.tell(report.high)
+        yield
+        report.tell(report.high)
     finally:
-        report.low, report.high = low, high
+        report.low, report.high = outer
+
+
+def parts(items: Iterable[Item]) -> Iterator[Item]:
+    """Yield the items; each is an equal part of the current work, which is reported as it ends.
+
+    A part may itself be divided.
+    """
+    known = list(items)
+    for number, item in enumerate(known):
+        with portion(number / len(known), (number + 1) / len(known)):
+            yield item
+
+
+def advance(done: float, total: float) -> None:
+    """Report the amount done of the current part: a callback for functions that take one."""
+    report = _report.get()
+    if report is not None:
+        report.tell(report.low + (report.high - report.low) * min(1.0, done / total if total else 0.0))
 
 
 def beat() -> None:

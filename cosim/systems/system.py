@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from cosim.components.conversion import convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
 from eightpost import units
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import UnknownUnitError, WiringError
+from eightpost.errors import UnknownUnitError, WiringError, suggestion
 from eightpost.wiring import Wire, Wiring
 
 #: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
@@ -358,10 +357,12 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     """
     component, _, variable = name.partition(".")
     if component not in components:
-        raise WiringError(f"{name}: there is no component {component!r}{_advice(component, components)}")
+        raise WiringError(f"{name}: there is no component {component!r}; {suggestion(component, components)}")
     variables = components[component].variables
     if variable not in variables:
-        raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
+        raise WiringError(
+            f"{name}: component {component!r} has no variable {variable!r}; {suggestion(variable, variables)}"
+        )
     return variables[variable]
 
 
@@ -425,9 +426,3 @@ def _check_component_names(names: Iterable[str]) -> None:
     for name in names:
         if not name or "." in name:
             raise WiringError(f"component name {name!r}: give it a name without dots")
-
-
-def _advice(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    close = get_close_matches(name, known, n=3)
-    return f"; did you mean {', '.join(close)}?" if close else f"; there are: {', '.join(known[:12])}"

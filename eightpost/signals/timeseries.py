@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import MissingChannelError
+from eightpost.errors import MissingChannelError, suggestion
 from eightpost.labelled import data_frame, dataset
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
@@ -101,9 +100,7 @@ class TimeSeries(Summarized):
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            close = get_close_matches(name, self.names, n=3)
-            advice = f"did you mean {', '.join(close)}?" if close else f"there are: {', '.join(self.names) or 'none'}"
-            raise MissingChannelError(f"no such channel; {advice}", channel=name)
+            raise MissingChannelError(f"no such channel; {suggestion(str(name), self.names)}", channel=name)
         return self.names.index(name)
 
     def _summary(self) -> Summary:

@@ -12,7 +12,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
-from eightpost.errors import ParameterError
+from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.choice_verdict import choice_reasons
 from eightpost.ident.shock.curve import fitted_curve
@@ -218,7 +218,7 @@ class ShockFit(Summarized):
         """
         found = {parameter.name: parameter for parameter in self.parameters}
         if name not in found:
-            raise ParameterError(f"the fit has no parameter {name!r}; there are: {', '.join(found)}")
+            raise ParameterError(f"the fit has no parameter {name!r}; {suggestion(name, found)}")
         return found[name]
 
     def _summary(self) -> Summary:

@@ -12,7 +12,7 @@ import numpy as np
 
 from eightpost import __version__
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import FileFormatError, ParameterError
+from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice
@@ -158,8 +158,8 @@ class VehicleFit(Summarized):
 
         shown = output or max(self.residual, key=lambda name: self.residual[name])
         if shown not in self.response.output_names:
-            known = ", ".join(self.response.output_names)
-            raise ParameterError(f"{self.vehicle.name} has no output {shown!r}; there are: {known}")
+            advice = suggestion(shown, self.response.output_names)
+            raise ParameterError(f"{self.vehicle.name} has no output {shown!r}; {advice}")
         estimate = self.response.select(outputs=[shown])
         model = response_of(self.vehicle.state_space.select(outputs=[shown]), estimate.frequency)
         return Picture(magnitudes({"estimate": estimate, "model": model}, shown))
