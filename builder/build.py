@@ -56,6 +56,9 @@ class Built(Summarized):
     fmi: int = 2
     limits: str = ""
 
+    def __fspath__(self) -> str:
+        return str(self.path)
+
     def _summary(self) -> Summary:
         names = self.interface.names
         return Summary.of(

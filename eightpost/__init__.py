@@ -4,8 +4,6 @@ The package itself also gives the names of the API for notebooks (docs/api.md), 
 `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
 """
 
-from importlib import import_module as _import_module
-
 __version__ = "0.1.0"
 
 #: Modules of the public names. They are above this package in the order of imports (pyproject.toml), so that they are
@@ -35,7 +33,9 @@ def __getattr__(name: str) -> object:
         close = get_close_matches(name, _HOME, n=3)
         advice = f"did you mean {', '.join(close)}?" if close else f"there are: {', '.join(__all__)}"
         raise AttributeError(f"eightpost has no attribute {name!r}; {advice}", name=None)
-    value = globals()[name] = getattr(_import_module(_HOME[name]), name)
+    from importlib import import_module
+
+    value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 
 

@@ -56,13 +56,16 @@ class Summarized:
 
 
 def some(names: Iterable[str], most: int = 5) -> str:
-    """Return the first names and the number of all of them, if there are more.
+    """Return the first names that fit in a line, and the number of all of them, if there are more.
 
     >>> some("abcdefg", 3)
     'a, b, c, ... (7)'
     """
     known = list(names)
-    return ", ".join(known) if len(known) <= most else f"{', '.join(known[:most])}, ... ({len(known)})"
+    shown = known[:most]
+    while len(shown) > 1 and len(", ".join(shown)) > _WIDTH - 12:
+        shown.pop()
+    return ", ".join(known) if len(shown) == len(known) else f"{', '.join(shown)}, ... ({len(known)})"
 
 
 def _cut(value: str) -> str:

@@ -14,6 +14,7 @@ from cosim.results import rules
 from cosim.results.limits import limit_reasons
 from cosim.results.validity import Model, model_reasons
 from eightpost import __version__
+from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
@@ -202,7 +203,7 @@ class Result(Summarized):
             ("coupling error", "not stated" if error is None else f"{error:.2g} %"),
             ("energy residual", f"up to {max(energies):.1e} of the energy transferred" if energies else ""),
             *self.series.summary_rows(),
-            ("notes", str(len(self.notes) or "")),
+            ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
         )
 
     def to_pandas(self) -> pd.DataFrame:
@@ -238,6 +239,14 @@ class Result(Summarized):
         from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
 
         return picture(self.series, channels, start=start, stop=stop, title=", ".join(self.order))
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a recorded channel (N,) in its SI unit.
+
+        Raises:
+            MissingChannelError: The channel was not recorded.
+        """
+        return self.series[name]
 
     def settled(self) -> TimeSeries:
         """Return the series without the settling time; the whole series if the run ended within it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
+from pathlib import Path
 
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError
@@ -38,6 +39,7 @@ class Scenario(Summarized):
     drive_start: float = 0.0
 
     def __post_init__(self) -> None:
+        self._check_types()
         if not (isfinite(self.stop) and self.stop > 0.0):
             raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
         if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
@@ -47,6 +49,16 @@ class Scenario(Summarized):
             raise InputError(
                 f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
             )
+
+    def _check_types(self) -> None:
+        for name in ("stop", "record_step", "settling", "drive_start"):
+            if isinstance(value := getattr(self, name), str):
+                raise InputError(f"scenario: {name} is {value!r}; give a number of seconds")
+        if self.drive is not None and not isinstance(self.drive, Drivefile):
+            what = f"Drivefile.read({self.drive!r})" if isinstance(self.drive, str | Path) else "a Drivefile"
+            raise InputError(f"scenario: drive is a {type(self.drive).__name__}; give {what}")
+        if isinstance(self.record, str):
+            raise InputError(f"scenario: record is a text; give a list of names: [{self.record!r}]")
 
     def _summary(self) -> Summary:
         every = "every step" if self.record_step is None else f"every {1e3 * self.record_step:g} ms"

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -118,24 +120,38 @@ class System(Summarized):
     @classmethod
     def load(
         cls,
-        fmus: Mapping[str, str | Path],
-        bonds: Iterable[Bond] = (),
+        fmus: Mapping[str, str | PathLike[str]],
+        bonds: Iterable[Bond | tuple[str, str]] = (),
         *,
         connections: Iterable[Connection] = (),
         sums: Iterable[str] = (),
         constants: Mapping[str, float] | None = None,
-        parameters: Mapping[str, Mapping[str, float | bool | str]] | None = None,
+        parameters: Mapping[str, float | bool | str] | Mapping[str, Mapping[str, float | bool | str]] | None = None,
     ) -> System:
-        """Create a system from FMU files by component name; the other arguments are those of `System`."""
-        components = {name: FmuComponent(path, name) for name, path in fmus.items()}
-        return cls(
-            components,
-            tuple(bonds),
-            tuple(connections),
-            frozenset(sums),
-            dict(constants or {}),
-            dict(parameters or {}),
-        )
+        """Create a system from FMU files.
+
+        Args:
+            fmus: FMU file of each component by its name.
+            bonds: Velocity/force ports, also as pairs of the vehicle's port and the shock: `("car.lf", "lf")`.
+            connections: Any other connections.
+            sums: Inputs that add up the values of several sources.
+            constants: Inputs with a constant value, in the component's own unit.
+            parameters: Values of parameters by `component.parameter`, or by component and parameter.
+
+        Raises:
+            FmuError: A file is missing or is not an FMU that can be used.
+            WiringError: An unknown name, two sources of one input, incompatible units, a bond that is none.
+        """
+        if not isinstance(fmus, Mapping):
+            raise WiringError(f"the FMUs are {fmus!r}; give them by name: {{'car': 'car.fmu', 'lf': 'shock.fmu'}}")
+        for name, path in fmus.items():
+            if not isinstance(path, str | PathLike):
+                raise WiringError(f"component {name!r} is a {type(path).__name__}; give the file of its FMU")
+        components = {name: FmuComponent(Path(path), name) for name, path in fmus.items()}
+        given: Mapping[str, Any] = parameters or {}
+        own = {name: dict(values) for name, values in given.items() if isinstance(values, Mapping)}
+        system = cls(components, _bonds(bonds), tuple(connections), frozenset(sums), dict(constants or {}), own)
+        return system.with_parameters({name: value for name, value in given.items() if name not in own})
 
     def _summary(self) -> Summary:
         changed = [f"{part}.{name} = {value}" for part, own in self.parameters.items() for name, value in own.items()]
@@ -216,9 +232,8 @@ class System(Summarized):
         for name, value in values.items():
             if not isinstance(name, str) or "." not in name:
                 raise WiringError(
-                    f"parameters: {name!r} must be component.parameter, such as "
-                    f"{next(iter(self.components), 'lf')}.{name if name else 'c_low'}; the components are "
-                    f"{', '.join(self.components)}"
+                    f"parameters: {name!r} must be component.parameter, such as 'lf.compression_scale'; the components "
+                    f"are {', '.join(self.components)}"
                 )
             component, _, variable = name.partition(".")
             changed.setdefault(component, {})[variable] = own_unit(self.components, name, value)
@@ -347,6 +362,21 @@ def _check_types(connection: Connection, source: Variable, target: Variable, wha
 
 def _a(kind: str) -> str:
     return f"{'an' if kind[0] in 'EI' else 'a'} {kind}"
+
+
+def _bonds(given: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
+    """Return bonds, of which some are given as pairs of names."""
+    if isinstance(given, Bond | str) or not isinstance(given, Iterable):
+        raise WiringError(f"bonds is a {type(given).__name__}; give a list of bonds")
+    bonds: list[Bond] = []
+    for one in given:
+        if isinstance(one, Bond):
+            bonds.append(one)
+        elif isinstance(one, tuple | list) and len(one) == 2 and all(isinstance(name, str) for name in one):
+            bonds.append(Bond.between(*one))
+        else:
+            raise WiringError(f"{one!r} is not a bond; write ('car.lf', 'lf'): the vehicle's port, then the shock")
+    return tuple(bonds)
 
 
 def find_variable(components: Mapping[str, Component], name: str) -> Variable:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args, overload
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
-from eightpost.api.arguments import existing
-from eightpost.errors import FileFormatError, InputError, suggestion
+from eightpost.api.arguments import existing, toml_kind
+from eightpost.errors import InputError, suggestion
 
 if TYPE_CHECKING:
     from cosim.results.result import SavedRun
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap, Drivefile
     from eightpost.vehicle import Vehicle
 
-    Readable = (
+    Readable: TypeAlias = (
         DynoTest
         | PeakVelocityTable
         | RigTest
@@ -166,15 +166,9 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
 
 
 def _toml_kind(path: Path) -> Kind:
-    import tomllib
-
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
-    if "bank" in content:
+    if (kind := toml_kind(path)) == "study":
         raise InputError(f"{path} defines a study; run it: study({str(path)!r}, folder)")
-    return "system" if "components" in content else "vehicle"
+    return "system" if kind == "system" else "vehicle"
 
 
 def _is_study_result(path: Path) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from eightpost.api.arguments import a, existing
+from eightpost.api.arguments import a, existing_toml
 from eightpost.errors import InputError, suggestion
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from cosim.study.choice.run_comparison import RunComparison
     from eightpost.progress import Progress
 
-    Value = float | bool | str
-    Run = Result | SavedRun | str | Path
+    Value: TypeAlias = float | bool | str
+    Run: TypeAlias = Result | SavedRun | str | Path
 
 SchemeName = Literal["default", "jacobi", "gauss-seidel", "implicit", "adaptive"]
 
@@ -180,7 +180,7 @@ def _case(
             raise InputError("a System has no scenario; give one: run(system, Scenario(stop=5.0, drive=...))")
         case = Case("system", system, scenario)
     elif isinstance(system, Case | str | Path):
-        case = system if isinstance(system, Case) else read_case(existing(system))
+        case = system if isinstance(system, Case) else read_case(existing_toml(system, "system"))
         case = case if scenario is None else replace(case, scenario=scenario)
     else:
         raise InputError(f"run takes a System or a system file, not {a(system)}")

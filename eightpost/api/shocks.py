@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypeAlias, overload
 
 from eightpost.api.arguments import a, existing
 from eightpost.errors import InputError
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
 
-    Tests = str | Path | DynoTest | Sequence[str | Path | DynoTest]
-    Source = str | Path | Shock | ShockFit | VehicleFit | IdentifiedVehicle
+    Tests: TypeAlias = str | Path | DynoTest | Sequence[str | Path | DynoTest]
+    Source: TypeAlias = str | Path | Shock | ShockFit | VehicleFit | IdentifiedVehicle
 
 
 def fit(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eightpost.api.arguments import existing
+from eightpost.api.arguments import existing_toml
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def read_with_fmus(
     """
     from cosim.study.study_file import read_study, source_files
 
-    sources = source_files(existing(path))
+    sources = source_files(existing_toml(path, "study"))
     if missing := [source for source in sources if not source.is_file()]:
         raise InputError(f"{path}: the file {missing[0]} does not exist")
     built = build(sources, folder) if sources else []

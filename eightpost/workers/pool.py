@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from multiprocessing import get_context
-from multiprocessing.context import SpawnContext
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
+from eightpost.progress import beat
 from eightpost.workers.process import end_with
 
 # ---- Heartbeats of workers ------------------------------------------------------------------------------------------
@@ -146,6 +147,7 @@ class Pool:
         """Wait for a call; if its worker is not responding, end it. Return whether one was ended."""
         hung = False
         while not wait([future], timeout=POLL).done:
+            beat()
             hung = self.end_unresponsive() or hung
         return hung
 
@@ -160,12 +162,35 @@ class Pool:
         self._heartbeats.end_working(_GRACE)
 
     def _start(self) -> tuple[ProcessPoolExecutor, Heartbeats]:
-        context = get_context("spawn")
+        context = _Context()
         heartbeats = Heartbeats(self.count, context)
         pool = ProcessPoolExecutor(
             self.count, mp_context=context, initializer=_start_worker, initargs=(os.getpid(), *heartbeats.shared)
         )
         return pool, heartbeats
+
+
+class _Worker(SpawnProcess):
+    """Process that does not run the file of the user's program: workers need none of it.
+
+    Without this, a program that starts a study outside `if __name__ == "__main__"` would start it in every worker too.
+    """
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802 -- name of the base class
+        main = sys.modules["__main__"]
+        hidden = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+        main.__spec__ = None
+        try:
+            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
+        finally:
+            vars(main).update(hidden)
+
+
+class _Context(SpawnContext):
+    """Context of the workers."""
+
+    Process = _Worker  # type: ignore[assignment]
 
 
 def _start_worker(parent: int, *heartbeats: Any) -> None:

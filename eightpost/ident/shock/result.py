@@ -229,7 +229,7 @@ class ShockFit(Summarized):
             ("residual", f"{self.rms:.3g} N RMS, {self.percent:.2g} % of the force's standard deviation"),
             ("search", "" if self.converged else f"did not converge: {self.status}"),
             ("parameters", ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in self.parameters)),
-            ("changed", str(len(self.changes) or "")),
+            ("changes", f"{len(self.changes)}; see .changes" if self.changes else ""),
             ("warnings", "; ".join(self.warnings)),
         )
 

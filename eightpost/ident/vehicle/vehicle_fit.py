@@ -17,7 +17,7 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, 
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
-from eightpost.labelled import data_frame, dataset
+from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.verdict import Verdict
 
@@ -106,7 +106,7 @@ class VehicleFit(Summarized):
             ("misfit", f"up to {100.0 * self.residual[worst]:.2g} % ({worst})" if worst else ""),
             ("inputs", some(inputs)),
             ("outputs", some(outputs)),
-            ("notes", str(len(self.notes) or "")),
+            ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
         )
 
     def to_pandas(self) -> pd.DataFrame:
@@ -132,10 +132,10 @@ class VehicleFit(Summarized):
         response = self.response
         model = response_of(self.vehicle.state_space.select(outputs=response.output_names), response.frequency)
         paths, channels = ("output", "input", "frequency"), (response.outputs, response.inputs)
-        variables = {"estimate": (paths, response.H, ""), "model": (paths, model.H, "")}
+        variables: dict[str, Labelled] = {"estimate": (paths, response.H, ""), "model": (paths, model.H, "")}
         if response.coherence is not None:
             variables["coherence"] = (("output", "frequency"), response.coherence, "1")
-        coordinates: dict[str, tuple[tuple[str, ...], Any, str]] = {
+        coordinates: dict[str, Labelled] = {
             "output": (("output",), list(response.output_names), ""),
             "input": (("input",), list(response.input_names), ""),
             "frequency": (("frequency",), response.frequency, "Hz"),
