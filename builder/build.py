@@ -19,7 +19,7 @@ from eightpost.archive import write_archive
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
-from eightpost.progress import Progress
+from eightpost.progress import Progress, beats
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
@@ -107,7 +107,9 @@ def build(
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
-    products = [(str(source), product_of(Path(source), temperature_input=temperature_input)) for source in sources]
+    products = [
+        (str(source), product_of(Path(source), temperature_input=temperature_input)) for source in beats(sources)
+    ]
     names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
     if fmi == "all":
         names += [f"{name}_fmi3" for name in names]

@@ -107,8 +107,15 @@ def advance(done: float, total: float) -> None:
         report.tell(report.low + (report.high - report.low) * min(1.0, done / total if total else 0.0))
 
 
+def beats(items: Iterable[Item]) -> Iterator[Item]:
+    """Yield items, such as the iterations of a search, and report before each that the current part goes on."""
+    for item in items:
+        beat()
+        yield item
+
+
 def beat() -> None:
-    """Report that the current part goes on, for example in every iteration of a search of unknown length."""
+    """Report that the current part goes on."""
     report = _report.get()
     if report is not None:
         report.tell(report.low)

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -276,6 +276,10 @@ class Library:
         return {name: text.encode() for name, text in texts.items()}
 
 
+#: Interval at which progress is reported while a binary is compiled [s].
+_INTERVAL = 0.1
+
+
 def compile_libraries(
     libraries: Sequence[Library],
     *,
@@ -298,8 +302,10 @@ def compile_libraries(
     jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
     done: list[bytes] = []
     with ThreadPoolExecutor(usable_processors()) as pool:
-        for content in pool.map(lambda job: _binary(toolchain, *job), jobs):
-            done.append(content)
+        for running in [pool.submit(_binary, toolchain, *job) for job in jobs]:
+            while progress and not wait([running], timeout=_INTERVAL).done:
+                progress(len(done), len(jobs))
+            done.append(running.result())
             if progress:
                 progress(len(done), len(jobs))
     found = iter(done)

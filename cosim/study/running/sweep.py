@@ -23,7 +23,7 @@ from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
-from eightpost.progress import Progress
+from eightpost.progress import Progress, beats
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
 
@@ -43,7 +43,7 @@ def _check_study(evaluator: Evaluator) -> None:
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
     _check_ports(study, system)
-    for setup in _every_build(study, first):
+    for setup in beats(_every_build(study, first)):
         evaluator.system(setup)
     found = evaluator.measure_units
     for measure in study.measures:
