@@ -63,7 +63,7 @@ class Built(Summarized):
         names = self.interface.names
         return Summary.of(
             f"FMU {self.path}",
-            ("source", self.source),
+            ("source", Path(self.source).name),
             ("kind", f"{self.interface.kind} {self.interface.version}, FMI {self.fmi}.0, {self.target}"),
             ("verdict", self.validity.verdict.headline),
             *((f"{causality}s", some(names(causality))) for causality in ("input", "output", "parameter")),

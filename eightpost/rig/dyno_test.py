@@ -88,7 +88,7 @@ class DynoTest(Summarized):
         stated = [text for text in (known.build, known.clicks, known.run) if text]
         return Summary.of(
             "Dynamometer test",
-            ("file", str(self.source or "")),
+            ("file", self.source.name if self.source else ""),
             ("conditions", ", ".join(stated)),
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),

@@ -178,19 +178,19 @@ class _Worker(SpawnProcess):
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 -- name of the base class
-        main = sys.modules["__main__"]
-        hidden = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
-        main.__spec__ = None
+        main = vars(sys.modules["__main__"])
+        hidden = {name: main.pop(name, None) for name in ("__file__", "__spec__")}
+        main["__spec__"] = None
         try:
             return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
         finally:
-            vars(main).update(hidden)
+            main.update({name: value for name, value in hidden.items() if value is not None})
 
 
 class _Context(SpawnContext):
     """Context of the workers."""
 
-    Process = _Worker  # type: ignore[assignment]
+    Process = _Worker
 
 
 def _start_worker(parent: int, *heartbeats: Any) -> None:

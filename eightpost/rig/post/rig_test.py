@@ -137,7 +137,7 @@ class RigTest(Summarized):
     def _summary(self) -> Summary:
         return Summary.of(
             "Rig test",
-            ("file", str(self.source or "")),
+            ("file", self.source.name if self.source else ""),
             ("drive file", self.conditions.drivefile),
             ("shocks", ", ".join(self.conditions.shocks)),
             ("corners", ", ".join(self.corners)),
