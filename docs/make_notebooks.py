@@ -34,6 +34,8 @@ def executed(path: Path) -> nbformat.NotebookNode:
         cell.metadata.clear()
         if cell.cell_type == "code":
             cell.execution_count = None
+            # Warnings about this machine, such as a cache that cannot be written, belong to no reader.
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
             for output in cell.outputs:
                 output.pop("execution_count", None)
                 if output.output_type == "execute_result":

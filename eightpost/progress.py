@@ -33,7 +33,8 @@ class _Report:
     def tell(self, share: float) -> None:
         """Call the callback if the share has increased by 1 % or some time has passed."""
         now, share = time.monotonic(), max(share, self._told, 0.0)
-        if share - self._told < 0.01 and now - self._since < _INTERVAL and share < 1.0:
+        is_last = share >= 1.0 > self._told
+        if share - self._told < 0.01 and now - self._since < _INTERVAL and not is_last:
             return
         self._told, self._since = share, now
         self._progress(share, 1.0)

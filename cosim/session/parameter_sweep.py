@@ -133,7 +133,7 @@ class ParameterSweep(Summarized):
         unit = self.results[0].series.unit(channel)
         values = np.array(places, dtype=np.float64), self.values(channel, statistic)
         labels = (name, f"{channel}, {statistic} [{unit}]")
-        return cloud(Cloud(values, labels, np.ones(len(self), dtype=np.bool_)))
+        return cloud(Cloud(values, labels, np.ones(len(self), dtype=np.bool_), is_line=len(self.names) == 1))
 
 
 def sweep_parameters(

@@ -90,7 +90,7 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
 
 #: Time between two calls of the loop, between which progress is reported and Ctrl-C handled [s], and number of steps of
 #: the first call.
-_BETWEEN, _FIRST_STEPS = 0.05, 200
+_BETWEEN, _FIRST_STEPS = 0.05, 20
 
 
 class _Pace:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from eightpost.array_types import Array, Flags
 from eightpost.report.pictures import Picture, new_figure
 from eightpost.report.traces import COLORS
+
+#: Size of a point among many, and number of points from which they are many.
+_SMALL, _MANY = 4.0, 200
 
 
 class Mark(NamedTuple):
@@ -24,12 +29,14 @@ class Cloud(NamedTuple):
         labels: Labels of both axes.
         kept: Whether each point (R,) is drawn in colour; the others are grey.
         marks: Named points.
+        is_line: Whether the points are joined, from left to right.
     """
 
     values: tuple[Array, Array]
     labels: tuple[str, str]
     kept: Flags
     marks: tuple[Mark, ...] = ()
+    is_line: bool = False
 
 
 def cloud(points: Cloud, *, title: str = "") -> Picture:
@@ -41,8 +48,12 @@ def cloud(points: Cloud, *, title: str = "") -> Picture:
     """
     figure = new_figure(6.0, 4.5)
     axes, (x, y), kept = figure.subplots(), points.values, points.kept
-    axes.plot(x[~kept], y[~kept], ".", color="0.75", markersize=4.0)
-    axes.plot(x[kept], y[kept], ".", color=COLORS[0], markersize=4.0)
+    size = _SMALL if kept.size > _MANY else 2.0 * _SMALL
+    axes.plot(x[~kept], y[~kept], ".", color="0.75", markersize=size)
+    axes.plot(x[kept], y[kept], ".", color=COLORS[0], markersize=size)
+    if points.is_line:
+        order = np.argsort(x, kind="stable")
+        axes.plot(x[order], y[order], color=COLORS[0], lw=1.0)
     for mark, color, shape in zip(points.marks, COLORS[1:], ("*", "s", "D"), strict=False):
         axes.plot(x[mark.row], y[mark.row], shape, color=color, markersize=11.0, label=mark.label)
     axes.set(xlabel=points.labels[0], ylabel=points.labels[1], title=title)

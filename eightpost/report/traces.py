@@ -38,7 +38,8 @@ def traces(
             panel.plot(shown.time, displayed(shown, channel), lw=1.0, color=color, label=label)
         _label(panel, runs, channel)
     panels[-1].set_xlabel("time [s]")
-    panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
+    if len(runs) > 1:
+        panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
     figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
     return figure
 
