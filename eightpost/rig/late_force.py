@@ -94,9 +94,9 @@ def delay_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
 
 
 def delay_statement(series: TimeSeries) -> str:
-    """Return a sentence: how much the instruments can delay the force, or that this cannot be told and why."""
+    """Return a sentence: how much the instruments can delay the force, or why this is unknown."""
     bands = band_lags(series)
-    unknown = "whether the instruments delay the force cannot be told: "
+    unknown = "whether the instruments delay the force is unknown: "
     if bands is None:
         return f"{unknown}the record has no two frequencies that are far enough apart; add a random motion to 10 Hz"
     low, high = bands
