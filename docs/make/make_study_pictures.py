@@ -1,9 +1,9 @@
-"""Pictures of a study's page in docs/study_report.md, and the time from opening it to the answer.
+"""Pictures of a study's page in docs/how_to/study_report.md, and the time from opening it to the answer.
 
     eightpost study examples/identified/study.toml -o out/
     eightpost shapes examples/identified/study.toml -o out/ --at lr
-    python docs/make_study_pictures.py out/            # pictures of the page
-    python docs/make_study_pictures.py out/ --times    # and times of pages of 2401 and 104 976 constructed setups
+    python docs/make/make_study_pictures.py out/            # pictures of the page
+    python docs/make/make_study_pictures.py out/ --times    # and times of pages of 2401 and 104 976 constructed setups
 
 Headless Chromium opens the page from a file, in a new profile. The pictures: the first screen at 1400 x 900, its dark
 form, a telephone, and print. Times are those of the browser's own clock, from the start of the navigation: the first
@@ -36,11 +36,11 @@ from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 from chromium import Browser, program  # noqa: E402 - the browser of the tests
 
-PAGE = ROOT / "docs" / "study_report.md"
+PAGE = ROOT / "docs" / "how_to" / "study_report.md"
 
 #: Pictures: size of the window, factor of the pixels, color scheme, medium, and whether the whole page is taken.
 VIEWS = {
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--times", action="store_true", help="also measure the times")
     options = parser.parse_args()
     for name in VIEWS:
-        picture(options.folder / "report.html", name, ROOT / "docs" / f"{name}.png")
+        picture(options.folder / "report.html", name, ROOT / "docs" / "pictures" / f"{name}.png")
     if options.times:
         rows = [time_of(options.folder / "report.html", "the example")]
         with tempfile.TemporaryDirectory() as folder:
@@ -83,6 +83,7 @@ def picture(page: Path, name: str, target: Path) -> None:
         browser = Browser(program(), profile)
         size = {"width": width, "height": height, "deviceScaleFactor": factor, "mobile": width < 600}
         browser.call("Emulation.setDeviceMetricsOverride", **size)
+        browser.call("Emulation.setScrollbarsHidden", hidden=True)
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         browser.call("Emulation.setEmulatedMedia", media="screen", features=features)
         browser.call("Page.navigate", url=page.resolve().as_uri())
