@@ -6,6 +6,7 @@
 #   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
 #   make hosts    runs the programs of examples/hosts and the tools of benchmarks/interface_matrix that are installed, and
 #                 writes docs/how_to/hosts.md and docs/evidence/hosts_tools.md: minutes
+#   make docs     writes the documentation site to out/site, without network: half a minute
 #   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
 # Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
 
@@ -57,12 +58,13 @@ mutants: $(INSTALLED)
 docs: $(INSTALLED)
 	$(BIN)/python docs/make/make_tables.py
 	$(BIN)/python docs/make/make_commands.py
-	$(BIN)/python docs/make/make_pictures.py
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site
+	@echo "open out/site/index.html"
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[build,test]'
+	$(BIN)/python -m pip install --quiet --editable '.[build,docs,test]'
 	touch $@
 
 clean:

@@ -23,6 +23,7 @@ from eightpost.rig import (
     shim_build,
 )
 from eightpost.shock import Lpnl2, ShockLaw, write_shock
+from eightpost.shock.file import Shock as FittedShock
 from eightpost.shock.file import read_shock
 from eightpost.signals import write_parquet
 from eightpost.units import convert
@@ -47,9 +48,14 @@ def physical_bank() -> tuple[PhysicalDamper, ...]:
     return tuple(_damper(f"build {name}") for name in BUILDS)
 
 
-def fitted_bank() -> tuple[ShockLaw, ...]:
+def fitted_shocks() -> tuple[FittedShock, ...]:
     """Return laws Hysteresis fitted to two small tests of the dampers of `physical_bank`, as a team would fit them."""
-    return tuple(_fitted_law(f"build {name}", "hysteresis", _PEAKS) for name in BUILDS)
+    return tuple(_fitted_shock(f"build {name}", "hysteresis", _PEAKS) for name in BUILDS)
+
+
+def fitted_bank() -> tuple[ShockLaw, ...]:
+    """Return the laws of `fitted_shocks`."""
+    return tuple(shock.law for shock in fitted_shocks())
 
 
 def close_bank() -> tuple[Lpnl2, ...]:
@@ -72,14 +78,14 @@ def _damper(name: str) -> PhysicalDamper:
 @cache
 def _fitted(name: str) -> Lpnl2:
     """Return the law of a damper, fitted to one test of 1 in peak."""
-    law = _fitted_law(name, "lpnl2", (convert(1.0, "in", "m"),))
+    law = _fitted_shock(name, "lpnl2", (convert(1.0, "in", "m"),)).law
     assert isinstance(law, Lpnl2)
     return law
 
 
 @cache
-def _fitted_law(name: str, law: LawName, peaks: tuple[float, ...]) -> ShockLaw:
-    """Return a damper's law, from the cache if it was fitted before.
+def _fitted_shock(name: str, law: LawName, peaks: tuple[float, ...]) -> FittedShock:
+    """Return a damper's fitted law, from the cache if it was fitted before.
 
     Args:
         name: Damper.
@@ -91,7 +97,7 @@ def _fitted_law(name: str, law: LawName, peaks: tuple[float, ...]) -> ShockLaw:
     kept = folder / f"{name.replace('/', '_').replace(' ', '_')}{of_tests}.json"
     if not kept.exists():
         _fit(name, law, peaks, kept)
-    return read_shock(kept).law
+    return read_shock(kept)
 
 
 def _fit(name: str, law: LawName, peaks: tuple[float, ...], kept: Path) -> None:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -60,7 +61,9 @@ def main() -> None:
     for builds in options.builds:
         with tempfile.TemporaryDirectory() as folder:
             own = ["--builds", str(builds), "--stop", str(options.stop), "--workers", str(options.workers)]
-            subprocess.run([sys.executable, "-m", "benchmarks.scale", *own, "--child", folder], check=True)
+            environment = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}  # as `eightpost study` does
+            command = [sys.executable, "-m", "benchmarks.scale", *own, "--child", folder]
+            subprocess.run(command, env=environment, check=True)
             found += json.loads(Path(folder, "rows.json").read_text(encoding="utf-8"))
     print(markdown(found))
     if options.json:

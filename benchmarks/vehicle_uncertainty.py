@@ -36,7 +36,7 @@ from benchmarks.identification import markdown
 from benchmarks.vehicle_uncertainty_truths import KINDS, RECIPES, REPORT, TUNING, Outcome, outcome
 from eightpost.ident.vehicle.model_form import ModelForm, Shares, noise_of
 from eightpost.ident.vehicle.trust import UNUSABLE
-from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, setup_distance
+from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, separation, setup_distance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -158,7 +158,7 @@ def tuned(outcomes: Sequence[Outcome]) -> ModelForm:
 
 
 def own_errors(one: Outcome) -> Array:
-    """Return the RMS difference of the errors of two setups per unit of their distance, by measure (M,).
+    """Return the RMS difference of the errors of two setups per unit of their separation, by measure (M,).
 
     Pairs of setups that hardly differ are left out.
     """
@@ -166,7 +166,8 @@ def own_errors(one: Outcome) -> Array:
     first, second = np.triu_indices(len(errors), 1)
     changes = predicted[first] - predicted[second]
     distances = np.sqrt(np.mean(changes**2, axis=1))
-    ratios = (errors[first] - errors[second]) / np.hypot(distances[:, None], changes)
+    apart = np.vectorize(separation)(distances[:, None], changes)
+    ratios = (errors[first] - errors[second]) / apart
     return np.asarray(np.sqrt(np.mean(ratios[distances > _HARDLY] ** 2, axis=0)))
 
 

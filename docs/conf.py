@@ -46,8 +46,9 @@ myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 5
 myst_dmath_double_inline = False
-# Notebooks are stored with their outputs; tests run them, the site does not.
+# Tests run the notebooks; the site shows what is stored in them.
 nb_execution_mode = "off"
+nb_ipywidgets_js = {}  # scripts of widgets would come from a network
 # fmus/common/shock.md is also a part of other documents, where its headings are of the second level.
 suppress_warnings = ["myst.header"]
 
@@ -57,7 +58,7 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_numpy_docstring = False
 napoleon_google_docstring = True
 napoleon_use_ivar = True
@@ -68,12 +69,15 @@ add_module_names = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "eightpost"
+smartquotes = False  # options begin with two hyphens
 html_static_path = ["site/static"]
 templates_path = ["site/templates"]
 html_css_files = ["eightpost.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_math_renderer = "mathml"
+# Pages without a section of their own have no list of it.
+html_sidebars = {name: [] for name in ("docs/index", "docs/gallery", "docs/notebooks/index")}
 html_theme_options = {
     "logo": {"text": "eightpost"},
     "navbar_align": "left",
@@ -81,6 +85,8 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "show_nav_level": 1,
     "show_toc_level": 2,
+    "collapse_navigation": True,
+    "navigation_depth": 3,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -91,7 +91,7 @@ COMMON = (
     "s", "ms", "us", "min", "h", "Hz", "kHz", "1/s",
     "Pa", "kPa", "MPa", "bar", "psi", "W", "kW", "J", "kJ",
     "K", "degC", "degF", "V", "mV", "A",
-    "m3", "cm3", "m2", "cm2", "mm2", "in2",
+    "m3", "cm3", "in3", "m2", "cm2", "mm2", "in2",
     "kg/m3", "Pa.s", "m2/s", "N/rad", "N.m/rad", "N.m.s/rad",
 )  # fmt: skip
 

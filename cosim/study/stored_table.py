@@ -20,8 +20,6 @@ IN_MEMORY = 32 * 2**20
 #: Size of a cell of a table in memory [bytes].
 _CELL = 8
 
-_ADVICE = "name the results.parquet of a study"
-
 
 @dataclass(frozen=True, slots=True)
 class StoredTable:
@@ -72,16 +70,20 @@ class StoredTable:
         return read_columns(self.path, names)
 
 
-def open_table(path: Path) -> pa.Table | StoredTable:
+def open_table(path: Path, *, advice: str = "name the results.parquet of a study") -> pa.Table | StoredTable:
     """Return a table with its metadata: in memory if it is small, else column by column.
+
+    Args:
+        path: Path of the file.
+        advice: Advice for the user if the file does not exist.
 
     Raises:
         FileFormatError: The file does not exist, or is not a Parquet file.
     """
     size = _identity(path) if path.is_file() else (0, 0)
-    schema, rows = parquet_size(path, advice=_ADVICE)
+    schema, rows = parquet_size(path, advice=advice)
     if rows * len(schema) * _CELL <= IN_MEMORY:
-        return read_table(path, advice=_ADVICE)
+        return read_table(path, advice=advice)
     return StoredTable(path, schema, rows, size)
 
 

@@ -8,7 +8,8 @@ from sphinx.application import Sphinx
 #: Text between backticks is code; in all other text, these characters stand for themselves.
 _CODE = re.compile(r"(`+)(.+?)\1")
 _SPECIAL = re.compile(r"([*|\\]|_(?=\W|$))")
-_BEFORE_NAPOLEON = 400
+#: Priorities of handlers before and after that of napoleon.
+_BEFORE, _AFTER = 400, 600
 
 
 def escaped(line: str) -> str:
@@ -44,12 +45,24 @@ def converted(lines: list[str]) -> list[str]:
     return found
 
 
-def _process(*arguments: Any) -> None:
-    lines: list[str] = arguments[-1]
+#: Stands for a colon of a property's text, which the conversion of Google's sections would take for a type.
+_COLON = "\ue000"
+
+
+def _process(_: Sphinx, what: str, *rest: Any) -> None:
+    lines: list[str] = rest[-1]
     lines[:] = converted(lines)
+    if what in ("property", "attribute"):
+        lines[:1] = [line.replace(": ", f"{_COLON} ") for line in lines[:1]]
+
+
+def _restore(*arguments: Any) -> None:
+    lines: list[str] = arguments[-1]
+    lines[:] = [line.replace(_COLON, ":") for line in lines]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect the conversion before that of Google's sections."""
-    app.connect("autodoc-process-docstring", _process, priority=_BEFORE_NAPOLEON)
+    app.connect("autodoc-process-docstring", _process, priority=_BEFORE)
+    app.connect("autodoc-process-docstring", _restore, priority=_AFTER)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,9 +1,12 @@
-"""What the site needs of the repository around docs/: the list of notebooks, and a front page in the site's root."""
+"""What the site needs of the repository: titles in place of file names, the list of notebooks, a page in its root."""
 
 import os
+import posixpath
+import re
 from pathlib import Path
 from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 _FRONT = """<!doctype html><meta charset="utf-8"><title>eightpost</title>
@@ -25,13 +28,26 @@ def _list_notebooks(app: Sphinx, name: str, source: list[str]) -> None:
     source[0] = source[0].replace(_MARK, tree)
 
 
+def _title_links(app: Sphinx, doctree: nodes.document, name: str) -> None:
+    """Replace the text of links that is the name of a page's file, which is useful in the repository only."""
+    here = posixpath.dirname(app.builder.get_target_uri(name))
+    titles = {app.builder.get_target_uri(doc): title.astext() for doc, title in app.env.titles.items()}
+    for link in doctree.findall(nodes.reference):
+        if re.fullmatch(r"[\w/]+\.md", link.astext()) and not link.get("refuri", ":").count(":"):
+            target = posixpath.normpath(posixpath.join(here, link["refuri"].partition("#")[0]))
+            if target in titles:
+                link.clear()
+                link.append(nodes.Text(titles[target]))
+
+
 def _front_page(app: Sphinx, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
         (Path(app.outdir) / "index.html").write_text(_FRONT, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect the list and the front page."""
+    """Connect the list, the titles and the front page."""
     app.connect("source-read", _list_notebooks)
+    app.connect("doctree-resolved", _title_links)
     app.connect("build-finished", _front_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

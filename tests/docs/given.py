@@ -62,7 +62,6 @@ Path("target.csv").write_text("velocity [m/s],force [N]\\n-0.2,-900\\n-0.1,-600\
 """
 
 GIVEN = {
-    "docs/evidence/equations.md": Given(shorter={"--all": "--all --quick"}),
     "docs/evidence/reproduce.md": Given(shorter={"--all": "--all --quick"}),
     "docs/explanation/identification.md": Given("take('rig')"),
     "docs/explanation/law_choice.md": Given(

@@ -14,10 +14,10 @@ import pyarrow.parquet
 from pydantic import create_model
 
 from cosim.study.certainty.certainty import PROBABILITIES, Certainty, Levels
+from cosim.study.stored_table import StoredTable, open_table
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
-from eightpost.signals.parquet_file import read_table
 
 #: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1
@@ -94,7 +94,7 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         FileFormatError: The file cannot be read, or belongs to another study.
     """
     path = Path(path)
-    table = read_table(path, advice="run `eightpost study` again, or `eightpost robust`")
+    table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
     content = _content(path, table)
     try:
         header = _Header.model_validate(content)
@@ -133,11 +133,11 @@ def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
     return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
 
 
-def _values(table: pa.Table, name: str) -> Array:
+def _values(table: pa.Table | StoredTable, name: str) -> Array:
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _levels(table: pa.Table, measure: _Measure) -> Levels:
+def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
     return Levels(
         _values(table, expected_column(measure.name)),
         np.stack([_values(table, half_width_column(measure.name, p)) for p in PROBABILITIES]),
@@ -148,7 +148,7 @@ def _levels(table: pa.Table, measure: _Measure) -> Levels:
     )
 
 
-def _content(path: Path, table: pa.Table) -> Mapping[str, Any]:
+def _content(path: Path, table: pa.Table | StoredTable) -> Mapping[str, Any]:
     metadata = table.schema.metadata or {}
     found: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
     if not isinstance(found, dict) or found.get("schema") != "eightpost.certainty":

@@ -123,9 +123,11 @@ class Posterior:
         """
         sources, typical = self.sources, self.scales.typical
         rows = np.arange(len(sources.predicted))
-        distance = sources.positions**2 @ sources.directions.T
-        parts = (sources.common * typical.common) ** 2 + (sources.own * typical.own) ** 2 * distance
-        student = np.sum(weights**2 * parts, axis=1)
+        squares, directions = sources.positions**2, sources.directions
+        student = np.zeros(rows.size)
+        for m in _used(weights):  # one by one: the arrays of all measures take much memory for many setups
+            common, own = sources.common[m] * typical.common[m], sources.own[m] * typical.own[m]
+            student += weights[:, m] ** 2 * (common**2 + own**2 * (squares @ directions[m]))
         normal = self._normal(weights, rows)
         if not self.observations.rows.size:
             return np.zeros(rows.size), student, normal
@@ -167,10 +169,12 @@ class Posterior:
     def _normal(self, weights: Array, rows: Integers) -> Array:
         """Return the variance (R,) of the normal part of weighted sums of the errors."""
         sources = self.sources
-        found = np.sum((weights * sources.coupling) ** 2, axis=1)
-        if not sources.parameters:
-            return np.asarray(found)
         used = _used(weights)
+        found = np.zeros(rows.size)
+        for m in used:
+            found += (weights[:, m] * sources.coupling[:, m]) ** 2
+        if not sources.parameters:
+            return found
         for place, m in enumerate(used):
             found += weights[:, m] ** 2 * sources.shock_covariance(rows, m, m)
             for other in used[:place]:

@@ -2,9 +2,10 @@
 
     e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m. The position `z` of a setup has two parts. The first are the outputs, `(x - mean of x)` with
-`x = ln(measures) / sqrt(O)`; every measure depends on them. The second are `ln(measure)` minus its mean, of all M
-measures; only the measure itself depends on its own one: its range over the setups is wrong by a factor. The common
+for setup k and measure m. The position `z` of a setup has three parts. The first are the outputs, `x - mean of x` with
+`x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
+`ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
+setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
 error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
 unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
 another one.
@@ -38,7 +39,7 @@ class Variables:
 
     Attributes:
         common: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
-        own: Gradient of each measure's own error (D, M, O + M).
+        own: Gradient of each measure's own error (D, M, Z).
         shocks: Error due to each build at each corner (D, C, B, M).
     """
 
@@ -57,7 +58,7 @@ class ErrorSources:
         common: Scale of the common error (M,) [1]; 0 if it is not known.
         own: Scale of the own error per distance (M,) [1]; 0 if it is not known.
         bases: Origin of both, by measure (Levels.basis).
-        positions: Positions z of the setups (R, O + M); 0 for setups that failed.
+        positions: Positions z of the setups (R, Z); 0 for setups that failed.
         builds: Positions of the builds at the corners (R, C) in the list of all builds.
         shared: Change of all setups by a standard deviation of each of F parameters (F, M).
         changes: Change by a build at a corner by a standard deviation of each parameter (F, C, B, M).
@@ -81,10 +82,10 @@ class ErrorSources:
 
     @property
     def directions(self) -> Array:
-        """Whether each measure's own error depends on each part of the position (M, O + M): 1 or 0."""
+        """Whether each measure's own error depends on each part of the position (M, Z): 1 or 0."""
         measures = len(self.names)
-        outputs = self.positions.shape[1] - measures
-        return np.hstack([np.ones((measures, outputs)), np.eye(measures)])
+        shared = self.positions.shape[1] - measures
+        return np.hstack([np.ones((measures, shared)), np.eye(measures)])
 
     @property
     def parameters(self) -> int:

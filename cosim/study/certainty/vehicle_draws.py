@@ -30,7 +30,7 @@ class VehicleDraws:
     Attributes:
         names: Names of the measures.
         common: Common error (D, M).
-        own: Gradient of the own error (D, M, O + M).
+        own: Gradient of the own error (D, M, Z).
         axes: Axes of the positions of setups.
         unknown: Measures whose uncertainty is not known; their errors are 0.
     """

@@ -34,6 +34,9 @@ _SUBMITTED = 2
 #: Interval at which a stop is checked [s].
 _POLL = 0.5
 
+#: Time within which a result is expected, before the workers are counted again [s].
+_FETCH = 3.0
+
 #: Words in the message of an error of a scheduler or worker that lacks this program or has an older version.
 _OURS = ("cosim", "eightpost", "deserializ", "_choose()", "_rows()", "_file()")
 
@@ -50,14 +53,15 @@ class DaskWorkers:
         report: Function that receives messages about the cluster, such as that it has no workers.
 
     Raises:
-        InputError: No scheduler answers, or it has no workers.
+        InputError: No scheduler answers.
+        WorkersLostError: The scheduler has no workers, and none joins.
     """
 
     def __init__(
         self,
         address: str,
         *,
-        patience: float = 10.0,
+        patience: float = 30.0,
         waiting: float = workers.PATIENCE,
         report: Callable[[str], None] = lambda _text: None,
     ) -> None:
@@ -69,10 +73,13 @@ class DaskWorkers:
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._told: set[str] = set()
         self._alone_since: float | None = None
-        self.count = self._count_now()
-        if not self.count:
+        self.count = 0
+        try:
+            while not self._presence():
+                time.sleep(_POLL)
+        except WorkersLostError:
             self.close()
-            raise InputError(f"--scheduler {address}: the scheduler has no workers; start some (dask worker {address})")
+            raise
 
     def choose(self, study: Study) -> Coupling:
         """Choose the coupling of a study on a worker.
@@ -134,18 +141,18 @@ class DaskWorkers:
         count, now = self._count_now(), time.monotonic()
         if count:
             if self._alone_since is not None:
-                self._report(f"{self._address}: {count} workers have joined; the study continues")
+                self._report(f"{self._address}: {count} workers have joined")
             self.count, self._alone_since = count, None
         elif self._alone_since is None:
             self._alone_since = now
             self._report(
-                f"{self._address}: all workers have ended; waiting {self._waiting:g} s for new ones "
-                f"(dask worker {self._address})"
+                f"{self._address}: there are no workers; waiting {self._waiting:g} s for some (dask worker "
+                f"{self._address})"
             )
         elif now - self._alone_since > self._waiting:
             raise WorkersLostError(
-                f"--scheduler {self._address}: all workers have ended, and none has joined for {self._waiting:g} s. "
-                f"{_RESUME} when there are workers again (dask worker {self._address})"
+                f"--scheduler {self._address}: there were no workers for {self._waiting:g} s. {_RESUME} when there are "
+                f"workers (dask worker {self._address})"
             )
         return count
 
@@ -165,10 +172,11 @@ class DaskWorkers:
         return [future for future in running if future.done()]
 
     def _result(self, future: Any) -> Any:
-        while not self._finished([future]):
-            self._presence()
         try:
-            return future.result()
+            # A finished task runs again if the only worker that has its result dies before the result is fetched.
+            while (answer := self._answer(future)) is None:
+                self._presence()
+            return answer
         except (CancelledError, OSError) as error:
             raise self._lost(error) from error
         except (ImportError, AttributeError, TypeError, RuntimeError) as error:
@@ -178,6 +186,13 @@ class DaskWorkers:
                 f"--scheduler {self._address}: the scheduler or a worker cannot run this study "
                 f"({type(error).__name__}: {error}): install eightpost {__version__} there, as here. {_RESUME}"
             ) from error
+
+    def _answer(self, future: Any) -> Any:
+        """Return the result of a task; None if it does not come within some seconds."""
+        try:
+            return future.result(timeout=_FETCH)
+        except TimeoutError:
+            return None
 
     def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
         """Return the rows of a chunk; if several workers died of it, run its setups again one by one."""

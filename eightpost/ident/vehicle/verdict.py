@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from eightpost.corners import CORNERS, channel
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.measure_uncertainty import MeasureUncertainty, separation
 from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
@@ -53,9 +52,9 @@ def trust_table(trust: Trust) -> Table:
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
-#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
+#: Separation of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
 #: measure itself.
-TENTH = math.hypot(0.1, 0.1)
+TENTH = separation(0.1, 0.1)
 
 
 def measure_table(trust: Trust) -> Table:

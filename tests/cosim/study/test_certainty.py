@@ -24,6 +24,7 @@ from cosim.study.certainty.summary import summary_lines
 from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
+from eightpost.measure_uncertainty import separation
 from eightpost.verdict import Grade
 
 from .assessed import NOISE, assessed, lag, stating, two_setups
@@ -36,7 +37,8 @@ from .constructed import result
 def test_of_two_setups_the_lower_one_is_the_best_with_the_probability_of_students_t(own):
     """The only measure changes by its own logarithm, and by the same distance of the setups."""
     found = certainty_of(two_setups(0.01, (0.03, own)))
-    assert found.best[0] == pytest.approx(stats.t.cdf(1.0 / (own * np.sqrt(2.0)), 4), abs=NOISE)
+    apart = separation(0.01, 0.01)
+    assert found.best[0] == pytest.approx(stats.t.cdf(0.01 / (own * apart), 4), abs=NOISE)
     assert found.best.sum() == pytest.approx(1.0)
 
 
@@ -93,7 +95,8 @@ def test_a_choice_among_many_setups_is_less_sure_than_each_of_its_comparisons():
 
 
 def test_among_the_best_k_are_k_setups_of_every_draw():
-    found = certainty_of(assessed({"a": lambda d: np.exp(0.01 * d.sum(axis=1))}), top=7)
+    slopes = 0.01 * np.array([1.0, 1.013, 1.039, 1.117])  # no two setups are equal
+    found = certainty_of(assessed({"a": lambda d: np.exp(d @ slopes)}), top=7)
     assert found.among.sum() == pytest.approx(7.0, rel=1e-3)
     assert np.all(found.among >= found.best - 1e-9)
 

@@ -23,6 +23,7 @@ from cosim.study.certainty.sources import error_sources
 from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError
+from eightpost.measure_uncertainty import local_features, separation
 
 from .assessed import NOISE, assessed, lag, run, two_setups
 
@@ -37,14 +38,16 @@ def test_conditioning_equals_that_of_an_independently_built_joint_normal_distrib
     scales = posterior.scales.typical
     rows = np.array([3, 40, 700])
     x = np.log(np.stack([study.values("a"), study.values("b")], axis=1)) / np.sqrt(2.0)
-    z = (x - x.mean(axis=0))[rows]
-    level = np.sqrt(2.0) * z  # logarithms of the measures themselves
+    x -= x.mean(axis=0)
+    z = np.hstack([x, local_features(x)])[rows]
+    level = np.sqrt(2.0) * x[rows]  # logarithms of the measures themselves
     builds = [study.setup(int(row)).builds for row in rows]
 
     def column(m: int) -> np.ndarray:
         """Loadings of the standard normal variables: own of a, own of b, fit C/C, copy C/C, B/C, k."""
-        own = np.zeros((3, 6))
-        own[:, 3 * m : 3 * m + 3] = 0.5 * scales.own[m] * np.column_stack([z, level[:, m]])
+        gradient = 0.5 * scales.own[m] * np.column_stack([z, level[:, m]])
+        own = np.zeros((3, 2 * gradient.shape[1]))
+        own[:, m * gradient.shape[1] : (m + 1) * gradient.shape[1]] = gradient
         c = np.array([m == 0 and one["rr"] == "C/C" for one in builds], dtype=float)
         b = np.array([m == 1 and one["lr"] == "B/C" for one in builds], dtype=float)
         return np.column_stack([own, 0.01 * c, 0.005 * c, -0.02 * b, np.full(3, 0.01 * (m == 0))])
@@ -72,7 +75,7 @@ def test_a_rig_run_of_both_setups_decides_between_them():
     before = certainty_of(study)
     known = Knowledge(run_to_run={"a": 0.001}, runs=(run(0, a=1.01), run(1, a=1.0)))
     after = certainty_of(study, known)
-    assert before.best[0] == pytest.approx(stats.t.cdf(0.5 / np.sqrt(2.0), 4), abs=NOISE)
+    assert before.best[0] == pytest.approx(stats.t.cdf(0.01 / (2.0 * separation(0.01, 0.01)), 4), abs=NOISE)
     assert after.best[0] < 0.01
     low, high = after.levels["a"].interval(0.95)
     assert low[0] < 1.01 < high[0] and np.log(high / low)[0] < 4.0 * 2.8 * 0.001
@@ -101,12 +104,12 @@ def test_a_record_that_contradicts_the_prediction_is_named():
 
 
 def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
-    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.03))
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.02, 0.02))
     levels = study.values("a")
-    runs = tuple(run(k, a=1.1 * float(levels[k])) for k in (0, 7, 2400))
+    runs = tuple(run(k, a=1.2 * float(levels[k])) for k in (0, 7, 2400))
     found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
     assert [one.used for one in found.contradictions] == [True, True, True]
-    np.testing.assert_allclose(found.levels["a"].expected, 1.1 * levels, rtol=0.01)
+    np.testing.assert_allclose(found.levels["a"].expected, 1.2 * levels, rtol=0.01)
 
 
 def test_rig_runs_of_unknown_repeatability_are_reported_as_a_gap():
