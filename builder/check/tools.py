@@ -20,6 +20,7 @@ from builder.check.catalogue.version3 import SCHEMA
 from builder.check.description3 import BUILD
 from builder.check.process import Outcome, Unpacked, trace
 from builder.check.rules import Finding
+from eightpost.extras import needs
 from eightpost.workers.process import python_command, run
 
 if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
@@ -51,8 +52,9 @@ _SCHEMAS = {
 
 def _faults(content: bytes, schema: str) -> list[str]:
     """Return the lines of a document that do not follow a schema, at most three."""
-    import fmu_manipulation_toolbox  # noqa: PLC0415 - slow to import
-    from lxml import etree  # noqa: PLC0415 - comes with FMPy
+    with needs("check", "checking FMUs"):
+        import fmu_manipulation_toolbox  # noqa: PLC0415 - slow to import
+        from lxml import etree  # noqa: PLC0415
 
     folder = Path(fmu_manipulation_toolbox.__file__).parent / "resources" / "fmi-3.0"
     rules_of_schema = etree.XMLSchema(etree.parse(folder / schema))
@@ -104,8 +106,9 @@ def _fmpy_without_names(path: Path) -> list[str]:
 
 
 def _fmutool(path: Path) -> list[str]:
-    from fmu_manipulation_toolbox.checker import get_checkers  # noqa: PLC0415 - slow to import
-    from fmu_manipulation_toolbox.operations import FMU  # noqa: PLC0415
+    with needs("check", "checking FMUs"):
+        from fmu_manipulation_toolbox.checker import get_checkers  # noqa: PLC0415 - slow to import
+        from fmu_manipulation_toolbox.operations import FMU  # noqa: PLC0415
 
     with _errors_logged("fmu_manipulation_toolbox") as messages:
         try:

@@ -272,8 +272,8 @@ def _run_section(trace: Trace) -> str:
         "functions of the FMUs to the compiled loop over coupling steps, which returns at the end of the run.",
         "",
     ]
-    lines += [f"    {'  ' * (depth - 1)}{module}: {function}()" for depth, module, function in trace.calls]
-    return "\n".join(lines) + "\n\n"
+    calls = [f"{'  ' * (depth - 1)}{module}: {function}()" for depth, module, function in trace.calls]
+    return "\n".join([*lines, "```text", *calls, "```"]) + "\n\n"
 
 
 def _recipes() -> str:

@@ -18,6 +18,8 @@ _WIDTH = 120
 
 _INTRODUCTION = """# Commands
 
+<!-- all blocks: not run: examples with names of the reader's own files; tests/docs/test_page_blocks.py parses them -->
+
 All commands of `eightpost` in the order of the work, with all their options, as `eightpost VERB --help` prints them.
 This page is generated: `python docs/make/make_commands.py` writes it.
 
@@ -39,7 +41,7 @@ def _section(command: click.Command, context: click.Context, level: str = "##") 
     """Return the section of one verb: usage, help text, examples and options, then those of its sub-verbs."""
     name = context.command_path.removeprefix("eightpost ")
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
-    own = f"\n{level} {name}\n\n    {usage}\n\n{_text(command.help)}"
+    own = f"\n{level} {name}\n\n```text\n{usage}\n```\n\n{_text(command.help)}"
     if not isinstance(command, click.Group):
         return own + _table(command, context)
     below = [command.commands[verb] for verb in command.list_commands(context)]
@@ -52,7 +54,9 @@ def _text(help_text: str) -> str:
     for block in inspect.cleandoc(help_text).split("\n\n"):
         if block.startswith("\b\n"):
             title, *lines = block.splitlines()[1:]
-            blocks.append(f"{title}\n\n" + "\n".join(f"    {line.strip()}" for line in lines))
+            code = "\n".join(line.strip() for line in lines)
+            language = "sh" if code.startswith("eightpost ") else "text"
+            blocks.append(f"{title}\n\n```{language}\n{code}\n```")
         else:
             blocks.append(textwrap.fill(_linked(" ".join(block.split())), _WIDTH, break_on_hyphens=False))
     return "".join(f"{block}\n\n" for block in blocks)

@@ -130,6 +130,7 @@ def fit(  # one parameter per option
     """
     from eightpost.ident import fit_shock, plot_force_velocity
     from eightpost.ident.shock.peak_velocity import tables_in
+    from eightpost.ident.shock.peak_velocity_builds import builds_in
     from eightpost.rig import DynoConditions
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
@@ -139,6 +140,9 @@ def fit(  # one parameter per option
     _check_output(output, dyno_files[0])
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
+    if of_builds := builds_in(dyno_files, given, of_files):
+        _check_options_of_tables(law, curve)
+        ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
     if tables := tables_in(dyno_files, given):
         _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
@@ -219,6 +223,28 @@ def _read_tests(
     if len(tests) > 1:
         console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
     return tests
+
+
+def _fit_builds(
+    console: Console,
+    tables: Mapping[str, Sequence[PeakVelocityTable]],
+    output: Path,
+    *,
+    name: str | None,
+    gas: GasTreatment,
+) -> Verdict:
+    """Fit the mean of the peak-velocity tables of several builds, and print the spread between them."""
+    from eightpost.app.show import show_verdict
+    from eightpost.ident.shock.peak_velocity_builds import fit_builds
+    from eightpost.shock import write_shock
+
+    shock, spread = fit_builds(tables, name=name, gas=gas)
+    write_shock(shock, output)
+    console.print(f"{escape(spread.summary())}.", highlight=False, soft_wrap=True)
+    assert shock.validity is not None
+    show_verdict(console, shock.validity.verdict)
+    console.print(f"wrote {output}", soft_wrap=True, highlight=False)
+    return shock.validity.verdict
 
 
 def _fit_tables(

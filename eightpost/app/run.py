@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from eightpost.app.options import Assignment, Quantity, check_report_folder
 from eightpost.app.progress import bar
+from eightpost.extras import MissingExtraError
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
@@ -96,12 +97,13 @@ def run(
       eightpost run car.ssp --drive examples/data/track.parquet -o out/
     """
     import cosim
-    from cosim.report.plots import plot_excerpt
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.app.show import show_result, show_verification
 
     if report:
+        from cosim.report import write_report
+
         check_report_folder(output, "run")
     check_output_folder(output)
     folder = output.absolute()  # an FMU may change the working directory
@@ -120,16 +122,26 @@ def run(
     if verify and not result.partial:
         verification = cosim.verify(case.system, case.scenario, case.algorithm, result)
         show_verification(console, verification, result)
-    paths = [*result.write(folder), folder / "traces.png"]
-    excerpt = plot_excerpt(result.series, paths[-1], title=case.name)
+    paths = list(result.write(folder))
+    excerpt = _draw_excerpt(result, folder / "traces.png", case.name)
+    if (folder / "traces.png").is_file():
+        paths.append(folder / "traces.png")
     if report:
-        from cosim.report import write_report
-
         page = folder / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
     console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
-    console.print(excerpt, highlight=False)
+    console.print(excerpt, highlight=False, markup=False, soft_wrap=True)
     ctx.exit(0 if result.acceptable else 1)
+
+
+def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
+    """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
+    try:
+        from cosim.report.plots import plot_excerpt
+    except MissingExtraError as error:
+        path.unlink(missing_ok=True)  # of an earlier run
+        return f"There is no picture: {error}"
+    return plot_excerpt(result.series, path, title=title)
 
 
 def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:

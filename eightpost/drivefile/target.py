@@ -181,6 +181,7 @@ def read_channels(
         DataError: The record has a fault, or lacks a channel; the message says which and where.
     """
     record = read_record(path)
+    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     wanted = target_names(mapping.channels) if names is None else tuple(names)
     if missing := [name for name in wanted if name not in mapping.channels]:

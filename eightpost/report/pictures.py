@@ -5,24 +5,27 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
-from matplotlib.ticker import LogLocator, NullLocator
-
 from eightpost.array_types import Array
+from eightpost.extras import needs
 from eightpost.files import atomic_path
 
+with needs("report", "drawing pictures"):
+    import matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
+    from matplotlib.ticker import LogLocator, NullLocator
+
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Rectangle", "color_cells", "color_legend", "new_figure", "panels_of",
-    "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure",
+    "panels_of", "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 
@@ -82,10 +85,15 @@ def plain_style() -> Iterator[None]:
         yield
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG without a date and without the name of the software."""
+def png(figure: Figure, *, dpi: int | None = None) -> bytes:
+    """Return a figure as PNG without a date and without the name of the software.
+
+    Args:
+        figure: Figure to draw.
+        dpi: Resolution [1/in]; None: that of the figure.
+    """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=dpi or "figure", metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -100,6 +108,33 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110, **options: Any) ->
     """
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dpi, **options)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure that a notebook shows.
+
+    Attributes:
+        figure: Figure of matplotlib, to be changed before it is shown or saved.
+    """
+
+    figure: Figure
+
+    def save(self, path: str | Path, *, dpi: int = 110) -> None:
+        """Save the picture; the suffix of the file name is the format (.png, .svg, .pdf).
+
+        Args:
+            path: File to write.
+            dpi: Resolution [1/in].
+        """
+        save(self.figure, path, dpi=dpi)
+
+    def _repr_png_(self) -> bytes:
+        return png(self.figure, dpi=_SCREEN)
+
+
+#: Resolution of a picture in a notebook [1/in].
+_SCREEN = 72
 
 
 def save_for_print(figure: Figure, stem: Path) -> list[Path]:

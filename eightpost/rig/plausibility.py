@@ -15,6 +15,7 @@ from eightpost.array_types import Array
 from eightpost.rig.cycles import run_down
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_scale import force_scale_reasons
+from eightpost.rig.late_force import delay_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility_rules import (
     CONTRADICTORY_UNITS,
@@ -91,6 +92,7 @@ def record_reasons(
     yield from _rest_reasons(series, origin)
     if not suspicious:
         yield from skew_reasons(series, origin)
+        yield from delay_reasons(series, origin)
 
 
 def part_reasons(series: TimeSeries, *, origin: str, until: float = SEGMENT[1]) -> Iterator[Reason]:

@@ -66,6 +66,13 @@ SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED,
     "same times; the lag of the shock is too small by the skew",
     remedy="delay the force by the stated time, or find which channel has a filter or is sampled later",
 )  # fmt: skip
+LATE = RULES.add("late force", ABOUT, Grade.LIMITED,
+    condition="the force follows velocity by more than 3 ms (four standard errors) in the upper one of two bands of "
+    "frequencies, by 0.35 rad or more, and by at least 0.8 times the lag in the lower band",
+    why="the lag of hysteresis and of a gas spring falls with the frequency, and that of a compressible fluid is "
+    "shorter, so the rest is a delay or a filter of the force channel: at wheel hop it turns damping into stiffness",
+    remedy="find the delay or the filter of the force channel, or advance the force, and fit again",
+)  # fmt: skip
 CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     condition="several columns could be the same channel, and one of them was chosen",
     why="another column may be the one that is calibrated",

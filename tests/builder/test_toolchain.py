@@ -280,14 +280,15 @@ def test_libraries_with_the_same_name_have_separate_cache_entries(tmp_path, monk
 def test_progress_is_reported_up_to_the_number_of_binaries(binaries, zig):
     progress_calls = []
     compile_libraries([LIBRARY], toolchain=zig, progress=lambda done, of: progress_calls.append((done, of)))
-    assert progress_calls == [(done, 6) for done in range(1, 7)]
+    assert progress_calls == sorted(progress_calls)  # it is also reported while a binary is compiled
+    assert {call for call in progress_calls if call[0]} == {(done, 6) for done in range(1, 7)}
 
 
 def test_the_systems_compiler_builds_for_this_platform_and_reports_that(tmp_path):
     system = system_compiler()
     (members,) = compile_libraries([LIBRARY], toolchain=system)
     assert list(members) == [this_platform().member("little")]
-    assert "pip install 'eightpost[build]'" in system.limits and this_platform().name in system.limits
+    assert 'pip install "eightpost[build]"' in system.limits and this_platform().name in system.limits
     path = tmp_path / "little.so"
     path.write_bytes(next(iter(members.values())))
     assert_runs(path)
@@ -312,7 +313,7 @@ def test_without_any_compiler_the_error_message_names_the_package_to_install(mon
     monkeypatch.setattr("builder.native.toolchain._zig", lambda: None)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(FmuError, match=r"pip install 'eightpost\[build\]'.*--target python"):
+    with pytest.raises(FmuError, match=r'pip install "eightpost\[build\]".*--target python'):
         find_toolchain()
 
 

@@ -16,6 +16,7 @@ from builder.check.description import Variable
 from builder.check.rules import Finding, listed
 from builder.check.subject import XML, Subject
 from eightpost.archive import unsafe_reason
+from eightpost.extras import needs
 
 # ---- Entries --------------------------------------------------------------------------------------------------------
 
@@ -134,7 +135,8 @@ _MOST_PIXELS = 2**24
 
 
 def _fault_of_png(content: bytes) -> str:
-    from PIL import Image  # noqa: PLC0415 - comes with matplotlib; only a file with an icon needs it
+    with needs("check", "checking the icon of an FMU"):
+        from PIL import Image  # noqa: PLC0415 - only a file with an icon needs it
 
     try:
         with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
