@@ -76,7 +76,6 @@ GIVEN = {
     ),
     "docs/how_to/assembly.md": Given("take('dist')\ntake('system.toml')"),
     "docs/how_to/dyno_report.md": Given("record('dyno_A', 'A.csv')\nrecord('dyno_B', 'B.csv')"),
-    "docs/how_to/exports.md": Given("take('car.json', 'vehicle.json')\ntake('shock.json')"),
     "docs/how_to/foreign_fmus.md": Given(
         "take('dist')\ntake('system.toml')\n"
         "shutil.copy('dist/dyno_A.fmu', 'damper.fmu')\nshutil.copy('dist/car.fmu', 'car.fmu')"
