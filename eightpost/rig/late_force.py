@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
@@ -136,7 +136,7 @@ def band_lags(series: TimeSeries) -> tuple[BandLag, BandLag] | None:
     if motion is None:
         return None
     whole = motion.whole()
-    low, high = (motion.band(kind, stiffness=whole) for kind in ("low", "high"))
+    low, high = motion.band("low", stiffness=whole), motion.band("high", stiffness=whole)
     is_told = high.frequency >= APART * low.frequency and min(low.power, high.power) >= POWER
     return (low, high) if is_told and max(low.error, high.error) <= MOST_ERROR else None
 
@@ -188,7 +188,7 @@ class _Motion:
         columns = np.column_stack([self.curve, np.ones(self.path.size), self.path / scale])
         return float(_alignment(columns[self.kept], self.forces[:, self.kept])[2][-1]) / scale
 
-    def band(self, kind: str, *, stiffness: float) -> BandLag:
+    def band(self, kind: Literal["low", "high"], *, stiffness: float) -> BandLag:
         """Return the lag in the band below or above the frequency that halves the power of the acceleration."""
         acceleration = np.gradient(self.velocity) * self.rate
         sections = butter(2, self._middle() / (0.5 * self.rate), btype=kind, output="sos")
@@ -251,7 +251,7 @@ def _alignment(columns: Array, forces: Array) -> tuple[float, float, Array]:
 def _best_advance(product: Array, sums: Array, squares: Array) -> tuple[float, Array]:
     """Return the advance with the smallest sum of squares, between the tried ones by a parabola, and coefficients."""
     ridge = 1e-10 * float(np.trace(product)) / len(product)
-    found: NDArray[np.float64] = np.linalg.solve(product + ridge * np.eye(len(product)), sums.T)
+    found = np.asarray(np.linalg.solve(product + ridge * np.eye(len(product)), sums.T), dtype=np.float64)
     cost = squares - np.sum(sums.T * found, axis=0)
     least = int(np.argmin(cost))
     if least in (0, cost.size - 1):

@@ -14,6 +14,7 @@ import pytest
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from cosim.study.study_file import read_study
+from eightpost import __version__
 
 pytest.importorskip("distributed", reason="needs the extra dask")
 
@@ -185,7 +186,7 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
         main = start(file, tmp_path / "out", made.address)
         output = " ".join(main.communicate(timeout=PATIENCE)[0].split())
     assert main.returncode == 1, output
-    assert "has eightpost 0.1.0 with other sources, but the same ones are required" in output
+    assert f"has eightpost {__version__} with other sources, but the same ones are required" in output
     assert "install the same one on it, or stop it" in output
 
 
