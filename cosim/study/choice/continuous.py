@@ -33,8 +33,8 @@ ASSURED = 0.95
 #: Precision of the objective at which a search ends, as a share of its value at the start.
 _PRECISION = 2e-5
 
-#: Change of the objective that counts as 1 in a search, as a share of its value at the start. A search begins with a step
-#: of the gradient's size: a few percent of the range per percent of the objective would end it at once.
+#: Change of the objective that counts as 1 in a search, as a share of its value at the start. A search begins with a
+#: step of the gradient's size: a few percent of the range per percent of the objective would end it at once.
 _UNIT = 0.02
 
 
