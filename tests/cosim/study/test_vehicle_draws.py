@@ -44,7 +44,8 @@ def test_the_difference_of_two_setups_scatters_by_their_distance_and_not_by_the_
     found = study()
     car = car_of(found)
     other = car.reference * np.exp([first, second])
-    distance = np.hypot(np.hypot(first, second) / np.sqrt(2.0), first)  # of the outputs, and of the measure itself
+    here, there = car.draws.axes.position(np.stack([car.reference, other]))
+    distance = np.linalg.norm((there - here)[car.draws.own[:, 0].any(axis=0)])  # along what the measure depends on
     relative = np.log1p((car.objectives(other[None])[0] - other[0]) / other[0])
     assert np.std(relative) == pytest.approx(STUDENT * OWN * distance, rel=0.35, abs=1e-9)
 
