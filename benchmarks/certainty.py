@@ -219,17 +219,20 @@ def choice_rows(stage: str, tallies: dict[str, Tally]) -> Iterator[Row]:
 
 
 def probability_rows(stage: str, tallies: dict[str, Tally], what: str) -> Iterator[Row]:
-    """Yield stated probabilities and how often they are true, by bins, the largest difference first."""
+    """Yield stated probabilities and how often they are true, by kind and bins, the largest difference first."""
     rows: list[Row] = []
     bins = BEST_BINS if what == "chances" else BETTER_BINS
-    pairs = np.array([pair for tally in tallies.values() for pair in getattr(tally, what)], dtype=np.float64)
-    place = np.clip(np.digitize(pairs[:, 0], bins) - 1, -1, len(bins) - 2)
-    for k in range(len(bins) - 1):
-        chosen = pairs[place == k]
-        if len(chosen):
-            mean, true = chosen.mean(axis=0)
-            row = {"stage": stage, "stated": f"{bins[k]:g} to {bins[k + 1]:g}", "number": len(chosen)}
-            rows.append(row | {"mean stated": mean, "true": true, "difference": true - mean})
+    groups = {kind: getattr(tally, what) for kind, tally in tallies.items()}
+    groups["all"] = [pair for pairs in groups.values() for pair in pairs]
+    for kind, found in groups.items():
+        pairs = np.array(found, dtype=np.float64)
+        place = np.clip(np.digitize(pairs[:, 0], bins) - 1, -1, len(bins) - 2)
+        for k in range(len(bins) - 1):
+            chosen = pairs[place == k]
+            if len(chosen):
+                mean, true = chosen.mean(axis=0)
+                row = {"stage": stage, "cars": kind, "stated": f"{bins[k]:g} to {bins[k + 1]:g}", "number": len(chosen)}
+                rows.append(row | {"mean stated": mean, "true": true, "difference": true - mean})
     yield from sorted(rows, key=lambda row: -abs(row["difference"]))
 
 

@@ -6,8 +6,9 @@
 Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
 eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3, the model uses the true laws),
 eight_post_fitted (the same with physical dampers, the model uses laws Hysteresis that were fitted to two dynamometer
-tests each), eight_post_close (laws within 10 % of each other), and flexible_known, flexible_fitted, flexible_close: the
-same for the flexible car, with its base parameters or those of --car-seed. --quick: the same records, 100 setups.
+tests each), eight_post_dampers (the same, but the rig tests have linear dampers), eight_post_close (laws within 10 % of
+each other), and flexible_known, flexible_fitted, flexible_dampers, flexible_close: the same for the flexible car, with
+its base parameters or those of --car-seed. --quick: the same records, 100 setups.
 --kept: keep the true measures and the identified vehicles in a folder; an interrupted run resumes there. Prints
 Markdown; --json writes rows {case, method, setups, all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS
 and largest error over all RMS

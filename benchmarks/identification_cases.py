@@ -185,11 +185,19 @@ CASES = {
             "eight_post_fitted", "eight_post", 800.0, 0.01, 2401,
             lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, fitted_bank,
         ),
+        Case(
+            "eight_post_dampers", "eight_post", 800.0, 0.01, 2401,
+            _linear(20.74), _linear(9.0), physical_bank, fitted_bank,
+        ),
         Case("eight_post_close", "eight_post", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
         Case("flexible_known", "flexible", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), bank, bank),
         Case(
             "flexible_fitted", "flexible", 800.0, 0.01, 2401,
             lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, fitted_bank, steps=8,
+        ),
+        Case(
+            "flexible_dampers", "flexible", 800.0, 0.01, 2401,
+            _linear(20.74), _linear(9.0), physical_bank, fitted_bank, steps=8,
         ),
         Case("flexible_close", "flexible", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
     )

@@ -46,8 +46,9 @@ myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 5
 myst_dmath_double_inline = False
-# Notebooks are stored with their outputs; tests run them, the site does not.
+# Tests run the notebooks; the site shows what is stored in them.
 nb_execution_mode = "off"
+nb_ipywidgets_js = {}  # scripts of widgets would come from a network
 # fmus/common/shock.md is also a part of other documents, where its headings are of the second level.
 suppress_warnings = ["myst.header"]
 
@@ -68,6 +69,7 @@ add_module_names = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "eightpost"
+smartquotes = False  # options begin with two hyphens
 html_static_path = ["site/static"]
 templates_path = ["site/templates"]
 html_css_files = ["eightpost.css"]

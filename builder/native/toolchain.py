@@ -10,8 +10,8 @@ import subprocess
 import sys
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +23,7 @@ from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.extras import install_command
+from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -276,11 +277,15 @@ class Library:
         return {name: text.encode() for name, text in texts.items()}
 
 
+#: Interval at which progress is reported while a binary is compiled [s].
+_INTERVAL = 0.1
+
+
 def compile_libraries(
     libraries: Sequence[Library],
     *,
     toolchain: Toolchain,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[dict[str, bytes]]:
     """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
 
@@ -303,6 +308,8 @@ def compile_libraries(
             for library, parts_of in zip(libraries, slices, strict=True):
                 members.append({})
                 for platform, parts in zip(toolchain.platforms, parts_of, strict=True):
+                    while progress and wait(parts, timeout=_INTERVAL).not_done:
+                        progress(done, total)
                     content = _joined([part.result() for part in parts])
                     members[-1][platform.member(library.identifier, library.fmi)] = content
                     done += 1

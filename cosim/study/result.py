@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,8 +21,16 @@ from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.labelled import data_frame, dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 #: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1
@@ -70,8 +78,8 @@ class Provenance:
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Summarized):
     """A study and its table.
 
     Columns: `setup` (number), one per corner (name of the build), one per measure (SI; unit, display unit and label
@@ -240,6 +248,72 @@ class StudyResult:
         """Largest coupling error [%]; None if none is known."""
         errors = self.table["coupling_error_percent"].drop_null().to_numpy()
         return float(errors.max()) if errors.size else None
+
+    def _summary(self) -> Summary:
+        ranking, total = self.ranking(), len(self.study.space)
+        error = self.worst_coupling_error
+        best = "none is feasible" if not ranking.size else str(self.setup(int(ranking[0])))
+        return Summary.of(
+            f"Study {self.study.name}",
+            ("setups", f"{np.count_nonzero(self.done)} of {total} ran, {self.infeasible} violate a constraint"),
+            ("corners", ", ".join(self.study.corners)),
+            ("measures", some((measure.name for measure in self.measures), 3)),
+            ("best", best),
+            ("coupling error", "" if error is None else f"up to {error:.2g} %"),
+            ("failed", str(len(self.failures) or "")),
+            ("partial", "run it again with the same folder to resume" if self.partial else ""),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a row for each setup that ran: builds, objective (if there is one), feasibility, measures in SI.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        rows = np.flatnonzero(self.done)
+        columns: dict[str, Any] = {c: [self.builds(c)[row] for row in rows] for c in self.study.corners}
+        if self.objective is not None:
+            columns["objective"] = self.objective[rows]
+        columns["feasible"] = self.feasible[rows]
+        columns |= {measure.name: self.values(measure.name)[rows] for measure in self.measures}
+        return data_frame(columns, self.setups[rows], "setup", dict(self.provenance.measure_units))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the measures, in SI, of each setup that ran over `setup`; the builds are coordinates.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        rows, along = np.flatnonzero(self.done), ("setup",)
+        variables = {m.name: (along, self.values(m.name)[rows], self.unit(m.name)) for m in self.measures}
+        if self.objective is not None:
+            variables["objective"] = (along, self.objective[rows], "")
+        corners = {c: (along, [self.builds(c)[row] for row in rows], "") for c in self.study.corners}
+        return dataset(variables, {"setup": (along, self.setups[rows], ""), **corners}, {"study": self.study.name})
+
+    def plot(self, across: str | None = None, up: str | None = None) -> Picture:
+        """Return a picture of the setups in the plane of two measures, with the best setup and the baseline.
+
+        Args:
+            across: Measure of the horizontal axis; default: the first of the objective.
+            up: Measure of the vertical axis; default: the second of the objective.
+
+        Raises:
+            InputError: There is no such measure; the message suggests a similar one.
+        """
+        from eightpost.report.cloud import Cloud, Mark, cloud  # noqa: PLC0415 -- matplotlib takes long to load
+
+        named = (*self.study.named_measures, *(measure.name for measure in self.measures))
+        names = across or named[0], up or next((name for name in named if name != (across or named[0])), named[0])
+        values = tuple(self.shown(name) for name in names)
+        best, marks = self.ranking(), []
+        if best.size:
+            marks.append(Mark("best", int(best[0])))
+        if self.baseline_row is not None:
+            marks.append(Mark("baseline", self.baseline_row))
+        labels = tuple(f"{name} [{self.display(name)}]" for name in names)
+        shown = Cloud((values[0], values[1]), (labels[0], labels[1]), self.feasible, tuple(marks))
+        return cloud(shown, title=self.study.name)
 
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""

@@ -83,6 +83,7 @@ def picture(page: Path, name: str, target: Path) -> None:
         browser = Browser(program(), profile)
         size = {"width": width, "height": height, "deviceScaleFactor": factor, "mobile": width < 600}
         browser.call("Emulation.setDeviceMetricsOverride", **size)
+        browser.call("Emulation.setScrollbarsHidden", hidden=True)
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         browser.call("Emulation.setEmulatedMedia", media="screen", features=features)
         browser.call("Page.navigate", url=page.resolve().as_uri())

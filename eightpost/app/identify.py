@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -13,8 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
-from eightpost.app.progress import each
+from eightpost.app.progress import bar, each
 from eightpost.errors import InputError
+from eightpost.progress import reported_to
 from eightpost.report.console import console_table, right
 
 if TYPE_CHECKING:
@@ -96,14 +96,10 @@ def identify(  # one parameter per option
       eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
-    from eightpost.ident.vehicle.experiment import find_baseline
+    from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.plots import plot_identification
-    from eightpost.ident.vehicle.recipes import recipe
-    from eightpost.ident.vehicle.static_rating import rate_tests
     from eightpost.ident.vehicle.vehicle_fit import write_fit
-    from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
     from eightpost.rig.post.rig_test import read_rig_tests
-    from eightpost.verdict import Verdict
 
     console = Console()
     _check(output, rig_files, baseline)
@@ -115,23 +111,25 @@ def identify(  # one parameter per option
     prepared = prepare(read(rig_files), how)
     for line in prepared.summary():
         console.print(escape(line), highlight=False, soft_wrap=True)
-    reference = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
-    outputs = output_channels.replace(" ", "").split(",") if output_channels else ()
-    experiment = reference.experiment(prepared, name=name or output.stem, damping=damping, outputs=outputs)
-    _show_baseline(console, rig_files, reference)
-    if static_files:
-        loads = [load for load in experiment.rig if load.rpartition(".")[2] != "road"]
-        rating = rate_tests(read(static_files), loads)
-        _show_rating(console, rating, experiment.outputs)
-        experiment = replace(experiment, static={n: v for n, v in rating.zero.items() if n in experiment.outputs})
-    with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
-        fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
-    fit = with_validity(fit, prepared.reasons)
-    verdict = Verdict((*fit_verdict(fit).reasons, *prepared.reasons))
-    _show_fit(console, fit, verdict)
+    plan = plan_identification(
+        prepared,
+        name=name or output.stem,
+        baseline=rig_files.index(baseline) if baseline else None,
+        damping=damping,
+        outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
+        static=read(static_files) if static_files else (),
+    )
+    _show_baseline(console, rig_files, plan.baseline)
+    if plan.rating is not None:
+        _show_rating(console, plan.rating, plan.experiment.outputs)
+    inputs, outputs = plan.experiment.inputs, plan.experiment.outputs
+    title = f"identifying {len(outputs)} outputs from {len(inputs)} inputs"
+    with bar(console, title, 1.0) as advance, reported_to(advance):
+        fit = plan.identify(recipe_name)
+    _show_fit(console, fit, fit.verdict)
     written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if verdict.is_acceptable else 1)
+    ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:

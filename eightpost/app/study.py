@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,6 @@ from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity, check_report_folder
 from eightpost.app.progress import bar
-from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
@@ -138,17 +138,13 @@ def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
     """Read a study; build the FMUs of its shock and vehicle files first."""
-    from cosim.study.study_file import read_study, source_files
+    from eightpost.api import studies
 
-    sources = source_files(path)
     folder = output / "fmus"
-    if missing := [source for source in sources if not source.is_file()]:
-        raise InputError(f"{path}: the file {missing[0]} does not exist")
-    built = build_with_progress(console, sources, folder) if sources else []
-    fmus = {Path(item.source): item.path for item in built}
+    study, built = studies.read_with_fmus(path, folder, partial(build_with_progress, console))
     if built:
         console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
-    return read_study(path, lambda source: fmus.get(source, source))
+    return study
 
 
 @contextmanager

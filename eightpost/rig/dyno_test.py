@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.display import Summarized, Summary
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map
@@ -27,6 +28,10 @@ from eightpost.signals.raw_record import mapped_series
 from eightpost.verdict import Reason
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -40,8 +45,8 @@ CUTOFF = 50.0
 SHORTEST, FEWEST = 0.5, 200
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DynoTest:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DynoTest(Summarized):
     """A dynamometer test that passed all checks.
 
     Attributes:
@@ -78,6 +83,40 @@ class DynoTest:
     def warnings(self) -> tuple[str, ...]:
         """Notes, then the reasons as sentences."""
         return (*self.notes, *(f"{reason.statement}: {reason.figure}; {reason.remedy}" for reason in self.reasons))
+
+    def _summary(self) -> Summary:
+        known = self.conditions
+        stated = [text for text in (known.build, known.clicks, known.run) if text]
+        return Summary.of(
+            "Dynamometer test",
+            ("file", self.source.name if self.source else ""),
+            ("conditions", ", ".join(stated)),
+            *self.series.summary_rows(),
+            ("derived", "; ".join(self.derived)),
+            ("warnings", "; ".join(self.warnings)),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return self.series.to_pandas()
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the channels, in SI, over the coordinate `time` [s].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        return self.series.to_xarray()
+
+    def plot(self) -> Picture:
+        """Return a picture of force over velocity."""
+        from eightpost.report.traces import loop  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return loop(self.series, "velocity", "force", title=self.label)
 
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
         """Return the test with the reasons about a change of the shock or of the motion that this series has.

@@ -8,8 +8,8 @@ curve over velocity explains it best,
     min over T, f, k of  sum (F(t + T) - f(v) - k x)^2
 
 with f linear between knots. With k of the whole record, it is found again in a lower and in an upper band of
-frequencies, with the columns of f filtered like the force. A record with a single frequency, and one in which the phase
-is too small to be distinguished from hysteresis, cannot tell.
+frequencies, with the columns of f filtered like the force. In a record with a single frequency, and in one whose
+phase is too small to be distinguished from hysteresis, the delay is unknown.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
@@ -37,7 +37,7 @@ LINEAR = 0.8
 LEAST_PHASE = 0.35
 #: Smallest ratio of the frequencies of the bands, and smallest share of the velocity's power in each.
 APART, POWER = 1.5, 0.05
-#: Number of standard errors, and largest standard error of a lag that tells something [s].
+#: Number of standard errors, and largest standard error of a lag that is used [s].
 ERRORS, MOST_ERROR = 4.0, 5e-4
 
 #: Advances of the force that are tried [s].
@@ -94,9 +94,9 @@ def delay_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
 
 
 def delay_statement(series: TimeSeries) -> str:
-    """Return a sentence: how much the instruments can delay the force, or that this cannot be told and why."""
+    """Return a sentence: how much the instruments can delay the force, or why this is unknown."""
     bands = band_lags(series)
-    unknown = "whether the instruments delay the force cannot be told: "
+    unknown = "whether the instruments delay the force is unknown: "
     if bands is None:
         return f"{unknown}the record has no two frequencies that are far enough apart; add a random motion to 10 Hz"
     low, high = bands
@@ -136,9 +136,9 @@ def band_lags(series: TimeSeries) -> tuple[BandLag, BandLag] | None:
     if motion is None:
         return None
     whole = motion.whole()
-    low, high = (motion.band(kind, stiffness=whole) for kind in ("low", "high"))
-    is_told = high.frequency >= APART * low.frequency and min(low.power, high.power) >= POWER
-    return (low, high) if is_told and max(low.error, high.error) <= MOST_ERROR else None
+    low, high = motion.band("low", stiffness=whole), motion.band("high", stiffness=whole)
+    is_apart = high.frequency >= APART * low.frequency and min(low.power, high.power) >= POWER
+    return (low, high) if is_apart and max(low.error, high.error) <= MOST_ERROR else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +188,7 @@ class _Motion:
         columns = np.column_stack([self.curve, np.ones(self.path.size), self.path / scale])
         return float(_alignment(columns[self.kept], self.forces[:, self.kept])[2][-1]) / scale
 
-    def band(self, kind: str, *, stiffness: float) -> BandLag:
+    def band(self, kind: Literal["low", "high"], *, stiffness: float) -> BandLag:
         """Return the lag in the band below or above the frequency that halves the power of the acceleration."""
         acceleration = np.gradient(self.velocity) * self.rate
         sections = butter(2, self._middle() / (0.5 * self.rate), btype=kind, output="sos")
@@ -251,7 +251,7 @@ def _alignment(columns: Array, forces: Array) -> tuple[float, float, Array]:
 def _best_advance(product: Array, sums: Array, squares: Array) -> tuple[float, Array]:
     """Return the advance with the smallest sum of squares, between the tried ones by a parabola, and coefficients."""
     ridge = 1e-10 * float(np.trace(product)) / len(product)
-    found: NDArray[np.float64] = np.linalg.solve(product + ridge * np.eye(len(product)), sums.T)
+    found = np.asarray(np.linalg.solve(product + ridge * np.eye(len(product)), sums.T), dtype=np.float64)
     cost = squares - np.sum(sums.T * found, axis=0)
     least = int(np.argmin(cost))
     if least in (0, cost.size - 1):

@@ -44,7 +44,7 @@ class Block:
         line: Line of its first fence.
         language: First word of its info string.
         text: Content.
-        note: Comment before the block, or that for all blocks of the page; empty if there is none.
+        note: Comment before the block, or that for all blocks of the page; empty without one.
     """
 
     page: str
@@ -80,7 +80,7 @@ def pages() -> list[Path]:
 
 @cache
 def blocks(page: Path) -> tuple[Block, ...]:
-    """Return the blocks of a page in order; a directive of the site (```{...}) is none."""
+    """Return the blocks of a page in order; directives of the site (```{...}) are left out."""
     text = page.read_text(encoding="utf-8")
     lines = text.split("\n")
     for_all = _FOR_ALL.search(text)

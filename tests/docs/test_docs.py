@@ -25,6 +25,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 CODE = re.compile(r"`((?:eightpost|builder|cosim)\.[\w.]+)`")
+#: Path of a page, a picture or a script of the documentation, as texts name it; not a part of an address.
+PAGE_NAME = re.compile(r"(?<![\w/])docs/[\w/]+\.(?:md|png|py)\b")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 OUTSIDE = "../" + "shared"  # written in two parts, so that this file does not mention it
 
@@ -147,6 +149,22 @@ def test_nothing_in_the_repository_points_outside_it():
     files = [ROOT / name for name in listed.split("\0") if name and name != ".ci/run"]
     outside = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
     assert outside == []
+
+
+def test_every_page_that_a_text_names_exists():
+    """Help texts, messages and comments name pages by their path from the root, such as docs/reference/ports.md."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    command = ["git", "ls-files", "-z", "*.py", "*.md", "*.toml", "*.c", "*.h", "Makefile"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    named = {
+        (name, path)
+        for name in listed.split("\0")
+        if name and (ROOT / name).is_file()
+        for path in PAGE_NAME.findall((ROOT / name).read_text(encoding="utf-8"))
+    }
+    assert len({path for _, path in named}) > 40
+    assert [f"{name}: {path}" for name, path in sorted(named) if not (ROOT / path).is_file()] == []
 
 
 def test_every_entry_of_a_system_file_is_documented():

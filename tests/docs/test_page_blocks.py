@@ -112,7 +112,7 @@ def test_the_commands_of_a_block_exist_with_their_options_and_files(block: Block
         "eightpost fit examples/data/dyno_A.csv --law lpf9",
         "eightpost rig --test random --duration '5 kg'",
         "eightpost run examples/no_such_system.toml",
-        "python docs/make/no_such_script.py",
+        "python benchmarks/no_such_script.py",
         "python -m benchmarks.no_such_benchmark",
         "make no_such_target",
         "no_such_program",

@@ -180,13 +180,17 @@ def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
     assert fit.gate.is_adequate
 
 
+@pytest.fixture(scope="module")
+def identified(experiment, quick):
+    return quick.identify([_test(experiment, 21)], experiment)
+
+
 @pytest.mark.slow
-def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(experiment, quick, tmp_path):
-    fit = quick.identify([_test(experiment, 21)], experiment)
-    assert fit.stable
-    write_fit(tmp_path / "car.json", fit)
+def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(identified, tmp_path):
+    assert identified.stable
+    write_fit(tmp_path / "car.json", identified)
     again = read_fit(tmp_path / "car.json")
-    assert again.parameters == fit.parameters
+    assert again.parameters == identified.parameters
     assert {p.name for p in again.parameters} >= {"lf.spring_rate", "friction_reach"}
     bristle = again.vehicle.friction["lf"].bristle
     assert bristle.force == pytest.approx(60.0, rel=0.2)
@@ -194,15 +198,14 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
 
 
 @pytest.mark.slow
-def test_a_car_with_another_mode_is_flagged_and_states_larger_errors_where_it_acts(experiment, quick):
-    test = _test(experiment, 41)
-    known, hidden = (quick.identify([one], experiment) for one in (test, _with_hidden_mode(test)))
-    assert known.trust is not None and hidden.trust is not None
-    assert "gate" in hidden.trust.flags
-    assert set(known.trust.measures) == {*OUTPUTS, TOTAL}
-    assert max(one.common for one in known.trust.measures.values()) < 0.01
+def test_a_car_with_another_mode_is_flagged_and_states_larger_errors_where_it_acts(experiment, quick, identified):
+    hidden = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
+    known, found = identified.trust, hidden.trust
+    assert "gate" in found.flags
+    assert set(known.measures) == {*OUTPUTS, TOTAL}
+    assert max(one.common for one in known.measures.values()) < 0.01
     for name in ("lf.tire_force", "rf.hub_acceleration"):
-        assert hidden.trust.measures[name].own > 3.0 * known.trust.measures[name].own
+        assert found.measures[name].own > 3.0 * known.measures[name].own
 
 
 def test_drawn_cars_have_the_covariance_of_the_fit(experiment):

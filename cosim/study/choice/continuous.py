@@ -33,6 +33,10 @@ ASSURED = 0.95
 #: Precision of the objective at which a search ends, as a share of its value at the start.
 _PRECISION = 2e-5
 
+#: Change of the objective that counts as 1 in a search, as a share of its value at the start. A search begins with a
+#: step of the gradient's size: a few percent of the range per percent of the objective would end it at once.
+_UNIT = 0.02
+
 
 def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
     """Return the corners of a study; corners that are alike are one group."""
@@ -301,13 +305,17 @@ class _Descent:
         """Search from a point (n,)."""
         self.best = (False, np.inf, start)
         problem: Any = {
-            "fun": lambda point: self._at(point)[0] / self.scale,
-            "jac": lambda point: self._at(point)[2] / self.scale,
+            "fun": lambda point: self._at(point)[0] / (_UNIT * self.scale),
+            "jac": lambda point: self._at(point)[2] / (_UNIT * self.scale),
             "bounds": Bounds(np.zeros(start.size), np.ones(start.size)),
-            "options": {"maxiter": iterations, "ftol": _PRECISION},
+            "options": {"maxiter": iterations, "ftol": _PRECISION / _UNIT},
         }
         if self.problem.trials.study.constraints:
-            limits = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+            limits = {
+                "type": "ineq",
+                "fun": lambda p: -self._at(p)[1][0] / _UNIT,  # its precision is that of the objective
+                "jac": lambda p: -self._at(p)[3] / _UNIT,
+            }
             problem["constraints"] = [limits]
         found = minimize(x0=start, method="SLSQP", **problem)
         return str(found.message)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event
@@ -23,6 +23,7 @@ from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError, WorkersLostError
 from eightpost.files import check_output_folder
+from eightpost.progress import Progress, beats
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
 
@@ -42,7 +43,7 @@ def _check_study(evaluator: Evaluator) -> None:
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
     _check_ports(study, system)
-    for setup in _every_build(study, first):
+    for setup in beats(_every_build(study, first)):
         evaluator.system(setup)
     found = evaluator.measure_units
     for measure in study.measures:
@@ -118,9 +119,6 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
 
 # ---- Exhaustive study -----------------------------------------------------------------------------------------------
 
-#: Function that receives the number of completed setups and their total number.
-Progress = Callable[[int, int], None]
-
 
 class Sweep:
     """A checked study that is ready to run.
@@ -169,7 +167,7 @@ class Sweep:
             self._kept.keep_coupling(found)
         return found
 
-    def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
+    def run(self, workers: Workers, coupling: Coupling, progress: Progress | None = None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
         If the workers are lost, the result is partial, too.
@@ -177,21 +175,31 @@ class Sweep:
         Args:
             workers: Workers that run the setups.
             coupling: Coupling of the setups.
-            progress: Called after every chunk.
+            progress: Callback that receives the number of completed setups and their total number, several times per
+                second.
 
         Raises:
             WorkersLostError: The workers have ended; the partial result was written.
         """
         indices = self.study.space.indices
         chunks = Cutter(indices, self._kept.completed, lambda: workers.count)
-        progress(indices.size - chunks.left, indices.size)
         stop = Event()
+
+        def tell() -> None:
+            if progress:
+                progress(indices.size - chunks.left, indices.size)
+
+        def stopped() -> bool:
+            tell()  # the workers ask several times per second
+            return stop.is_set()
+
+        tell()
         try:
             with interrupts_deferred(stop.set):
-                for chunk, rows in workers.rows(self.study, coupling, chunks, stop.is_set):
+                for chunk, rows in workers.rows(self.study, coupling, chunks, stopped):
                     self._kept.write(chunk, rows)
                     chunks.learn(rows)
-                    progress(indices.size - chunks.left, indices.size)
+                    tell()
         except WorkersLostError:
             self.collect(coupling, partial=chunks.left > 0)
             raise
@@ -216,16 +224,14 @@ class Sweep:
                           models=self._models, above_band=self._above_band)  # fmt: skip
 
 
-def run_study(
-    study: Study, folder: str | Path, workers: Workers, progress: Progress = lambda _done, _all: None
-) -> StudyResult:
+def run_study(study: Study, folder: str | Path, workers: Workers, progress: Progress | None = None) -> StudyResult:
     """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
 
     Args:
         study: Study to run.
         folder: Output folder; a study that is run again with the same folder resumes where it stopped.
         workers: Workers that run the setups.
-        progress: Function that receives the number of completed setups and their total number.
+        progress: Callback that receives the number of completed setups and their total number.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.

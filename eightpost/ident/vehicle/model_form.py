@@ -20,6 +20,7 @@ from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.ident.vehicle.residual_noise import HIGHEST, residual_noise, spectral_power
 from eightpost.ident.vehicle.trust import OutputTrust
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 
@@ -109,7 +110,7 @@ class ModelForm:
         names = measure_names(vehicle.state_space.output_names)
         left = () if refit is None else removable_tests(tests, experiment.ports)
         found = []
-        for k, test in enumerate(tests):
+        for k, test in parts(list(enumerate(tests))):
             others = [i for i in range(len(tests)) if i != k]
             residual = self._bounded(refit(others), test, band[1]) if refit is not None and k in left else None
             residual = residual or self._bounded(vehicle, test, band[1])

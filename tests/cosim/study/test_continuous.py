@@ -49,6 +49,12 @@ def test_the_minimum_of_a_bowl_is_found_also_at_the_edge_of_the_range(center):
     assert found.allowed and found.objective == pytest.approx(5.0, abs=2e-3)
 
 
+def test_a_flat_bowl_whose_gain_is_a_small_share_of_the_objective_is_searched_too():
+    bowl = Analytic(lambda points: 400.0 + ((points - 0.9) ** 2).sum(axis=1))
+    found = search(bowl, [np.full(4, 0.4)])
+    assert found.objective - 400.0 < 0.05  # of a gain of 1, which is 0.25 % of the objective
+
+
 def test_a_constraint_holds_at_the_optimum():
     bowl = Analytic(lambda points: 5.0 + ((points - 0.8) ** 2).sum(axis=1), lambda points: points[:, 0] - 0.3)
     found = search(bowl, [np.full(4, 0.1), np.full(4, 0.9)])

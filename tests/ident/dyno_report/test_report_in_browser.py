@@ -51,6 +51,9 @@ def test_the_page_prints_whole_tables_and_fits_on_a_phone(browser, page):
     assert browser.evaluate(_CUT) == 0
     assert browser.evaluate(_ROWS_CUT) == 0
 
+    size(browser, 200, media="print")
+    assert browser.evaluate(_CUT) > 0, "the check finds tables that the paper is too narrow for"
+
     size(browser, PHONE, phone=True)
     assert browser.evaluate("document.documentElement.scrollWidth") <= PHONE
     # A wide table scrolls within its own frame.

@@ -30,6 +30,7 @@ from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.progress import portion
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
@@ -78,8 +79,10 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        car, failed, usable = self._usable_car(tests, experiment)
-        return self._identification(car, tests, experiment, (started, failed, usable))
+        with portion(0.0, 0.5):
+            car, failed, usable = self._usable_car(tests, experiment)
+        with portion(0.5, 1.0):
+            return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle without its uncertainty, which takes less time.
@@ -153,8 +156,10 @@ class CommonPoles:
         """
         found, laws, friction = car.found, car.laws, car.laws.friction
         started, failed, usable = before
-        outputs = self._outputs(found, tests, experiment, friction)
-        measures = self._measures(car, tests, experiment, outputs)
+        with portion(0.0, 0.5):
+            outputs = self._outputs(found, tests, experiment, friction)
+        with portion(0.5, 0.9):
+            measures = self._measures(car, tests, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
