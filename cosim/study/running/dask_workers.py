@@ -133,7 +133,7 @@ class DaskWorkers:
             raise self._lost(error) from error
 
     def _presence(self) -> int:
-        """Return the number of threads of the current workers; say so if there are none.
+        """Return the number of threads of the current workers; report if no worker is connected.
 
         Raises:
             WorkersLostError: The scheduler has ended, or there were no workers for a long time.
