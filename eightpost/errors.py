@@ -128,10 +128,6 @@ class WiringError(InputError):
     """The connections of a system are inconsistent."""
 
 
-class MissingExtraError(EightpostError, ImportError):
-    """An optional package is not installed."""
-
-
 class StepError(EightpostError):
     """A component failed during initialisation or in a step."""
 

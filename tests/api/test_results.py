@@ -7,7 +7,8 @@ import pytest
 
 import eightpost as ep
 from eightpost.display import Summary, some
-from eightpost.errors import FileFormatError, InputError, MissingExtraError, ParameterError
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.extras import MissingExtraError
 
 DATA = ep.examples() / "data"
 BANK = ep.examples() / "bank"
@@ -81,7 +82,7 @@ def test_a_missing_package_is_reported_with_the_extra_that_has_it(test, monkeypa
     for package in ("pandas", "xarray"):
         monkeypatch.setitem(sys.modules, package, None)
     for convert in (test.to_pandas, test.to_xarray):
-        with pytest.raises(MissingExtraError, match=r"pip install 'eightpost\[notebook\]'"):
+        with pytest.raises(MissingExtraError, match=r'pip install "eightpost\[notebook\]"'):
             convert()
 
 
