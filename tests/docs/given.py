@@ -101,7 +101,7 @@ GIVEN = {
     ),
     "docs/how_to/vehicle_validation.md": Given(
         "take('rig')\ntake('car.json', 'vehicle.json')\npaths = ['rig/baseline.parquet', 'rig/alternate_lf.parquet']",
-        codes=(0, 1),  # a car of records of 30 s may be judged as not usable
+        codes=(0, 1),  # records that the car was fitted to do not validate it
     ),
     "docs/reference/check.md": Given("take('dist')\nshutil.copy('dist/car.fmu', 'supplier.fmu')"),
     "docs/reference/dyno_files.md": Given("record('dyno_A', 'export.csv')"),
