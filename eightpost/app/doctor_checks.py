@@ -51,7 +51,7 @@ class Finding:
     remedy: str = ""
 
 
-#: Python versions with which the tests pass (docs/reference/platforms.md).
+#: Python versions with which the tests pass (docs/development/platforms.md).
 TESTED = ((3, 11), (3, 14))
 #: Largest error of the coupled run, in percent of the standard deviation of the exact solution.
 TOLERANCE = 0.01
@@ -127,9 +127,9 @@ def _extras() -> Iterator[Finding]:
 _LIMITS = {
     "win32": (
         "damaged .mat and .mdf files are read without a memory limit",
-        "native FMUs were run under Wine only (docs/reference/platforms.md)",
+        "native FMUs were run under Wine only (docs/development/platforms.md)",
     ),
-    "darwin": ("native FMUs were built but not run on macOS (docs/reference/platforms.md)",),
+    "darwin": ("native FMUs were built but not run on macOS (docs/development/platforms.md)",),
 }
 
 

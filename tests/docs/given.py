@@ -100,7 +100,8 @@ GIVEN = {
         "shocks = [read_shock('shock.json')]" + _DYNO_TESTS
     ),
     "docs/how_to/vehicle_validation.md": Given(
-        "take('rig')\ntake('car.json', 'vehicle.json')\npaths = ['rig/baseline.parquet', 'rig/alternate_lf.parquet']"
+        "take('rig')\ntake('car.json', 'vehicle.json')\npaths = ['rig/baseline.parquet', 'rig/alternate_lf.parquet']",
+        codes=(0, 1),  # records that the car was fitted to do not validate it
     ),
     "docs/reference/check.md": Given("take('dist')\nshutil.copy('dist/car.fmu', 'supplier.fmu')"),
     "docs/reference/dyno_files.md": Given("record('dyno_A', 'export.csv')"),
