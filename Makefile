@@ -1,37 +1,41 @@
-# Two commands do everything on a machine with Python 3.11, git and make:
-#   make demo     installs the package and runs the main workflow on the included data
-#   make test     installs the package, checks style, types and imports, and runs the tests
-#   make nightly  runs tests that take minutes: a million random FMI call sequences on each FMU under sanitizers (needs a
-#                 C compiler), coverage of confidence intervals, all twelve configurations of the virtual dynamometer
-#   make fuzz     reads thousands of damaged files with every reader: about ten minutes on 2 cores
-#   make hosts    runs the programs of examples/hosts and the tools of benchmarks/interface_matrix that are installed, and
-#                 writes docs/hosts.md and docs/hosts_tools.md: minutes
-#   make mutants  changes the sources in one place at a time and runs the tests of that area: about half an hour
-# Without make (Windows): python -m venv .venv, then pip install -e .[build,test] in it, then python -m eightpost demo.
+# `make demo` and `make test` do everything on a machine with Python 3.11 or newer, git and make; `make help` lists the rest.
+# Without make (Windows): python -m venv .venv, then pip install -e .[all,docs,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types contracts loops unit nightly fuzz hosts mutants docs clean
+# Tests of make quick: those that build no FMU, fit no vehicle and run no study; the last one is a coupled run.
+QUICK := tests/signals tests/shock tests/vehicle tests/docs/test_docs.py tests/commands/test_help.py \
+  tests/commands/test_doctor.py tests/test_archive.py tests/test_cells.py tests/test_extras.py tests/test_files.py \
+  tests/test_units.py tests/test_verdict.py tests/cosim/test_engine.py
 
-demo: $(INSTALLED)
+.PHONY: help demo test quick lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
+  licences clean
+
+help: ## List the targets.
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | awk -F'|' '{ printf "%-17s%s\n", $$1, $$2 }'
+
+demo: $(INSTALLED) ## Install, and run the whole workflow on the included data (first time: minutes).
 	$(BIN)/python -m eightpost demo -o demo
 
 # While one core checks the types, another compiles loops that both workers of the tests would otherwise compile.
-test: lint
+test: lint ## Install, check style, types and imports, and run the tests: about 20 minutes.
 	$(MAKE) -j 2 types contracts loops
 	$(MAKE) unit
 
-lint: $(INSTALLED)
+quick: $(INSTALLED) ## Run the fast tests: under a minute.
+	$(BIN)/pytest -q -m 'not slow and not nightly' $(QUICK)
+
+lint: $(INSTALLED) ## Check style and format.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(INSTALLED)
+types: $(INSTALLED) ## Check types.
 	$(BIN)/mypy
 
-contracts: $(INSTALLED)
+contracts: $(INSTALLED) ## Check which module imports which.
 	$(BIN)/lint-imports
 
 loops: $(INSTALLED)
@@ -41,29 +45,42 @@ loops: $(INSTALLED)
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
 
-nightly: $(INSTALLED)
+nightly: $(INSTALLED) ## Run tests that take minutes: a million random FMI calls, intervals, installations, Wine.
 	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native
 	$(BIN)/pytest -n 2 -m nightly
 
-fuzz: $(INSTALLED)
+pythons: $(INSTALLED) ## Install the wheel with every Python that uv finds, and run eightpost doctor and fast tests.
+	$(BIN)/python -m release.pythons
+
+bounds: $(INSTALLED) ## Install the oldest allowed version of every dependency, and run the fast tests.
+	$(BIN)/python -m release.pythons --lowest
+
+release: $(INSTALLED) ## Check that this checkout can be released: tree, versions, changelog, distributions, tests.
+	$(BIN)/python -m release.check
+
+fuzz: $(INSTALLED) ## Read thousands of damaged files with every reader: about ten minutes.
 	$(BIN)/python -m benchmarks.fuzz $(FUZZ)
 
-hosts: $(INSTALLED)
-	$(BIN)/python docs/make_hosts.py --run $(HOSTS)
+hosts: $(INSTALLED) ## Run the programs of examples/hosts, and write the tables of hosts: minutes.
+	$(BIN)/python docs/make/make_hosts.py --run $(HOSTS)
 
-mutants: $(INSTALLED)
+mutants: $(INSTALLED) ## Change the sources in one place at a time and run the tests: about half an hour.
 	$(BIN)/python -m benchmarks.mutants $(MUTANTS)
 
-docs: $(INSTALLED)
-	$(BIN)/python docs/make_tables.py
-	$(BIN)/python docs/make_commands.py
-	$(BIN)/python docs/make_pictures.py
+docs: $(INSTALLED) ## Write the documentation site to out/site, without network: half a minute.
+	$(BIN)/python docs/make/make_tables.py
+	$(BIN)/python docs/make/make_commands.py
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site
+	@echo "open out/site/index.html"
+
+licences: $(INSTALLED) ## Write the page with the licences of all dependencies.
+	$(BIN)/python docs/make/make_licences.py
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[build,test]'
+	$(BIN)/python -m pip install --quiet --editable '.[all,docs,test]'
 	touch $@
 
-clean:
+clean: ## Remove everything that the targets made.
 	rm -rf $(VENV) demo dist out build

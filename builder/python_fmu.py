@@ -26,6 +26,7 @@ from builder.fmu.interface import friction_ports, source_folder, spring_ports
 from builder.fmu.product import Product
 from eightpost import __version__
 from eightpost.archive import read_archive
+from eightpost.extras import needs
 from eightpost.shock import Shock
 from eightpost.vehicle import Vehicle
 
@@ -142,7 +143,8 @@ def _table(slave: _Slave) -> dict[str, Any]:
 
 def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
     """Pack the slave with PythonFMU; return the archive's members."""
-    from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - the import is slow and only needed here
+    with needs("build", "building python FMUs"):
+        from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - the import is slow and only needed here
 
     package = slave.with_name(f"{slave.stem}_law")
     with _clean_imports(slave.stem):

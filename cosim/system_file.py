@@ -56,7 +56,7 @@ Value = float | str
 
 #: Messages for pydantic's error types.
 _WORDS = {
-    "extra_forbidden": "is not an entry of a system file (docs/system_file.md lists them)",
+    "extra_forbidden": "is not an entry of a system file (docs/reference/system_file.md lists them)",
     "missing": "is missing",
     "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
 }
@@ -129,13 +129,13 @@ def read_case(
     isolate: bool = False,
     compile_missing: bool = False,
 ) -> Case:
-    """Read a system file, or an SSP package (docs/ssp.md); paths in it are relative to it.
+    """Read a system file, or an SSP package (docs/how_to/ssp.md); paths in it are relative to it.
 
     Args:
         path: A TOML file, an .ssp archive or an .ssd description.
         fmus: FMUs by component name that replace those in the file, for example to swap a shock.
         given: Run data that a package lacks; a system file contains it.
-        isolate: Whether each FMU runs in its own process (docs/foreign_fmus.md).
+        isolate: Whether each FMU runs in its own process (docs/how_to/foreign_fmus.md).
         compile_missing: Whether to compile the sources of an FMU that has no binary for this platform.
 
     Raises:

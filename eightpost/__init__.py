@@ -4,7 +4,7 @@ The package itself also gives the names of the API for notebooks (docs/api.md), 
 `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 #: Modules of the public names. They are above this package in the order of imports (pyproject.toml), so that they are
 #: named, not imported: no module below loads them by loading this package.

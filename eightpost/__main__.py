@@ -52,6 +52,8 @@ VERBS = {
     "compare": "Compare runs, or a study's prediction with rig measurements.",
     "reproduce": "Reproduce the dissertation's figures, tables and equations.",
     "demo": "Run the whole workflow on shipped data.",
+    "new": "Write a starter folder, with files to be replaced by your own.",
+    "doctor": "Check the installation: versions, extras, caches, a coupled run, the compiler.",
 }
 
 

@@ -128,16 +128,16 @@ class WiringError(InputError):
     """The connections of a system are inconsistent."""
 
 
-class MissingExtraError(EightpostError, ImportError):
-    """An optional package is not installed."""
-
-
 class StepError(EightpostError):
     """A component failed during initialisation or in a step."""
 
 
 class DivergedError(StepError):
     """The coupling diverged; a smaller coupling step or another scheme may be stable."""
+
+
+class WorkersLostError(StepError):
+    """The workers that run the setups of a study have ended, or cannot run it; completed setups are kept."""
 
 
 class TerminatedError(StepError):

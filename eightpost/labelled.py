@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eightpost.errors import MissingExtraError
+from eightpost.extras import needs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +31,8 @@ def data_frame(
     Raises:
         MissingExtraError: pandas is not installed.
     """
-    pandas = _imported("pandas")
+    with needs("notebook", "to_pandas"):
+        import pandas  # noqa: ICN001, PLC0415 -- an optional extra
     frame: pd.DataFrame = pandas.DataFrame(
         {column: np.array(values) if isinstance(values, np.ndarray) else values for column, values in columns.items()},
         index=pandas.Index(index, name=name),
@@ -54,7 +54,8 @@ def dataset(
     Raises:
         MissingExtraError: xarray is not installed.
     """
-    xarray = _imported("xarray")
+    with needs("notebook", "to_xarray"):
+        import xarray  # noqa: ICN001, PLC0415 -- an optional extra
     made: xr.Dataset = xarray.Dataset(
         {name: _variable(values) for name, values in variables.items()},
         coords={name: _variable(values) for name, values in coordinates.items()},
@@ -66,12 +67,3 @@ def dataset(
 def _variable(values: Labelled) -> tuple[Sequence[str], Any, dict[str, str]]:
     dimensions, content, unit = values
     return tuple(dimensions), content, {"units": unit} if unit else {}
-
-
-def _imported(package: str) -> Any:
-    try:
-        return import_module(package)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"{package} is not installed; install the extra that has it: pip install 'eightpost[notebook]'"
-        ) from error

@@ -15,6 +15,7 @@ from benchmarks.shock_rows import shape_rms
 from benchmarks.single_speed import Outcome, report
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
 
 LPNL2_POLYNOMIAL, LPNL2_KNOTS, HYSTERESIS = ("lpnl2", "polynomial"), ("lpnl2", "knots"), ("hysteresis", "knots")
 
@@ -28,7 +29,8 @@ def run():
 
 def choice(case, shape=None):
     raw = {LPNL2_POLYNOMIAL: 20.0, LPNL2_KNOTS: 18.0, HYSTERESIS: 19.0}
-    return Chosen(case, None, Errors(raw, HYSTERESIS), Errors(shape, HYSTERESIS) if shape else None, 1.0)
+    return Chosen(case, None, Errors(raw, HYSTERESIS), Errors(shape, HYSTERESIS) if shape else None, 1.0,
+                  Grade.LIMITED, is_one_speed=True)  # fmt: skip
 
 
 @given(gain=st.floats(0.01, 100.0), offset=st.floats(-1e3, 1e3), seed=st.integers(0, 99))

@@ -14,12 +14,14 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import lief
-
 from builder.check.description import Description
 from builder.check.description3 import BUILD, read_description
 from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
+from eightpost.extras import needs
+
+with needs("check", "checking FMUs"):
+    import lief
 
 # ---- A shared library: format, processor, exported symbols, required libraries --------------------------------------
 

@@ -16,10 +16,13 @@ from builder.documents.terminals import terminals_and_icons
 from builder.documents.validity import validity_member
 from builder.fmu.interface import source_folder
 from eightpost import units
-from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
+from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table
 from eightpost.shock import Response, Shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
+
+with needs("build", "building FMUs"):
+    from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
 
 # ---- The FMU's icon -------------------------------------------------------------------------------------------------
 

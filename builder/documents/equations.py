@@ -9,13 +9,15 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from latex2mathml.converter import convert
-from markdown_it import MarkdownIt
-from markdown_it.renderer import RendererHTML
-from markdown_it.rules_inline import StateInline
-from markdown_it.token import Token
-
 from builder.fmu.interface import source_folder
+from eightpost.extras import needs
+
+with needs("build", "building FMUs"):
+    from latex2mathml.converter import convert
+    from markdown_it import MarkdownIt
+    from markdown_it.renderer import RendererHTML
+    from markdown_it.rules_inline import StateInline
+    from markdown_it.token import Token
 
 #: Links between the texts are replaced by anchors, because all texts are on one page.
 _PLACES = {"../common/shock.md": "#the-port"}

@@ -10,9 +10,12 @@ import numpy as np
 
 from eightpost import units
 from eightpost.array_types import Array
-from eightpost.report.pictures import Axes, Figure, new_figure, plain_style, png
+from eightpost.extras import needs
 from eightpost.shock import Port, Shock, ShockLaw
 from eightpost.vehicle import StateSpace, Vehicle
+
+with needs("build", "building FMUs"):
+    from eightpost.report.pictures import Axes, Figure, new_figure, plain_style, png
 
 #: 900 x 600 pixels; tools show the picture at 600 x 400 or smaller.
 _SIZE, _DOTS = (6.0, 4.0), 150

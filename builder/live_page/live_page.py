@@ -9,10 +9,13 @@ from typing import Any
 
 from builder.live_page.controls import BUMP, DYNAMOMETER, Control, shock_controls, to_json
 from builder.live_page.models import CAR, SHOCK, Model, read_models
+from eightpost.extras import needs
 from eightpost.files import check_output_folder
-from eightpost.report import page as html
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
+
+with needs("build", "writing a live page"):
+    from eightpost.report import page as html
 
 #: Scripts in the order of their dependencies.
 _SCRIPTS = ("fmu", "controls", "dynamometer", "hand", "bump", "drawing", "page")

@@ -6,6 +6,7 @@ import importlib.util
 from pathlib import Path
 
 from eightpost.errors import FmuError
+from eightpost.extras import MissingExtraError
 
 HEADERS = (
     "fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h",
@@ -22,12 +23,13 @@ def fmi_headers() -> Path:
     """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
 
     Raises:
-        FmuError: The package that contains the header files is not installed, or no longer contains them.
+        MissingExtraError: The package that contains the header files is not installed.
+        FmuError: It no longer contains them.
     """
     package = "fmu_manipulation_toolbox"
     folder = installed(package, "resources/fmi")
     if folder is None:
-        raise FmuError(f"{package}, which contains the FMI header files, is not installed; reinstall eightpost")
+        raise MissingExtraError("building FMUs", package, "build")
     if missing := [name for name in HEADERS if not (folder / name).is_file()]:
         raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
     return folder

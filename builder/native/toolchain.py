@@ -11,7 +11,7 @@ import sys
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,7 @@ from builder.native.headers import HEADERS, fmi_headers, installed
 from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
+from eightpost.extras import install_command
 from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
 
@@ -167,7 +168,7 @@ class SystemCompiler(Toolchain):
         self.platforms = (here,)
         self.limits = (
             f"built for {here.name} only, with {Path(path).name}; to build for all six platforms, "
-            "install the compiler zig: pip install 'eightpost[build]'"
+            f"install the compiler zig: {install_command('build')}"
         )
 
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
@@ -189,7 +190,7 @@ def find_toolchain() -> Toolchain:
             return SystemCompiler(found)
     raise FmuError(
         "there is no C compiler for native FMUs: install one that builds for all platforms with "
-        "pip install 'eightpost[build]', or build with --target python"
+        f"{install_command('build')}, or build with --target python"
     )
 
 
@@ -299,20 +300,41 @@ def compile_libraries(
     Raises:
         FmuError: The compiler fails; the message quotes its error.
     """
-    jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
-    done: list[bytes] = []
     with ThreadPoolExecutor(usable_processors()) as pool:
-        for running in [pool.submit(_binary, toolchain, *job) for job in jobs]:
-            while progress and not wait([running], timeout=_INTERVAL).done:
-                progress(len(done), len(jobs))
-            done.append(running.result())
-            if progress:
-                progress(len(done), len(jobs))
-    found = iter(done)
-    return [
-        {platform.member(library.identifier, library.fmi): next(found) for platform in toolchain.platforms}
-        for library in libraries
-    ]
+        slices = [_begin_slices(toolchain, library, pool) for library in libraries]
+        total, done = sum(map(len, slices)), 0
+        members: list[dict[str, bytes]] = []
+        try:
+            for library, parts_of in zip(libraries, slices, strict=True):
+                members.append({})
+                for platform, parts in zip(toolchain.platforms, parts_of, strict=True):
+                    while progress and wait(parts, timeout=_INTERVAL).not_done:
+                        progress(done, total)
+                    content = _joined([part.result() for part in parts])
+                    members[-1][platform.member(library.identifier, library.fmi)] = content
+                    done += 1
+                    if progress:
+                        progress(done, total)
+        finally:
+            pool.shutdown(cancel_futures=True)  # after an error, nothing else is begun
+    return members
+
+
+def _begin_slices(toolchain: Toolchain, library: Library, pool: ThreadPoolExecutor) -> list[list[Future[bytes]]]:
+    """Begin to compile the slices of a library for each platform; a slice that two platforms share is compiled once.
+
+    The universal binary for macOS contains that for macOS on ARM.
+    """
+    begun: dict[tuple[str, ...], Future[bytes]] = {}
+    found: list[list[Future[bytes]]] = []
+    for platform in toolchain.platforms:
+        found.append([])
+        for target in platform.targets:
+            command = tuple(toolchain.command(library.identifier, platform, target, library.units))
+            if command not in begun:
+                begun[command] = pool.submit(_slice, toolchain, library, platform, target)
+            found[-1].append(begun[command])
+    return found
 
 
 def compile_for_browser(library: Library) -> bytes:
@@ -323,13 +345,14 @@ def compile_for_browser(library: Library) -> bytes:
     """
     toolchain = find_toolchain()
     if not isinstance(toolchain, Zig):
-        raise FmuError("a page in a browser needs the compiler zig: pip install 'eightpost[build]'")
+        raise FmuError(f"a page in a browser needs the compiler zig: {install_command('build')}")
     browser = (source_folder() / "common" / "browser.c").read_bytes()
-    return _binary(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER)
+    (target,) = BROWSER.targets
+    return _slice(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER, target)
 
 
-def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
-    slices = [_slice(toolchain, library, platform, target) for target in platform.targets]
+def _joined(slices: Sequence[bytes]) -> bytes:
+    """Return a binary of its slices: several make a universal one."""
     return slices[0] if len(slices) == 1 else universal(slices)
 
 

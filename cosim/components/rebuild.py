@@ -16,6 +16,7 @@ import fmpy
 
 from eightpost.cache import keep, recall
 from eightpost.errors import FmuError
+from eightpost.extras import install_command
 from eightpost.files import sha256_of, writing
 
 #: Strict double arithmetic without fused operations; warnings of foreign sources are suppressed.
@@ -70,7 +71,8 @@ def find_compiler() -> list[str]:
             return [found]
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-P", "-m", "ziglang", "cc"]  # -P: do not import files of the FMU
-    raise FmuError("no C compiler was found to compile the FMU's sources; install one: pip install 'eightpost[build]'")
+    advice = install_command("build")
+    raise FmuError(f"no C compiler was found to compile the FMU's sources; install one: {advice}")
 
 
 def _options(files: Sequence[str], version: int) -> list[str]:

@@ -162,7 +162,7 @@ class Result(Summarized):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Verdict on whether the run can be used, with its reasons (docs/verdict.md)."""
+        """Verdict on whether the run can be used, with its reasons (docs/reference/verdict.md)."""
         return _verdict_of(self)
 
     @property

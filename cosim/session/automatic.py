@@ -15,7 +15,7 @@ from cosim.systems.system import System
 from eightpost.errors import DivergedError, InputError
 from eightpost.progress import Progress, continued
 
-#: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/coupling.md).
+#: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/explanation/coupling.md).
 FIRST_STEP = 2e-3
 
 #: Number of runs that diverged or had too large local errors after which Implicit replaces Gauss-Seidel.

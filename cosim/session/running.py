@@ -251,7 +251,7 @@ def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
 def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
     return DivergedError(
         f"the coupling diverged: {signal} is {value:g} after {time:g} s; "
-        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
+        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/explanation/coupling.md)"
     )
 
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
 from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
+from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
@@ -23,7 +25,6 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.labelled import data_frame, dataset
-from eightpost.signals.parquet_file import read_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,13 +89,13 @@ class StudyResult(Summarized):
 
     Attributes:
         study: Definition of the study.
-        table: One row per setup, by number.
+        table: One row per setup, by number; a large table is read from its file column by column.
         provenance: Provenance of the values.
         partial: Whether setups are missing because the study was interrupted.
     """
 
     study: Study
-    table: pa.Table
+    table: pa.Table | StoredTable
     provenance: Provenance
     partial: bool = False
     _cache: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -115,7 +116,16 @@ class StudyResult(Summarized):
     @property
     def done(self) -> Flags:
         """Whether each setup ran successfully (R,)."""
-        return np.array([status == DONE for status in self.table["status"].to_pylist()], dtype=np.bool_)
+        return self._flags(pa.compute.equal(self.table["status"], DONE))
+
+    @property
+    def is_marked(self) -> Flags:
+        """Whether each setup has a mark (R,)."""
+        return self._flags(pa.compute.not_equal(self.table["marks"], ""))
+
+    @staticmethod
+    def _flags(column: pa.ChunkedArray) -> Flags:
+        return np.asarray(column.fill_null(False).to_numpy(), dtype=np.bool_)
 
     def setup(self, row: int) -> Setup:
         """Return the setup of a row."""
@@ -133,8 +143,21 @@ class StudyResult(Summarized):
 
     def builds(self, corner: str) -> list[str]:
         """Return the build of every row (R,) at a corner."""
-        found: list[str] = self.table[corner].to_pylist()
+        names, places = self._coded(corner)
+        return [names[place] for place in places.tolist()]
+
+    def places(self, builds: Sequence[str]) -> Integers:
+        """Return the positions of the builds of every row at every corner (R, corners) among some builds."""
+        found = np.empty((len(self), len(self.study.corners)), dtype=np.int64)
+        for column, corner in enumerate(self.study.corners):
+            names, places = self._coded(corner)
+            found[:, column] = np.array([builds.index(name) for name in names], dtype=np.int64)[places]
         return found
+
+    def _coded(self, corner: str) -> tuple[list[str], Integers]:
+        """Return the different builds at a corner, and the position of each row's build among them (R,)."""
+        column = self.table[corner].combine_chunks().dictionary_encode()
+        return column.dictionary.to_pylist(), np.asarray(column.indices.to_numpy(), dtype=np.int64)
 
     def unit(self, measure: str) -> str:
         """Return a measure's SI unit."""
@@ -212,7 +235,8 @@ class StudyResult(Summarized):
 
     def marked(self, kind: str) -> int:
         """Return the number of setups whose marks contain a text."""
-        return sum(kind in marks for marks in self.table["marks"].to_pylist())
+        found = pa.compute.match_substring(self.table["marks"], kind)
+        return int(np.count_nonzero(self._flags(found)))
 
     @property
     def seconds(self) -> float:
@@ -293,16 +317,30 @@ class StudyResult(Summarized):
 
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
-        header = {
-            "schema": "eightpost.study",
-            "schema_version": SCHEMA,
-            **asdict(self.provenance),
-            "partial": self.partial,
-            "study": json.loads(self.study.to_json()),
-        }
-        table = self.table.replace_schema_metadata({_KEY: json.dumps(header)})
+        whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
+        table = whole.replace_schema_metadata(_header_of(self.study, self.provenance, partial=self.partial))
         with atomic_path(path) as temporary:
             pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+    @classmethod
+    def join(
+        cls, path: Path, study: Study, tables: Iterable[pa.Table], provenance: Provenance, *, partial: bool
+    ) -> StudyResult:
+        """Write tables as one Parquet file, one after the other, and return it as a result.
+
+        Args:
+            path: Path of the file; an existing file is replaced only after the new one is complete.
+            study: Definition of the study.
+            tables: Tables in the order of their setups.
+            provenance: Provenance of the values.
+            partial: Whether setups are missing.
+
+        Raises:
+            InputError: Two rows have the same setup number.
+        """
+        schema = study_schema(study, provenance.measure_units)
+        write_tables(path, schema.with_metadata(_header_of(study, provenance, partial=partial)), tables)
+        return cls(study, open_table(path), provenance, partial)
 
     @classmethod
     def load(cls, path: str | Path) -> StudyResult:
@@ -312,7 +350,7 @@ class StudyResult(Summarized):
             FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
         """
         path = Path(path)
-        table = read_table(path, advice="name the results.parquet of a study")
+        table = open_table(path)
         header = _header(path, table)
         try:
             study = Study.from_json(json.dumps(header["study"]))
@@ -325,7 +363,18 @@ class StudyResult(Summarized):
             raise FileFormatError(what, path=path) from error
 
 
-def _check_columns(table: pa.Table, schema: pa.Schema) -> None:
+def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
+    header = {
+        "schema": "eightpost.study",
+        "schema_version": SCHEMA,
+        **asdict(provenance),
+        "partial": partial,
+        "study": json.loads(study.to_json()),
+    }
+    return {_KEY: json.dumps(header)}
+
+
+def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
     for column in schema:
         if column.name not in table.column_names:
             raise ValueError(f"the column {column.name!r} is missing")
@@ -380,7 +429,7 @@ def _words(measure: Measure, unit: str) -> dict[str, str]:
     return {"unit": unit, "display": measure.display or unit, "label": measure.name}
 
 
-def _header(path: Path, table: pa.Table) -> dict[str, Any]:
+def _header(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
     metadata = table.schema.metadata or {}
     if _KEY not in metadata:
         raise FileFormatError("is not a study result: it has no eightpost header", path=path)

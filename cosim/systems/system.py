@@ -19,7 +19,7 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import UnknownUnitError, WiringError, suggestion
 from eightpost.wiring import Wire, Wiring
 
-#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
+#: A coupling step that suits race cars and their shocks (docs/explanation/coupling.md) [s].
 DEFAULT_STEP = 1e-3
 
 
@@ -44,7 +44,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Bond:
-    """Velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+    """Velocity/force port: velocity goes one way, force comes back (docs/reference/ports.md)."""
 
     name: str
     velocity: Connection
@@ -55,7 +55,7 @@ class Bond:
     def between(
         cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
     ) -> Bond:
-        """Connect a vehicle's port and a shock by the names of docs/ports.md.
+        """Connect a vehicle's port and a shock by the names of docs/reference/ports.md.
 
         Args:
             vehicle: Component and port: `car.lf`; only `car` for a quarter car.
@@ -332,7 +332,7 @@ class System(Summarized):
             _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
-        """Refuse a constant displacement of a gas spring, which would give a wrong force silently (docs/ports.md)."""
+        """Refuse a gas spring whose displacement is constant: its force would be wrong (docs/reference/ports.md)."""
         for name, component in self.components.items():
             if not {"gas_stiffness", "displacement"} <= set(component.variables):
                 continue

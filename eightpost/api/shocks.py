@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, overload
+from typing import TYPE_CHECKING, TypeAlias, cast, overload
 
 from eightpost.api.arguments import a, existing
 from eightpost.errors import InputError
@@ -178,7 +178,7 @@ def _law(shock: object) -> ShockLaw:
 
 
 @overload
-def build(
+def build(  # type: ignore[overload-overlap]  # a text is a source, not a sequence of sources
     sources: Source,
     folder: str | Path,
     *,
@@ -235,8 +235,8 @@ def build(
     from builder.build import build as build_fmus
     from builder.documents import Disclosure
 
-    is_one = isinstance(sources, str) or not isinstance(sources, Sequence)
-    given = [sources] if is_one else sources
+    several = isinstance(sources, Sequence) and not isinstance(sources, str)
+    given = cast("Sequence[Source]", sources if several else [sources])
     built = build_fmus(
         [_source_file(source, Path(folder)) for source in given],
         folder,
@@ -246,7 +246,7 @@ def build(
         temperature_input=temperature_input,
         progress=progress,
     )
-    return built[0] if is_one and len(built) == 1 else built
+    return built if several or len(built) > 1 else built[0]
 
 
 def _source_file(source: object, folder: Path) -> Path:

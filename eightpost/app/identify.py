@@ -40,8 +40,8 @@ def _recipes() -> list[str]:
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
 @click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
-              help="Identification method: docs/common_poles.md, docs/identification.md, "
-              "docs/output_error.md.")  # fmt: skip
+              help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
+              "docs/explanation/output_error.md.")  # fmt: skip
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
               help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
 @click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",
@@ -52,7 +52,7 @@ def _recipes() -> list[str]:
 @click.option("--settling", type=Quantity("s"), default="0 s", show_default=True, metavar="TIME",
               help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
 @click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
-              help="File with rate, settling, delays and geometry (docs/rig_data.md), which replaces --rate and "
+              help="File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces --rate and "
               "--settling; default: none.")  # fmt: skip
 @click.option("--static", "static_files", metavar="RIG", multiple=True, type=click.Path(path_type=Path),
               help="Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be "
@@ -60,7 +60,7 @@ def _recipes() -> list[str]:
 @click.option("--output-channels", metavar="NAMES",
               help="Outputs of the model, separated by commas; default: all possible outputs.")  # fmt: skip
 @click.option("--name", help="Name of the vehicle; default: the name of the output file.")
-@map_option("docs/rig.md")
+@map_option("docs/explanation/rig.md")
 @flip_option("lf.force")
 @click.option("--plot", "plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
               help="Outputs to draw. main: shock velocities, tire forces and ride heights.")  # fmt: skip
@@ -84,9 +84,9 @@ def identify(  # one parameter per option
 ) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
-    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/rig.md, or with a channel map. Use `eightpost
-    build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable (docs/verdict.md): it is not
-    stable with other shocks, or it is far from the data.
+    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
+    `eightpost build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable
+    (docs/reference/verdict.md): it is not stable with other shocks, or it is far from the data.
 
     \b
     Examples:

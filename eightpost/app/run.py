@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from eightpost.app.options import Assignment, Quantity, check_report_folder
 from eightpost.app.progress import bar
+from eightpost.extras import MissingExtraError
 from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
@@ -53,13 +54,13 @@ SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 @click.option("--isolate", is_flag=True,
               help="Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of "
               "the FMU, the time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit "
-              "by bit. For FMUs that you do not trust yet (docs/foreign_fmus.md).")  # fmt: skip
+              "by bit. For FMUs that you do not trust yet (docs/how_to/foreign_fmus.md).")  # fmt: skip
 @click.option("--compile", "compile_missing", is_flag=True,
               help="Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler "
               "or PyPI's ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this "
               "only for FMUs whose maker you trust.")  # fmt: skip
 @click.option("--report", is_flag=True,
-              help="Write also report.html: the run as one interactive page (docs/report.md).")  # fmt: skip
+              help="Write also report.html: the run as one interactive page (docs/how_to/report.md).")  # fmt: skip
 @click.pass_context
 def run(
     ctx: click.Context,
@@ -85,9 +86,9 @@ def run(
     SYSTEM may also be an SSP package of any maker (.ssp), or its description (.ssd) in a folder. Whatever the package
     lacks is given by --drive, --input, --stop and --record-step.
 
-    The exit code is 1 if the result is not usable (docs/verdict.md): the coupled start did not converge, the coupling
-    error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run ended
-    early. Ctrl-C ends a run after the current step: the results so far are written and marked as partial.
+    The exit code is 1 if the result is not usable (docs/reference/verdict.md): the coupled start did not converge, the
+    coupling error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run
+    ended early. Ctrl-C ends a run after the current step: the results so far are written and marked as partial.
 
     \b
     Examples:
@@ -96,12 +97,13 @@ def run(
       eightpost run car.ssp --drive examples/data/track.parquet -o out/
     """
     import cosim
-    from cosim.report.plots import plot_excerpt
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.app.show import show_result, show_verification
 
     if report:
+        from cosim.report import write_report
+
         check_report_folder(output, "run")
     check_output_folder(output)
     folder = output.absolute()  # an FMU may change the working directory
@@ -120,16 +122,26 @@ def run(
     if verify and not result.partial:
         verification = cosim.verify(case.system, case.scenario, case.algorithm, result)
         show_verification(console, verification, result)
-    paths = [*result.write(folder), folder / "traces.png"]
-    excerpt = plot_excerpt(result.series, paths[-1], title=case.name)
+    paths = list(result.write(folder))
+    excerpt = _draw_excerpt(result, folder / "traces.png", case.name)
+    if (folder / "traces.png").is_file():
+        paths.append(folder / "traces.png")
     if report:
-        from cosim.report import write_report
-
         page = folder / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
     console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
-    console.print(excerpt, highlight=False)
+    console.print(excerpt, highlight=False, markup=False, soft_wrap=True)
     ctx.exit(0 if result.acceptable else 1)
+
+
+def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
+    """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
+    try:
+        from cosim.report.plots import plot_excerpt
+    except MissingExtraError as error:
+        path.unlink(missing_ok=True)  # of an earlier run
+        return f"There is no picture: {error}"
+    return plot_excerpt(result.series, path, title=title)
 
 
 def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:

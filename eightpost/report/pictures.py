@@ -9,17 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
-from matplotlib.ticker import LogLocator, NullLocator
-
 from eightpost.array_types import Array
+from eightpost.extras import needs
 from eightpost.files import atomic_path
+
+with needs("report", "drawing pictures"):
+    import matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
+    from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
     "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure",

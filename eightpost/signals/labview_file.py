@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.signals.channel_map import TIME_NAMES
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord, split_header
@@ -21,8 +23,10 @@ def read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
     """Read a .tdms file: one table per group; a waveform's increment gives the time.
 
     Raises:
-        FileFormatError: The file cannot be read or has no channel of numbers.
+        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
+            numbers.
     """
+    _check_reader(path, "nptdms", "reading TDMS files")
     return _records(Path(path), "load_tdms", "a TDMS file")
 
 
@@ -30,17 +34,35 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
     """Read a .lvm file: one table per segment.
 
     Raises:
-        FileFormatError: The file cannot be read or has no channel of numbers.
+        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
+            numbers.
     """
+    _check_reader(path, "lvm_read", "reading LabVIEW measurements (.lvm)")
     return _records(Path(path), "load_lvm", "a LabVIEW measurement (.lvm)")
+
+
+def _check_reader(path: str | Path, name: str, purpose: str) -> None:
+    if not is_installed(name):
+        raise FileFormatError(requirement(purpose, name, "files"), path=path)
 
 
 def _records(path: Path, function: str, kind: str) -> tuple[RawRecord, ...]:
     tables: list[Table] = read_confined(f"eightpost.confined.readers:{function}", path, kind=kind)
-    records = tuple(_record(table, path) for table in tables if table.columns)
-    if not records:
+    tables = [table for table in tables if table.columns]
+    if not tables:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    return records
+    facts = tuple(_fact(*column) for table in tables if _is_settings(table) for column in table.columns)
+    samples = [table for table in tables if not _is_settings(table)] or tables
+    return tuple(_record(table._replace(preamble=(*table.preamble, *facts)), path) for table in samples)
+
+
+def _is_settings(table: Table) -> bool:
+    """Return whether a group has single values: settings of the test, not samples."""
+    return all(len(column) == 1 for _, _, column in table.columns)
+
+
+def _fact(name: str, unit: str, column: NDArray[np.float64]) -> str:
+    return f"{name}: {float(column[0]):.9g} {unit}".strip()
 
 
 def _record(table: Table, path: Path) -> RawRecord:
@@ -56,11 +78,14 @@ def _record(table: Table, path: Path) -> RawRecord:
         columns = [np.asarray(table.start + table.step * np.arange(columns[0].size), dtype=np.float64), *columns]
     times = [i for i, name in enumerate(names) if name.lower() in TIME_NAMES] or [0]
     kept = [i for i, column in enumerate(columns) if column.size == columns[times[0]].size]
+    kept = [i for i in kept if names[i] not in dict(table.others)]
     preamble = tuple((line,) for line in table.preamble)
+    notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in table.others)
     return RawRecord(
         Origin(path),
         tuple(names[i] for i in kept),
         tuple(units[i] for i in kept),
         tuple(columns[i] for i in kept),
         preamble,
+        notes,
     )

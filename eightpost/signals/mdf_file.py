@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import importlib.util
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import numpy as np
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
 from eightpost.units import compatible, is_unit
@@ -36,9 +36,8 @@ def read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
         FileFormatError: asammdf is not installed or cannot read the file, or there is no numeric channel.
     """
     path = Path(path)
-    if importlib.util.find_spec("asammdf") is None:
-        what = "reading MDF files needs asammdf, which is not installed: pip install 'eightpost[mdf]'"
-        raise FileFormatError(what, path=path)
+    if not is_installed("asammdf"):
+        raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
     found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:

@@ -11,6 +11,7 @@ from typing import Any
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.signals.csv_file import text_records
 from eightpost.signals.raw_record import RawRecord
 
@@ -23,10 +24,12 @@ def read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
     """Read the tables of all sheets; line numbers in messages are row numbers of the sheet.
 
     Raises:
-        FileFormatError: The file cannot be read, no sheet has a table, or a column of dates or times of day is sampled
-            too fast for a resolution of 1 ms.
+        FileFormatError: python-calamine is not installed, the file cannot be read, no sheet has a table, or a column of
+            dates or times of day is sampled too fast for a resolution of 1 ms.
     """
     path = Path(path)
+    if not is_installed("python_calamine"):
+        raise FileFormatError(requirement("reading spreadsheets", "python_calamine", "files"), path=path)
     sheets = read_confined("eightpost.confined.readers:load_spreadsheet", path, kind="a spreadsheet")
     records: list[RawRecord] = []
     faults: list[FileFormatError] = []

@@ -10,6 +10,7 @@ from scipy.linalg import schur
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, UnknownUnitError
+from eightpost.extras import needs
 from eightpost.units import si_factor
 from eightpost.vehicle import kernel
 
@@ -42,7 +43,7 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """Name and SI unit of one input or output, see docs/ports.md: `Channel("lf.road", "m")`."""
+    """Name and SI unit of one input or output, see docs/reference/ports.md: `Channel("lf.road", "m")`."""
 
     name: str
     unit: str
@@ -242,7 +243,8 @@ class StateSpace:
         python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`), which channel
         names cannot contain. Units are lost.
         """
-        import control  # noqa: PLC0415  because loading it takes seconds and most uses do not need it
+        with needs("control", "exchange with python-control"):
+            import control  # noqa: PLC0415  because loading it takes seconds and most uses do not need it
 
         return control.ss(
             self.A,
@@ -271,7 +273,8 @@ class StateSpace:
             ParameterError: The number of units differs from the number of channels, or the time base is not defined
                 (`dt=None`).
         """
-        import control  # noqa: PLC0415  see to_control
+        with needs("control", "exchange with python-control"):
+            import control  # noqa: PLC0415  see to_control
 
         system = control.ss(system)
         if system.dt is None or system.dt is True:

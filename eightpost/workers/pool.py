@@ -182,7 +182,7 @@ class _Worker(SpawnProcess):
         hidden = {name: main.pop(name, None) for name in ("__file__", "__spec__")}
         main["__spec__"] = None
         try:
-            return SpawnProcess._Popen(process_obj)  # type: ignore[attr-defined]
+            return SpawnProcess._Popen(process_obj)
         finally:
             main.update({name: value for name, value in hidden.items() if value is not None})
 

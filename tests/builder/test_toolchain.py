@@ -182,6 +182,22 @@ def test_the_same_sources_give_the_same_bytes_in_another_folder_without_the_cach
     assert again == binaries
 
 
+def test_a_slice_that_two_platforms_share_is_compiled_once(zig, tmp_path, monkeypatch):
+    """The universal binary for macOS contains that for macOS on ARM."""
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
+    monkeypatch.setattr(toolchain, "recall", lambda *_: None)  # the cache must not hide a second compilation
+    compiled, thin = [], struct.pack("<IiI", 0xFEEDFACF, 1, 1)
+
+    def compile_slice(_toolchain, _library, _platform, command):
+        compiled.append(command[command.index("-target") + 1])
+        return thin
+
+    monkeypatch.setattr(toolchain, "_compile", compile_slice)
+    (members,) = compile_libraries([LIBRARY], toolchain=zig)
+    assert len(members) == 6
+    assert sorted(compiled) == sorted({target for p in PLATFORMS.values() for target in p.targets})
+
+
 def test_no_library_contains_the_path_of_its_build(binaries):
     here = (f"{tempfile.gettempdir()}/", f"{Path.home()}/", Path.cwd())
     places = [b"/home/", b"/Users/", *map(os.fsencode, here)]
@@ -272,7 +288,7 @@ def test_the_systems_compiler_builds_for_this_platform_and_reports_that(tmp_path
     system = system_compiler()
     (members,) = compile_libraries([LIBRARY], toolchain=system)
     assert list(members) == [this_platform().member("little")]
-    assert "pip install 'eightpost[build]'" in system.limits and this_platform().name in system.limits
+    assert 'pip install "eightpost[build]"' in system.limits and this_platform().name in system.limits
     path = tmp_path / "little.so"
     path.write_bytes(next(iter(members.values())))
     assert_runs(path)
@@ -297,7 +313,7 @@ def test_without_any_compiler_the_error_message_names_the_package_to_install(mon
     monkeypatch.setattr("builder.native.toolchain._zig", lambda: None)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(FmuError, match=r"pip install 'eightpost\[build\]'.*--target python"):
+    with pytest.raises(FmuError, match=r'pip install "eightpost\[build\]".*--target python'):
         find_toolchain()
 
 

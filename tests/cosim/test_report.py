@@ -19,6 +19,7 @@ from cosim.report import write_report
 from cosim.report.origin import drive_digest
 from cosim.report.wiring import arrows, groups
 from cosim.results.result import BondEnergy, Coupled
+from eightpost import __version__
 from eightpost.errors import OutputError
 from eightpost.report.numbers import figure
 from eightpost.report.packing import LEVELS, traces
@@ -311,7 +312,7 @@ def test_a_component_with_hundreds_of_neighbours_is_drawn_in_part(make):
 def test_files_are_listed_with_their_digest_and_generation_tool(run, fmus):
     result, system, scenario = run
     page = _read(result, system, scenario, files={"mass": fmus["quarter_car"]})
-    assert page.text.count("eightpost 0.1.0, version") == 1
+    assert page.text.count(f"eightpost {__version__}, version") == 1
     assert re.search(r"\b[0-9a-f]{64}\b", page.text)
 
 

@@ -82,5 +82,5 @@ def test_a_file_that_is_not_mdf_is_refused(asammdf, tmp_path):
 def test_the_error_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     (tmp_path / "run.mf4").write_bytes(b"MDF     ")
-    with pytest.raises(FileFormatError, match=r"run\.mf4: .*pip install 'eightpost\[mdf\]'"):
+    with pytest.raises(FileFormatError, match=r'run\.mf4: .*pip install "eightpost\[mdf\]"'):
         read_record(tmp_path / "run.mf4")

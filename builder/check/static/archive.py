@@ -16,6 +16,7 @@ from builder.check.description import Variable
 from builder.check.rules import Finding, listed
 from builder.check.subject import XML, Subject
 from eightpost.archive import unsafe_reason
+from eightpost.extras import needs
 
 # ---- Entries --------------------------------------------------------------------------------------------------------
 
@@ -134,7 +135,8 @@ _MOST_PIXELS = 2**24
 
 
 def _fault_of_png(content: bytes) -> str:
-    from PIL import Image  # noqa: PLC0415 - comes with matplotlib; only a file with an icon needs it
+    with needs("check", "checking the icon of an FMU"):
+        from PIL import Image  # noqa: PLC0415 - only a file with an icon needs it
 
     try:
         with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
@@ -234,7 +236,7 @@ def _contradictions(members: Mapping[str, _Member]) -> Iterator[str]:
 
 
 def _port(members: Mapping[str, _Member], velocity: _Member, force: _Member) -> Iterator[str]:
-    """Yield contradictions at a port: motions and force must have opposite causality (docs/ports.md)."""
+    """Yield contradictions at a port: motions and force must have opposite causality (docs/reference/ports.md)."""
     causality, flow = force.variable.causality, _FLOW_OF_FORCE.get(force.variable.causality)
     if flow and force.kind in _FLOWS and force.kind != flow:
         yield f"{force.variable.name} is an {causality}, and so an {flow}, not an {force.kind}"

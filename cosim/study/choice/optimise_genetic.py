@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array, Integers
-from eightpost.errors import InputError
+from eightpost.extras import needs
 
 #: Constraint violation of a failed setup: larger than that of any setup that ran.
 _FAILED = 1e12
@@ -91,7 +91,7 @@ def _keys(levels: Any) -> list[tuple[int, ...]]:
 
 def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty: _Novelty, seed: int) -> Any:
     """Return pymoo's algorithm, initialised with the first generation."""
-    try:
+    with needs("optimise", "the search of setups"):
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - an extra
         from pymoo.algorithms.soo.nonconvex.ga import GA  # noqa: PLC0415
         from pymoo.core.problem import Problem  # noqa: PLC0415
@@ -99,8 +99,6 @@ def _algorithm(scores: Scores, counts: tuple[int, ...], first: Integers, novelty
         from pymoo.core.variable import Choice  # noqa: PLC0415
         from pymoo.operators.crossover.ux import UX  # noqa: PLC0415
         from pymoo.operators.mutation.rm import ChoiceRandomMutation  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("the search needs pymoo; install it with: pip install 'eightpost[optimise]'") from error
     objectives, constraints = scores.objectives.shape[1], scores.violations.shape[1] + 1
     choices = {f"factor {n}": Choice(options=list(range(count))) for n, count in enumerate(counts)}
     algorithm = (GA if objectives == 1 else NSGA2)(

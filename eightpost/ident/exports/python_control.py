@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eightpost.errors import ParameterError
+from eightpost.extras import needs
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
@@ -18,7 +19,8 @@ def to_frd(response: FrequencyResponse) -> Any:
     python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`). Units, coherence and
     variance are lost.
     """
-    import control  # noqa: PLC0415  because loading it takes seconds
+    with needs("control", "exchange with python-control"):
+        import control  # noqa: PLC0415  because loading it takes seconds
 
     return control.FrequencyResponseData(
         response.H,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
+from eightpost.extras import requirement
 from eightpost.files import MALFORMED, atomic_path, reading
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
@@ -199,5 +200,4 @@ def _pyuff(path: Path) -> Any:
     try:
         return importlib.import_module("pyuff")
     except ImportError as error:
-        what = "universal files need pyuff, which is not installed: pip install 'eightpost[uff]'"
-        raise FileFormatError(what, path=path) from error
+        raise FileFormatError(requirement("exchange of universal files", "pyuff", "uff"), path=path) from error

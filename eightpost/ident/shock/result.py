@@ -201,7 +201,7 @@ class ShockFit(Summarized):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the shock can be used, and why (docs/verdict.md)."""
+        """Whether the shock can be used, and why (docs/reference/verdict.md)."""
         assert self.shock.validity is not None  # set by `result_of`
         return self.shock.validity.verdict
 

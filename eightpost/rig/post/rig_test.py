@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ---- Names and units of the rig's channels (Table 6.1; docs/rig.md) -------------------------------------------------
+# ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
 
 _AT_CORNERS = {
     "road": "m",
@@ -113,7 +113,7 @@ class RigConditions:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RigTest(Summarized):
-    """A rig test with the channel names of docs/rig.md.
+    """A rig test with the channel names of docs/explanation/rig.md.
 
     Attributes:
         series: Channels in SI.
@@ -233,6 +233,7 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
+    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)

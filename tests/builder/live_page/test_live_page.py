@@ -170,7 +170,7 @@ def test_without_zig_the_error_names_the_package(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr(toolchain, "_zig", lambda: None)
     monkeypatch.setattr(toolchain.shutil, "which", lambda name: f"/usr/bin/{name}")
     monkeypatch.setattr(toolchain, "_first_line", lambda command: "a compiler")
-    with pytest.raises(FmuError, match=r"pip install 'eightpost\[build\]'"):
+    with pytest.raises(FmuError, match=r'pip install "eightpost\[build\]"'):
         write_live_page(fmus["lpnl2"], tmp_path / "page.html", vehicle=fmus["quarter_car"])
     assert not (tmp_path / "page.html").exists()
 

@@ -197,7 +197,7 @@ def test_damaged_and_missing_files_and_wrong_suffixes_are_rejected(tmp_path: Pat
 
 def test_without_pyuff_the_message_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyuff", None)
-    with pytest.raises(FileFormatError, match=r"pip install 'eightpost\[uff\]'"):
+    with pytest.raises(FileFormatError, match=r'pip install "eightpost\[uff\]"'):
         write_response_uff(tmp_path / "h.uff", response())
     assert not (tmp_path / "h.uff").exists()
 

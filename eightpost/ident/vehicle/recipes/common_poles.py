@@ -27,7 +27,7 @@ from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
-from eightpost.ident.vehicle.trust import UNUSABLE, ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import portion
@@ -39,11 +39,6 @@ _SHARES = (1.0, 0.65)
 
 #: Flag of a vehicle that fails in its own simulation, as all simpler ones did.
 _NONE_USABLE = "No model could be used; the first one was kept."
-
-#: Flag of a vehicle that cannot be simulated with the shocks of its own tests.
-_NOT_SIMULATED = (
-    "A test could not be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +166,7 @@ class CommonPoles:
         if not usable:
             flags[UNUSABLE] = _NONE_USABLE
         elif outputs and self.model_form is not None and not measures:
-            flags[UNUSABLE] = _NOT_SIMULATED
+            flags[UNUSABLE] = NOT_SIMULATED
         unused = friction is not None and not friction.acts
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",

@@ -1,0 +1,84 @@
+"""`eightpost doctor`."""
+
+from __future__ import annotations
+
+import json
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eightpost.app.doctor_checks import Finding
+
+#: Version of the JSON document.
+SCHEMA = 1
+
+_COLORS = {"ok": "green", "note": "yellow", "absent": "cyan", "failed": "red"}
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document, e.g. for a report of a fault.")
+@click.pass_context
+def doctor(ctx: click.Context, as_json: bool) -> None:
+    """Check the installation: versions, extras, caches, a coupled run, the compiler.
+
+    A coupled run is compared with its exact solution, and if the packages and a C compiler for it are installed, an FMU
+    is built, loaded and stepped. Extras that are not installed are listed with the command that installs them; they are
+    no fault. Nothing is sent anywhere. The first check on a machine compiles the loop, which takes about 20 s.
+
+    The exit code is 0 if the installation works, 1 if a check failed.
+
+    \b
+    Examples:
+      eightpost doctor
+      eightpost doctor --json > doctor.json
+    """
+    from eightpost.app.doctor_checks import State, findings
+
+    with Console(stderr=True).status("checking the installation"):
+        found = list(findings())
+    works = all(finding.state is not State.FAILED for finding in found)
+    if as_json:
+        click.echo(json.dumps(_document(found, works), indent=1))  # ASCII, because a terminal may support nothing else
+    else:
+        _show(Console(), found, works)
+    ctx.exit(0 if works else 1)
+
+
+def _document(found: Sequence[Finding], works: bool) -> dict[str, Any]:
+    from eightpost import __version__
+
+    return {
+        "kind": "doctor",
+        "schema": SCHEMA,
+        "tool": f"eightpost {__version__}",
+        "works": works,
+        "findings": [
+            {
+                "group": finding.group,
+                "name": finding.name,
+                "state": finding.state.value,
+                "statement": finding.statement,
+                "remedy": finding.remedy,
+            }
+            for finding in found
+        ],
+    }
+
+
+def _show(console: Console, found: Sequence[Finding], works: bool) -> None:
+    for group, members in groupby(found, lambda finding: finding.group):
+        console.print(f"[bold]{group}[/]", highlight=False)
+        for finding in members:
+            color = _COLORS[finding.state.value]
+            state = "" if finding.state.value == "ok" else f"[{color}]{finding.state.value}[/] "
+            remedy = f" -> {finding.remedy}" if finding.remedy else ""
+            text = f"{finding.name}: {state}{escape(finding.statement)}{escape(remedy)}"
+            console.print(f"  [{color}]*[/] {text}", highlight=False, soft_wrap=True)
+    verdict = "[green]The installation works.[/]" if works else "[red]The installation does not work: see `failed`.[/]"
+    console.print(verdict, highlight=False)

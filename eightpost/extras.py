@@ -1,0 +1,148 @@
+"""Optional packages, grouped by what they are for (the extras of the distribution), and the error if one is missing.
+
+`pip install eightpost` installs what is needed to run FMUs. Every other package belongs to an extra, is imported where
+it is used, inside `needs(...)`, and if it is missing the error names the extra to install.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from eightpost.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """One extra of the distribution.
+
+    Attributes:
+        purpose: Use of the extra.
+        packages: Distributions of the extra by the name under which Python imports them.
+        contains: Names of other extras that are installed with it.
+    """
+
+    purpose: str
+    packages: Mapping[str, str] = field(default_factory=dict)
+    contains: tuple[str, ...] = ()
+
+
+#: Distributions that every installation has, by the name under which Python imports them.
+REQUIRED: Mapping[str, str] = {
+    name: name
+    for name in (
+        "click", "fmpy", "llvmlite", "markupsafe", "numba", "numpy", "pint", "platformdirs", "pyarrow", "pydantic",
+        "rich", "scipy", "threadpoolctl",
+    )
+}  # fmt: skip
+
+#: Extras of pyproject.toml by name, without those for host programs and tests.
+EXTRAS: Mapping[str, Extra] = {
+    "report": Extra(
+        "pictures, pages and workbooks (fit, identify, study, run --report ...)",
+        {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
+    ),
+    "files": Extra(
+        "records in spreadsheets and LabVIEW files",
+        {"lvm_read": "lvm_read", "nptdms": "nptdms", "python_calamine": "python-calamine"},
+    ),
+    "build-local": Extra(
+        "building FMUs for this platform with the system's C compiler",
+        {
+            "fmu_manipulation_toolbox": "fmu-manipulation-toolbox",
+            "latex2mathml": "latex2mathml",
+            "markdown_it": "markdown-it-py",
+            "pythonfmu": "pythonfmu",
+        },
+        contains=("report",),
+    ),
+    "build": Extra("building FMUs for all six platforms", {"ziglang": "ziglang"}, contains=("build-local",)),
+    "check": Extra(
+        "checking FMUs of any maker",
+        {"PIL": "pillow", "fmu_manipulation_toolbox": "fmu-manipulation-toolbox", "lief": "lief", "lxml": "lxml"},
+    ),
+    "control": Extra("exchange of models with python-control", {"control": "control"}),
+    "dask": Extra("studies on a cluster", {"dask": "dask", "distributed": "distributed"}),
+    "mat73": Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
+    "mdf": Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
+    "notebook": Extra(
+        "tables of results as pandas and xarray objects", {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"}
+    ),
+    "optimise": Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
+    "uff": Extra("frequency responses as universal files", {"pyuff": "pyuff"}),
+}
+
+
+class MissingExtraError(InputError, ModuleNotFoundError):
+    """An optional package is not installed.
+
+    Attributes:
+        extra: Extra that installs it.
+        name: Name under which Python imports it.
+    """
+
+    def __init__(self, purpose: str, name: str, extra: str) -> None:
+        super().__init__(requirement(purpose, name, extra))
+        self.name = name
+        self.extra = extra
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra."""
+    return f'pip install "eightpost[{extra}]"'
+
+
+def requirement(purpose: str, name: str, extra: str) -> str:
+    """Return the sentence that something needs a package that is not installed, with the command that installs it.
+
+    Args:
+        purpose: What needs the package, e.g. "reading MDF files".
+        name: Name under which Python imports the package.
+        extra: Extra that installs it.
+    """
+    return f"{purpose} needs {packages(extra)[name]}, which is not installed: {install_command(extra)}"
+
+
+@contextmanager
+def needs(extra: str, purpose: str) -> Iterator[None]:
+    """Turn the failed import of a package of an extra in the block into the error that names the extra.
+
+    An outer block replaces the extra that an inner one names: building FMUs needs pictures, but also more.
+
+    Args:
+        extra: Extra that installs the imported package.
+        purpose: What needs the package, e.g. "building FMUs".
+
+    Raises:
+        MissingExtraError: The package is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if name not in packages(extra):
+            raise  # part of a damaged installation, or a module of this project
+        raise MissingExtraError(purpose, name, extra) from error
+
+
+def packages(extra: str) -> dict[str, str]:
+    """Return the distributions of an extra and of those that it contains, by the name under which they are imported."""
+    found = dict(EXTRAS[extra].packages)
+    for other in EXTRAS[extra].contains:
+        found |= packages(other)
+    return found
+
+
+def is_installed(name: str) -> bool:
+    """Return whether a package can be imported, without importing it."""
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):  # ValueError: a module without a specification
+        return False
+
+
+def missing(extra: str) -> list[str]:
+    """Return the distributions of an extra that are not installed."""
+    return [distribution for name, distribution in packages(extra).items() if not is_installed(name)]

@@ -1,0 +1,1 @@
+"""Checks before a release; none of them changes or uploads anything."""
