@@ -68,7 +68,8 @@ EXTRAS: Mapping[str, Extra] = {
     "mat73": Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
     "mdf": Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
     "notebook": Extra(
-        "tables of results as pandas and xarray objects", {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"}
+        "tables of results as pandas and xarray objects",
+        {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"},
     ),
     "optimise": Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
     "uff": Extra("frequency responses as universal files", {"pyuff": "pyuff"}),

@@ -1,4 +1,4 @@
-"""API for notebooks: `import eightpost as ep` gives these functions (docs/api.md). Libraries load when they are called.
+"""API for notebooks: `import eightpost as ep` gives these functions (docs/how_to/api.md). Libraries load on calls.
 
 Each function calls what the verb of the same name calls, takes paths or objects, and returns a result that states
 itself in a few lines, converts to pandas and xarray, and draws itself.
