@@ -1,7 +1,7 @@
 """Shock laws, vehicle models, signals and identification: the numerical part of the project, without FMI.
 
-The package itself also gives the names of the API for notebooks (docs/how_to/api.md), each loaded when it is first used:
-`import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
+The package itself also gives the names of the API for notebooks (docs/how_to/api.md), each loaded when it is first
+used: `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
 """
 
 __version__ = "0.2.0"

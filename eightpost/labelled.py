@@ -32,7 +32,7 @@ def data_frame(
         MissingExtraError: pandas is not installed.
     """
     with needs("notebook", "to_pandas"):
-        import pandas  # noqa: ICN001, PLC0415 -- an optional extra
+        import pandas  # noqa: PLC0415 -- an optional extra
     frame: pd.DataFrame = pandas.DataFrame(
         {column: np.array(values) if isinstance(values, np.ndarray) else values for column, values in columns.items()},
         index=pandas.Index(index, name=name),
@@ -55,7 +55,7 @@ def dataset(
         MissingExtraError: xarray is not installed.
     """
     with needs("notebook", "to_xarray"):
-        import xarray  # noqa: ICN001, PLC0415 -- an optional extra
+        import xarray  # noqa: PLC0415 -- an optional extra
     made: xr.Dataset = xarray.Dataset(
         {name: _variable(values) for name, values in variables.items()},
         coords={name: _variable(values) for name, values in coordinates.items()},
