@@ -117,7 +117,7 @@ def judged_skew(seed: int) -> Iterator[tuple[str, bool]]:
 
 
 def judged_late(seed: int) -> Iterator[tuple[str, bool]]:
-    """Yield whether a late force of a random shock was found, and whether the record could not tell."""
+    """Yield whether a late force of a random shock was found, and whether a delay is unknown."""
     random = np.random.default_rng(seed)
     shock = RandomShock.drawn(random).at(float(random.integers(round(MOST) + 1)))
     hysteretic, every = BoucWenDamper.drawn(random), int(random.choice([2, 4, 8]))
@@ -136,7 +136,7 @@ def judged_late(seed: int) -> Iterator[tuple[str, bool]]:
             record = fine.with_channel("force", "N", late).at(slice(None, None, every))
             name = f"{kind}, force {1e3 * delay:.0f} ms late"
             yield f"{name}: found", any(delay_reasons(record, "-"))
-            yield f"{name}: cannot be told", "cannot be told" in delay_statement(record)
+            yield f"{name}: unknown", "is unknown" in delay_statement(record)
 
 
 def _after(first: TimeSeries, second: TimeSeries) -> TimeSeries:

@@ -70,7 +70,7 @@ KEPT = Request().keep
 #: Numbers of a shape that vary.
 VARIED = ("compression.low", "compression.high", "rebound.low", "rebound.high")
 
-#: Highest speed of the curves [m/s]; lag of their laws [s], and force from which there is none [N].
+#: Highest speed of the curves [m/s]; lag of their laws [s], and force from which the lag is zero [N].
 REACH, LAG, LAG_FORCE = 1.0, 0.7e-3, 4325.0
 
 #: Weight and unit of the terms of the objective, and the output whose RMS each is.

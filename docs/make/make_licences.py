@@ -1,4 +1,6 @@
-"""Write docs/development/licences.md, the licences of all packages that eightpost[all] installs: `python docs/make/make_licences.py`.
+"""Write docs/development/licences.md, the licences of all packages that eightpost[all] installs.
+
+Run `python docs/make/make_licences.py`.
 
 A licence is what a package states about itself: the licence expression of its metadata, its classifiers, its licence
 field, or its licence file, in this order. A licence that the table below does not know stops the script, because

@@ -48,6 +48,7 @@ def _front_page(app: Sphinx, error: Exception | None) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect the list, the titles and the front page."""
     app.connect("source-read", _list_notebooks)
+    app.connect("env-get-outdated", lambda *_: [_LIST])
     app.connect("doctree-resolved", _title_links)
     app.connect("build-finished", _front_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -27,7 +27,7 @@ def study(
     A study that was stopped resumes where it stopped when it is run again with the same folder.
 
     Args:
-        definition: Study, or its file (docs/study.md). FMUs of its shock and vehicle files are built first.
+        definition: Study, or its file (docs/how_to/study.md). FMUs of its shock and vehicle files are built first.
         folder: Folder of results.parquet and of the intermediate results.
         workers: Number of processes; default: one for each processor.
         progress: Callback that receives the amount of work done and the total.

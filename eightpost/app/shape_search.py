@@ -106,7 +106,7 @@ class Curves:
         fits: Shape of each build of the bank that has a shock file, with its residual.
         bank: Builds of the best setup of the bank, by corner.
         bases: Shape of the best setup of the bank, by group of corners.
-        reference: That setup as a point of the space.
+        reference: Values of that setup, its shocks as shapes.
         optimum: Result of the search.
         car: Cars that the true one may be; None if the vehicle is taken to be exact.
         gains: Gain over the best setup of the bank, for each draw of shocks and cars (N,).

@@ -8,8 +8,8 @@ curve over velocity explains it best,
     min over T, f, k of  sum (F(t + T) - f(v) - k x)^2
 
 with f linear between knots. With k of the whole record, it is found again in a lower and in an upper band of
-frequencies, with the columns of f filtered like the force. A record with a single frequency, and one in which the phase
-is too small to be distinguished from hysteresis, cannot tell.
+frequencies, with the columns of f filtered like the force. In a record with a single frequency, and in one whose
+phase is too small to be distinguished from hysteresis, the delay is unknown.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LINEAR = 0.8
 LEAST_PHASE = 0.35
 #: Smallest ratio of the frequencies of the bands, and smallest share of the velocity's power in each.
 APART, POWER = 1.5, 0.05
-#: Number of standard errors, and largest standard error of a lag that tells something [s].
+#: Number of standard errors, and largest standard error of a lag that is used [s].
 ERRORS, MOST_ERROR = 4.0, 5e-4
 
 #: Advances of the force that are tried [s].
@@ -94,9 +94,9 @@ def delay_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
 
 
 def delay_statement(series: TimeSeries) -> str:
-    """Return a sentence: how much the instruments can delay the force, or that this cannot be told and why."""
+    """Return a sentence: how much the instruments can delay the force, or why this is unknown."""
     bands = band_lags(series)
-    unknown = "whether the instruments delay the force cannot be told: "
+    unknown = "whether the instruments delay the force is unknown: "
     if bands is None:
         return f"{unknown}the record has no two frequencies that are far enough apart; add a random motion to 10 Hz"
     low, high = bands
@@ -137,8 +137,8 @@ def band_lags(series: TimeSeries) -> tuple[BandLag, BandLag] | None:
         return None
     whole = motion.whole()
     low, high = motion.band("low", stiffness=whole), motion.band("high", stiffness=whole)
-    is_told = high.frequency >= APART * low.frequency and min(low.power, high.power) >= POWER
-    return (low, high) if is_told and max(low.error, high.error) <= MOST_ERROR else None
+    is_apart = high.frequency >= APART * low.frequency and min(low.power, high.power) >= POWER
+    return (low, high) if is_apart and max(low.error, high.error) <= MOST_ERROR else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

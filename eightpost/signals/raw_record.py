@@ -153,7 +153,7 @@ class RawRecord:
         units: C units as written in the file, None for columns without a unit.
         columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
         preamble: Lines above the table, one tuple of cells per line.
-        notes: What was left out while reading, one sentence each.
+        notes: Sentences on what was left out while reading.
     """
 
     origin: Origin

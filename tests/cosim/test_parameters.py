@@ -39,7 +39,8 @@ def scenario(bumps) -> Scenario:
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.fixed_dictionaries({}, optional={
     "compression_scale": st.floats(0.2, 3.0), "rebound_scale": st.floats(0.2, 3.0),
-    "gas_preload": st.floats(0.0, 500.0), "time_constant": st.floats(1e-4, 5e-3),
+    "gas_preload": st.floats(0.0, 500.0),
+    "time_constant": st.floats(1e-4, 5e-3),
 }))  # fmt: skip
 def test_a_run_with_parameters_equals_a_fresh_load_with_them(fmus, loaded, scenario, values):
     given_values = {f"shock.{name}": value for name, value in values.items()}

@@ -76,7 +76,6 @@ GIVEN = {
     ),
     "docs/how_to/assembly.md": Given("take('dist')\ntake('system.toml')"),
     "docs/how_to/dyno_report.md": Given("record('dyno_A', 'A.csv')\nrecord('dyno_B', 'B.csv')"),
-    "docs/how_to/exports.md": Given("take('car.json', 'vehicle.json')\ntake('shock.json')"),
     "docs/how_to/foreign_fmus.md": Given(
         "take('dist')\ntake('system.toml')\n"
         "shutil.copy('dist/dyno_A.fmu', 'damper.fmu')\nshutil.copy('dist/car.fmu', 'car.fmu')"
@@ -93,13 +92,12 @@ GIVEN = {
     ),
     "docs/how_to/settings.md": Given(_TARGET),
     "docs/how_to/ssp.md": Given("take('dist')"),
-    "docs/how_to/study_choice.md": Given("take('out')"),
     "docs/how_to/study_report.md": Given(
         "traces = selection = certainty = None", {"examples/identified/study.toml": "examples/study.toml"}
     ),
     "docs/how_to/validation.md": Given(
         "take('shock.json')\nrecord('dyno_A', 'data/a.csv')\nfrom eightpost.shock import read_shock\n"
-        "shocks = {'A': read_shock('shock.json')}" + _DYNO_TESTS
+        "shocks = [read_shock('shock.json')]" + _DYNO_TESTS
     ),
     "docs/how_to/vehicle_validation.md": Given(
         "take('rig')\ntake('car.json', 'vehicle.json')\npaths = ['rig/baseline.parquet', 'rig/alternate_lf.parquet']"

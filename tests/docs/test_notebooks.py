@@ -21,7 +21,7 @@ def marked(path):
 
 
 def script():
-    spec = importlib.util.spec_from_file_location("make_notebooks", ROOT / "docs" / "make_notebooks.py")
+    spec = importlib.util.spec_from_file_location("make_notebooks", ROOT / "docs" / "make" / "make_notebooks.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

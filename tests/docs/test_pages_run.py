@@ -137,8 +137,9 @@ def take(shared: Path) -> Callable[..., None]:
             shutil.copytree(source, target, dirs_exist_ok=True)
         else:
             shutil.copy(source, target)
-            if (plots := source.with_suffix(".fit.json")).exists():
-                shutil.copy(plots, target.with_suffix(".fit.json"))
+            for beside in (".fit.json", ".response.npz"):  # what `identify` writes beside the car
+                if source.with_suffix(beside).exists():
+                    shutil.copy(source.with_suffix(beside), target.with_suffix(beside))
 
     return brought
 

@@ -1,4 +1,4 @@
-"""A force that is recorded late is told from a shock's own lag, gas and hysteresis by its phase over the frequency."""
+"""The phase over the frequency distinguishes a late force from a shock's own lag, from gas and from hysteresis."""
 
 import re
 
@@ -67,16 +67,16 @@ def test_a_delay_is_a_reason_of_the_record_and_a_statement():
 
 
 @pytest.mark.parametrize("highest", [0.5, 1.0])
-def test_a_record_without_different_frequencies_cannot_tell(highest):
+def test_a_record_without_different_frequencies_leaves_the_delay_unknown(highest):
     for delay in (0.0, 8e-3):
         series = record(delay=delay, highest=highest)
         assert not list(delay_reasons(series, "run"))
-        assert "cannot be told" in delay_statement(series)
+        assert "is unknown" in delay_statement(series)
 
 
-def test_a_lag_at_low_frequencies_alone_cannot_be_told_from_hysteresis():
+def test_a_lag_at_low_frequencies_alone_may_be_hysteresis():
     assert "which hysteresis causes too" in delay_statement(record(delay=8e-3, highest=4.0))
 
 
-def test_a_short_record_cannot_tell():
+def test_a_short_record_has_no_bands():
     assert band_lags(record().at(slice(0, 300))) is None

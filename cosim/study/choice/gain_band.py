@@ -62,7 +62,7 @@ def band(problem: Problem, optimum: Optimum, reference: float, *, share: float =
     limit = reference - share * gain
     uniform = qmc.Sobol(problem.space.size, rng=seed).random(64)[:_POINTS]
     size, kept, points = 0.0, 0.0, np.empty((0, problem.space.size))
-    first, last = 0, len(_SIZES)  # the largest box that keeps it is in _SIZES[first:last], or there is none
+    first, last = 0, len(_SIZES)  # the largest box that keeps it is in _SIZES[first:last], or no box keeps it
     while first < last:
         middle = (first + last) // 2
         tried = np.clip(optimum.point + _SIZES[middle] * (2.0 * uniform - 1.0), 0.0, 1.0)

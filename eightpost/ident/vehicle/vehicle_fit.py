@@ -86,7 +86,7 @@ class VehicleFit(Summarized):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the vehicle can be used, and why (docs/verdict.md)."""
+        """Whether the vehicle can be used, and why (docs/reference/verdict.md)."""
         if self.vehicle.validity is not None:
             return self.vehicle.validity.verdict
         from eightpost.ident.vehicle.verdict import fit_verdict  # noqa: PLC0415 -- it judges fits: this module is below

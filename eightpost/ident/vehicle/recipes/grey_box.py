@@ -29,7 +29,7 @@ from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
 from eightpost.ident.vehicle.grey_box.uncertainty import output_trust
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
-from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.model_form import ModelForm, Shares
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
@@ -42,6 +42,9 @@ from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
+
+#: Smallest errors of measures: tires in the file are linear, which the residual of the tests hardly shows.
+_LEAST = Shares(1e-3, 2e-3)
 
 #: Smallest mean tire force that is a static load [N]; records of changes from the mean have none.
 _LOADED = 200.0
@@ -70,7 +73,7 @@ class GreyBox:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
     samples: int = 8
-    model_form: ModelForm | None = field(default_factory=ModelForm)
+    model_form: ModelForm | None = field(default_factory=lambda: ModelForm(least=_LEAST))
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`.

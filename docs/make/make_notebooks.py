@@ -1,4 +1,4 @@
-"""Execute the notebooks of examples/notebooks and keep their outputs: `python docs/make_notebooks.py [NAME...]`.
+"""Execute the notebooks of examples/notebooks and keep their outputs: `python docs/make/make_notebooks.py [NAME...]`.
 
 Outputs are texts, tables and small pictures. What differs from run to run (times, counts of executions) is not kept.
 tests/docs/test_notebooks.py executes them too and compares the texts.
@@ -14,7 +14,7 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "examples" / "notebooks"
 
 #: Time that a cell may take [s]: the first run on a machine compiles.
