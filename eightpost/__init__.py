@@ -1,12 +1,7 @@
 """Shock laws, vehicle models, signals and identification: the numerical part of the project, without FMI.
 
-<<<<<<< HEAD
-The package itself also gives the names of the API for notebooks (docs/how_to/api.md), each loaded when it is first
-used: `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
-=======
 The package itself also gives the names of the API for notebooks (docs/reference/api/eightpost.md), each loaded when it
 is first used: `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Type checkers read them in `__init__.pyi`.
->>>>>>> main
 """
 
 __version__ = "0.2.0"

@@ -1,10 +1,6 @@
-<<<<<<< HEAD
-"""API for notebooks: `import eightpost as ep` gives these functions (docs/how_to/api.md). Libraries load on calls.
-=======
 """API for notebooks: `import eightpost as ep` gives these functions.
 
 docs/reference/api/eightpost.md lists them. Libraries load when they are called.
->>>>>>> main
 
 Each function calls what the verb of the same name calls, takes paths or objects, and returns a result that states
 itself in a few lines, converts to pandas and xarray, and draws itself.
