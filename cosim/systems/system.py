@@ -140,7 +140,7 @@ class System(Summarized):
 
         Raises:
             FmuError: A file is missing or is not an FMU that can be used.
-            WiringError: An unknown name, two sources of one input, incompatible units, a bond that is none.
+            WiringError: An unknown name, two sources of one input, incompatible units, or something else than a bond.
         """
         if not isinstance(fmus, Mapping):
             raise WiringError(f"the FMUs are {fmus!r}; give them by name: {{'car': 'car.fmu', 'lf': 'shock.fmu'}}")

@@ -122,8 +122,8 @@ def simulate(
 
     Args:
         model: Shock, or identified vehicle.
-        record: For a shock: `velocity` [m/s], and `displacement` [m] if the gas spring counts. For a vehicle: its roads
-            and loads without means.
+        record: Record of the motion. A shock needs `velocity` [m/s], and `displacement` [m] if the gas spring counts; a
+            vehicle needs its roads and loads without means.
         shocks: Shock of every port of the vehicle by its name ("lf"), or one for all.
 
     Returns:
@@ -131,7 +131,7 @@ def simulate(
 
     Raises:
         MissingChannelError: The record lacks a channel.
-        InputError: The model is none, or a port of the vehicle has no shock.
+        InputError: The model is neither, or a port of the vehicle has no shock.
 
     Example:
         >>> force = ep.simulate(ep.fit("dyno.csv"), ep.read("other.csv", "dyno"))["force"]
