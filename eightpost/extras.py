@@ -99,7 +99,7 @@ def requirement(purpose: str, name: str, extra: str) -> str:
     """Return the sentence that something needs a package that is not installed, with the command that installs it.
 
     Args:
-        purpose: What needs the package, e.g. "reading MDF files".
+        purpose: Activity that needs the package, e.g. "reading MDF files".
         name: Name under which Python imports the package.
         extra: Extra that installs it.
     """
@@ -114,7 +114,7 @@ def needs(extra: str, purpose: str) -> Iterator[None]:
 
     Args:
         extra: Extra that installs the imported package.
-        purpose: What needs the package, e.g. "building FMUs".
+        purpose: Activity that needs the package, e.g. "building FMUs".
 
     Raises:
         MissingExtraError: The package is not installed.

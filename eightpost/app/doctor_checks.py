@@ -41,7 +41,7 @@ class Finding:
         name: Name of what was checked.
         state: Outcome.
         statement: Sentence or value that was found.
-        remedy: What to do; empty if there is nothing to do.
+        remedy: Action to take; empty if there is none.
     """
 
     group: str
@@ -51,7 +51,7 @@ class Finding:
     remedy: str = ""
 
 
-#: Python versions with which the tests pass (docs/development/platforms.md).
+#: Oldest and newest version of Python with which `eightpost demo` passed (docs/development/platforms.md).
 TESTED = ((3, 11), (3, 14))
 #: Largest error of the coupled run, in percent of the standard deviation of the exact solution.
 TOLERANCE = 0.01

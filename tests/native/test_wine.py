@@ -28,9 +28,11 @@ def programs(tmp_path_factory):
         pytest.skip("programs for Windows need the extra build (zig)")
     folder = tmp_path_factory.mktemp("host")
     made = {}
-    for name, target, libraries in (("linux", "x86_64-linux-gnu", ["-lm", "-ldl"]), ("windows", "x86_64-windows-gnu", [])):
+    targets = {"linux": ("x86_64-linux-gnu", ["-lm", "-ldl"]), "windows": ("x86_64-windows-gnu", [])}
+    for name, (target, libraries) in targets.items():
         made[name] = folder / f"{name}.exe"
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-O1", "-ffp-contract=off", f"-I{fmi_headers()}", HOST]
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-O1", "-ffp-contract=off"]
+        command += [f"-I{fmi_headers()}", HOST]
         subprocess.run([*command, *libraries, "-o", made[name]], check=True, timeout=300)
     return made
 
