@@ -41,7 +41,7 @@ class Finding:
         name: Name of what was checked.
         state: Outcome.
         statement: Sentence or value that was found.
-        remedy: Action to take; empty if there is none.
+        remedy: Action to take; may be empty.
     """
 
     group: str
