@@ -1,5 +1,5 @@
 # `make demo` and `make test` do everything on a machine with Python 3.11 or newer, git and make; `make help` lists the rest.
-# Without make (Windows): python -m venv .venv, then pip install -e .[all,test] in it, then python -m eightpost demo.
+# Without make (Windows): python -m venv .venv, then pip install -e .[all,docs,test] in it, then python -m eightpost demo.
 
 PYTHON ?= python3
 VENV := .venv
@@ -61,24 +61,25 @@ release: $(INSTALLED) ## Check that this checkout can be released: tree, version
 fuzz: $(INSTALLED) ## Read thousands of damaged files with every reader: about ten minutes.
 	$(BIN)/python -m benchmarks.fuzz $(FUZZ)
 
-hosts: $(INSTALLED) ## Run the programs of examples/hosts, and write docs/hosts.md and docs/hosts_tools.md: minutes.
-	$(BIN)/python docs/make_hosts.py --run $(HOSTS)
+hosts: $(INSTALLED) ## Run the programs of examples/hosts, and write the tables of hosts: minutes.
+	$(BIN)/python docs/make/make_hosts.py --run $(HOSTS)
 
 mutants: $(INSTALLED) ## Change the sources in one place at a time and run the tests: about half an hour.
 	$(BIN)/python -m benchmarks.mutants $(MUTANTS)
 
-docs: $(INSTALLED) ## Write the generated pages and pictures.
-	$(BIN)/python docs/make_tables.py
-	$(BIN)/python docs/make_commands.py
-	$(BIN)/python docs/make_pictures.py
+docs: $(INSTALLED) ## Write the documentation site to out/site, without network: half a minute.
+	$(BIN)/python docs/make/make_tables.py
+	$(BIN)/python docs/make/make_commands.py
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site
+	@echo "open out/site/index.html"
 
 licences: $(INSTALLED) ## Write the page with the licences of all dependencies.
-	$(BIN)/python docs/make_licences.py
+	$(BIN)/python docs/make/make_licences.py
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[all,test]'
+	$(BIN)/python -m pip install --quiet --editable '.[all,docs,test]'
 	touch $@
 
 clean: ## Remove everything that the targets made.

@@ -1,11 +1,14 @@
 """Benchmark of the certainty of studies: stated probabilities against what is true of known cars.
 
-    python -m benchmarks.certainty [--seeds FIRST:END] [--kinds NAMES] [--setups N] [--kept FOLDER] [--json FILE]
+    python -m benchmarks.certainty [--seeds FIRST:END] [--kinds NAMES] [--setups N] [--shocks known|fitted]
+        [--kept FOLDER] [--json FILE]
 
 The truths are those of benchmarks/vehicle_uncertainty.py: stand-ins and flexible cars with random parameters.
 For each of them, N random setups of the seven builds of Table 7.3 are predicted, and simulated with the true car.
 Each measure is the criterion of a study of its own. A study is then repeated with the three rig runs that it proposes:
-the true levels of all measures with a run-to-run deviation of 0.3 %. The laws of the shocks are known.
+the true levels of all measures with a run-to-run deviation of 0.3 %. The laws of the shocks are known; with --shocks
+fitted, the true car has physical dampers and the prediction has laws Hysteresis fitted to two dynamometer tests of
+each, whose stated uncertainty is included.
 
 Tables: how often the ties contain the truly best setup, their number, and the regret (true level of the chosen setup
 above the lowest one); the stated probability of being best, and of being better than another setup, with how often it
@@ -17,7 +20,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import pickle
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,12 +30,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads ar
 
 import numpy as np
 
+from benchmarks.certainty_levels import Levels, levels_of
 from benchmarks.identification import markdown
-from benchmarks.identification_cases import truths_of
-from benchmarks.identification_measures import measures_of
-from benchmarks.identification_shocks import bank
 from benchmarks.vehicle_uncertainty import stated
-from benchmarks.vehicle_uncertainty_truths import KINDS, LAP, REPORT, Outcome, outcome, truth
+from benchmarks.vehicle_uncertainty_truths import KINDS, LAP, REPORT, Outcome, outcome
 from cosim.study.certainty.assess import observations_of
 from cosim.study.certainty.certainty import PROBABILITIES, TIE, ConfirmedRun
 from cosim.study.certainty.choice import Criterion, Drawn, candidates, draw_choice, drawn_levels, tests_of
@@ -44,12 +44,10 @@ from cosim.study.result import Provenance, StudyResult, result_table, study_sche
 from cosim.study.study import Build, Drive, Study, Vehicle
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig import BUILDS
-from eightpost.rig.post import Actuators, track_drive
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
 
@@ -65,19 +63,6 @@ DRAWS, TESTS, NOISE, PAIRED = 4096, 3, 0.003, 40
 
 #: Limits of the bins of probabilities of being best, and of being better than another setup.
 BEST_BINS, BETTER_BINS = (0.005, 0.02, 0.1, 0.3, 0.6, 0.9, 1.0), (0.5, 0.6, 0.7, 0.8, 0.9, 0.98, 1.0)
-
-#: Outputs of the simulation are kept at every fifth sample of 1250 Hz.
-_EVERY, _RATE = 5, 1250.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Levels:
-    """True and predicted levels of the setups of one truth: numbers (S,), and levels (S, M) of named measures."""
-
-    setups: NDArray[np.int64]
-    names: tuple[str, ...]
-    true: Array
-    predicted: Array
 
 
 @dataclass(slots=True)
@@ -111,7 +96,7 @@ def main() -> None:
         for kind in kinds:
             try:
                 one = outcome(kind, seed, options.kept)
-                levels = levels_of(one, options.setups, options.kept)
+                levels = levels_of(one, options.setups, options.kept, options.shocks)
             except StepError as error:
                 print(f"{kind} {seed} has no prediction: {error}", flush=True)
                 continue
@@ -127,32 +112,6 @@ def main() -> None:
     print(*(markdown(rows) for rows in tables.values()), sep="\n\n")
     if options.json:
         options.json.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
-
-
-def levels_of(one: Outcome, count: int, folder: Path | None) -> Levels:
-    """Return the levels of random setups of a truth, or read them from a folder where they were kept."""
-    kept = None if folder is None else folder / f"{one.kind}_{one.seed}_choice_{count}.pickle"
-    if kept is not None and kept.exists():
-        found: Levels = pickle.loads(kept.read_bytes())
-        return found
-    made = _simulated(one, count)
-    if kept is not None:
-        kept.write_bytes(pickle.dumps(made))
-    return made
-
-
-def _simulated(one: Outcome, count: int) -> Levels:
-    car, laws = truth(one.kind, one.seed), bank()
-    shape = (len(laws),) * len(CORNERS)
-    numbers = np.sort(np.random.default_rng([11, one.seed]).choice(int(np.prod(shape)), count, replace=False))
-    setups = [tuple(int(place) for place in np.unravel_index(number, shape)) for number in numbers]
-    lap = Actuators().follow(track_drive(car, 40000 + one.seed, duration=LAP).series, car)
-    true = list(truths_of(car, lap, [tuple(laws[place] for place in setup) for setup in setups]))
-    simulation, names = ManySetups(one.fit.vehicle, laws, lap, _EVERY), one.fit.vehicle.state_space.output_names
-    predicted = [measures_of(names, values, _RATE / _EVERY) for values in simulation.run(setups)]
-    measures = tuple(true[0])
-    rows = [np.array([[row[name] for name in measures] for row in table]) for table in (true, predicted)]
-    return Levels(numbers, measures, *rows)
 
 
 def study_of(levels: Levels, uncertainties: dict[str, MeasureUncertainty]) -> StudyResult:
@@ -182,7 +141,7 @@ def add_truth(one: Outcome, levels: Levels, before: Tally, after: Tally) -> None
     """Add the studies of one truth, each measure once as the criterion."""
     result = study_of(levels, stated(one, ModelForm()))
     noise = {name: NOISE * float(np.mean(column)) for name, column in zip(levels.names, levels.true.T, strict=True)}
-    sources = error_sources(result, run_to_run=noise)
+    sources = error_sources(result, levels.effects, noise)
     prior = Posterior(sources, Observations.none())
     generator = np.random.default_rng([13, one.seed])
     _add_coverage(prior, levels, before)
@@ -260,23 +219,26 @@ def choice_rows(stage: str, tallies: dict[str, Tally]) -> Iterator[Row]:
 
 
 def probability_rows(stage: str, tallies: dict[str, Tally], what: str) -> Iterator[Row]:
-    """Yield stated probabilities and how often they are true, by bins, the largest difference first."""
-    rows = []
+    """Yield stated probabilities and how often they are true, by kind and bins, the largest difference first."""
+    rows: list[Row] = []
     bins = BEST_BINS if what == "chances" else BETTER_BINS
-    pairs = np.array([pair for tally in tallies.values() for pair in getattr(tally, what)], dtype=np.float64)
-    place = np.clip(np.digitize(pairs[:, 0], bins) - 1, -1, len(bins) - 2)
-    for k in range(len(bins) - 1):
-        chosen = pairs[place == k]
-        if len(chosen):
-            mean, true = chosen.mean(axis=0)
-            row = {"stage": stage, "stated": f"{bins[k]:g} to {bins[k + 1]:g}", "number": len(chosen)}
-            rows.append(row | {"mean stated": mean, "true": true, "difference": true - mean})
+    groups = {kind: getattr(tally, what) for kind, tally in tallies.items()}
+    groups["all"] = [pair for pairs in groups.values() for pair in pairs]
+    for kind, found in groups.items():
+        pairs = np.array(found, dtype=np.float64)
+        place = np.clip(np.digitize(pairs[:, 0], bins) - 1, -1, len(bins) - 2)
+        for k in range(len(bins) - 1):
+            chosen = pairs[place == k]
+            if len(chosen):
+                mean, true = chosen.mean(axis=0)
+                row = {"stage": stage, "cars": kind, "stated": f"{bins[k]:g} to {bins[k + 1]:g}", "number": len(chosen)}
+                rows.append(row | {"mean stated": mean, "true": true, "difference": true - mean})
     yield from sorted(rows, key=lambda row: -abs(row["difference"]))
 
 
 def coverage_rows(stage: str, tallies: dict[str, Tally]) -> Iterator[Row]:
     """Yield the share of true levels within the intervals by measure, the lowest share of 95 % first."""
-    rows = []
+    rows: list[Row] = []
     for name in dict.fromkeys(name for tally in tallies.values() for name in tally.inside):
         inside = np.array([flags for tally in tallies.values() for flags in tally.inside.get(name, [])])
         shares = {
@@ -300,6 +262,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seeds", type=lambda text: tuple(map(int, text.split(":"))), help="first seed and end, 0:3")
     parser.add_argument("--kinds", help=f"kinds of truths, separated by commas: {', '.join(KINDS)}")
     parser.add_argument("--setups", type=int, default=200, help="number of setups of each truth (default 200)")
+    parser.add_argument("--shocks", choices=("known", "fitted"), default="known", help="laws of the shocks")
     parser.add_argument(
         "--kept", type=Path, help="keep the identified vehicles and levels in this folder, or read them"
     )

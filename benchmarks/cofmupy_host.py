@@ -1,4 +1,4 @@
-"""Car and four shocks coupled by CoFMUPy, compared with the assembled FMU (docs/hosts_tools.md).
+"""Car and four shocks coupled by CoFMUPy, compared with the assembled FMU (docs/evidence/hosts_tools.md).
 
     python benchmarks/cofmupy_host.py FOLDER [STEP]
 

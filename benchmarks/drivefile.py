@@ -2,11 +2,11 @@
 
     python -m benchmarks.drivefile CAR.json [--runs 20] [--first 1000] [--spread 0.1] [--noise rig|none]
 
-CAR.json is the car that `eightpost identify` found for the stand-in of docs/rig.md. The car on the rig is another one
-in each run: masses, springs, tires and friction of the stand-in are changed at random, so the response that the
-iteration starts with is wrong. The road, the noise and the drift of each pass are random too. The seeds from 1000 on
-were used for no choice in the program. "repeat" is the difference of two runs of the true lap on the rig, the level at
-which passes differ by chance. All data are SYNTHETIC.
+CAR.json is the car that `eightpost identify` found for the stand-in of docs/explanation/rig.md. The car on the rig is
+another one in each run: masses, springs, tires and friction of the stand-in are changed at random, so the response that
+the iteration starts with is wrong. The road, the noise and the drift of each pass are random too. The seeds from 1000
+on were used for no choice in the program. "repeat" is the difference of two runs of the true lap on the rig, the level
+at which passes differ by chance. All data are SYNTHETIC.
 """
 
 from __future__ import annotations

@@ -1,14 +1,17 @@
 """Benchmark of identified vehicles against known cars: accuracy of the predicted response measures of unseen setups.
 
     python benchmarks/identification.py --case CASE [--quick] [--json FILE] [--methods NAMES] [--setups N] [--seeds N]
-        [--car-seed N]
+        [--car-seed N] [--kept FOLDER]
 
 Cases: quarter_car (twelve unseen shocks), seven_dof_800s, seven_dof_100s (five rig tests of that length, 2 % noise),
 eight_post_known (the stand-in, 1 % noise, setups of the seven builds of Table 7.3, the model uses the true laws),
-eight_post_fitted (the same with physical dampers, the model uses fitted laws), eight_post_close (laws within 10 % of
-each other), and flexible_known, flexible_fitted, flexible_close: the same for the flexible car and 400 s, with its base
-parameters or those of --car-seed. --quick: the same records, 100 setups. Prints Markdown; --json writes rows {case,
-method, setups, all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS and largest error over all RMS
+eight_post_fitted (the same with physical dampers, the model uses laws Hysteresis that were fitted to two dynamometer
+tests each), eight_post_dampers (the same, but the rig tests have linear dampers), eight_post_close (laws within 10 % of
+each other), and flexible_known, flexible_fitted, flexible_dampers, flexible_close: the same for the flexible car, with
+its base parameters or those of --car-seed. --quick: the same records, 100 setups.
+--kept: keep the true measures and the identified vehicles in a folder; an interrupted run resumes there. Prints
+Markdown; --json writes rows {case, method, setups, all_percent, max_percent, spearman_min, kendall_min, seconds}: RMS
+and largest error over all RMS
 measures and setups, the lowest rank correlations over the measures, and the processor time of the identification.
 quarter_car adds mode_frequency_percent, mode_damping_points (the worse of two modes), tire_force_rms_lbf and
 tire_force_max_lbf (of the deviations of the tire force's standard deviation over the shocks). --seeds: number of sets
@@ -21,9 +24,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import pickle
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -48,6 +53,7 @@ from eightpost.units import convert
 from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 
 Row = dict[str, Any]
+_Tests = Callable[[], tuple[tuple[TimeSeries, ...], Experiment]]
 Measures = list[dict[str, float]]
 
 #: Outputs are kept at every fifth sample of 1250 Hz, and this number of setups is simulated at once.
@@ -72,20 +78,43 @@ def run(case: Case, options: argparse.Namespace, progress: Progress) -> list[Row
     lap, setups = case.lap(), case.chosen(100 if options.quick else options.setups)
     task = progress.add_task(f"{case.name}: {len(setups)} truths (lap {LAP})", total=len(setups))
     true: Measures = []
-    for row in truths(case, lap, setups):
+    for row in kept_truths(case, lap, setups, options.kept):
         true.append(row)
         progress.advance(task)
-    judged = _Evaluation(case, lap, setups, true)
+    judged = _Evaluation(case, lap, setups, true, options.kept)
     chosen = options.methods.split(";") if options.methods else list(methods())
     rows: dict[str, list[Row]] = {name: [] for name in chosen}
     for noise in noise_seeds(options.seeds):
         progress.update(task, description=f"{case.name}: rig tests (drive {DRIVE}, noise from {noise})", total=None)
-        tests = records_of(case, noise)
+        tests = cache(partial(records_of, case, noise))
         for name in chosen:
             progress.update(task, description=f"{case.name}: {name}, noise from {noise}")
-            rows[name].append(judged.row(name, *tests))
+            rows[name].append(judged.row(name, noise, tests))
             print(f"noise from {noise}: {_line(rows[name][-1])}", file=sys.stderr, flush=True)
     return [row for found in rows.values() for row in (over_seeds(found) if len(found) > 1 else found)]
+
+
+def kept_truths(
+    case: Case, lap: TimeSeries, setups: Sequence[Sequence[int]], folder: Path | None
+) -> Iterator[dict[str, float]]:
+    """Yield the true measures of setups; those that a folder has are read from it, and the others are added to it."""
+    if folder is None:
+        yield from truths(case, lap, setups)
+        return
+    path = folder / f"{case.name}_{case.car_seed}_{LAP}.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    known = {tuple(setup): row for setup, row in map(json.loads, lines)}
+    missing = iter(truths(case, lap, [setup for setup in setups if tuple(setup) not in known]))
+    with path.open("a", encoding="utf-8") as file:
+        for setup in setups:
+            if tuple(setup) not in known:
+                row = next(missing)
+                file.write(json.dumps([list(setup), row]) + "\n")
+                file.flush()
+            else:
+                row = known[tuple(setup)]
+            yield row
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,26 +126,41 @@ class _Evaluation:
         lap: Motion of the actuators.
         setups: Index of the shock at each corner, per setup.
         true: True measures of the setups.
+        folder: Folder where identified vehicles are kept, None if they are not.
     """
 
     case: Case
     lap: TimeSeries
     setups: Sequence[Sequence[int]]
     true: Measures
+    folder: Path | None = None
 
-    def row(self, name: str, records: Sequence[TimeSeries], experiment: Experiment) -> Row:
+    def row(self, name: str, noise: int, tests: _Tests) -> Row:
         """Return the figures of a method for records; a method that fails has no figures."""
         row: Row = {"case": self.case.name, "method": name, "setups": len(self.true)}
-        started = process_time()
         try:
-            fit = methods()[name].identify(records, experiment)
-            seconds = process_time() - started
+            fit, seconds = self._identified(name, noise, tests)
             found = self._predicted(fit)
         except EightpostError as error:
             print(f"{name}: {error}", file=sys.stderr)
             return row | dict.fromkeys(Agreement._fields) | {"seconds": None}
         row |= agreement(self.true, found)._asdict() | {"seconds": round(seconds, 2)}
         return row | (_quarter(fit, self.true, found) if self.case.name == "quarter_car" else {})
+
+    def _identified(self, name: str, noise: int, tests: _Tests) -> tuple[VehicleFit, float]:
+        """Return the vehicle of a method and the processor time of its identification [s], or read both."""
+        label = f"{self.case.name}_{self.case.car_seed}_{noise}_{name.replace(' ', '_')}.pickle"
+        kept = None if self.folder is None else self.folder / label
+        if kept is not None and kept.exists():
+            found: tuple[VehicleFit, float] = pickle.loads(kept.read_bytes())
+            return found
+        records, experiment = tests()
+        started = process_time()
+        fit = methods()[name].identify(records, experiment)
+        made = fit, process_time() - started
+        if kept is not None:
+            kept.write_bytes(pickle.dumps(made))
+        return made
 
     def _predicted(self, fit: VehicleFit) -> Measures:
         simulation = ManySetups(fit.vehicle, self.case.laws(), self.lap, _EVERY)
@@ -174,6 +218,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--methods", default="", help="methods to run, separated by semicolons (default: all)")
     parser.add_argument("--seeds", type=int, default=1, help="number of sets of rig tests with different noise")
     parser.add_argument("--car-seed", type=int, help="seed of the parameters of the flexible car")
+    parser.add_argument("--kept", type=Path, help="keep the true measures in this folder, or read them from it")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

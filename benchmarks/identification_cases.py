@@ -1,7 +1,7 @@
 """The cases of the identification benchmark: a true car, its rig tests, a drive file, setups with true measures.
 
 Noise is white, proportional to each measured channel's standard deviation, at the rig's 1250 Hz; there is no drift. The
-true cars are simulated at 5 kHz with code that shares nothing with the identified models (docs/rig.md).
+true cars are simulated at 5 kHz with code that shares nothing with the identified models (docs/explanation/rig.md).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.identification_measures import QUANTITIES, measures_of, truth_of
-from benchmarks.identification_shocks import bank, close_bank, physical_bank, twelve
+from benchmarks.identification_shocks import bank, close_bank, fitted_bank, physical_bank, twelve
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.rig import shim_build
@@ -40,7 +40,7 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.shock import Lpnl2
+    from eightpost.shock import ShockLaw
 
     Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class Case:
     baseline: Callable[[], Shock]
     alternate: Callable[[], Shock]
     shocks: Callable[[], Sequence[Shock]]
-    laws: Callable[[], Sequence[Lpnl2]]
+    laws: Callable[[], Sequence[ShockLaw]]
     changes: tuple[Callable[[Car], Car], ...] = ()
     car_seed: int | None = None
     steps: int = STEPS
@@ -182,15 +182,23 @@ CASES = {
         _seven("seven_dof_100s", 100.0),
         Case("eight_post_known", "eight_post", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), bank, bank),
         Case(
-            "eight_post_fitted", "eight_post", 800.0, 0.01, 250,
-            lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, bank,
+            "eight_post_fitted", "eight_post", 800.0, 0.01, 2401,
+            lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, fitted_bank,
+        ),
+        Case(
+            "eight_post_dampers", "eight_post", 800.0, 0.01, 2401,
+            _linear(20.74), _linear(9.0), physical_bank, fitted_bank,
         ),
         Case("eight_post_close", "eight_post", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
-        Case("flexible_known", "flexible", 400.0, 0.01, 2401, _linear(20.74), _linear(9.0), bank, bank),
+        Case("flexible_known", "flexible", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), bank, bank),
         Case(
-            "flexible_fitted", "flexible", 400.0, 0.01, 250,
-            lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, bank, steps=8,
+            "flexible_fitted", "flexible", 800.0, 0.01, 2401,
+            lambda: shim_build("B/B"), lambda: shim_build("F/F"), physical_bank, fitted_bank, steps=8,
         ),
-        Case("flexible_close", "flexible", 400.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
+        Case(
+            "flexible_dampers", "flexible", 800.0, 0.01, 2401,
+            _linear(20.74), _linear(9.0), physical_bank, fitted_bank, steps=8,
+        ),
+        Case("flexible_close", "flexible", 800.0, 0.01, 2401, _linear(20.74), _linear(9.0), close_bank, close_bank),
     )
 }  # fmt: skip

@@ -11,6 +11,7 @@ from platformdirs import user_cache_path
 
 from eightpost import __version__
 from eightpost.ident import fit_shock
+from eightpost.ident.shock.options import LawName
 from eightpost.rig import (
     BUILDS,
     Actuator,
@@ -21,12 +22,17 @@ from eightpost.rig import (
     read_out,
     shim_build,
 )
-from eightpost.shock import Lpnl2, write_shock
+from eightpost.shock import Lpnl2, ShockLaw, write_shock
+from eightpost.shock.file import Shock as FittedShock
 from eightpost.shock.file import read_shock
 from eightpost.signals import write_parquet
+from eightpost.units import convert
 
 #: Duration of the dynamometer's random test [s]; it repeats every 10 s.
 _DURATION = 12.0
+
+#: Peak displacements [m] of the two tests of `fitted_bank`: shocks move 1 to 3 mm (RMS) on a lap, as on the rig day.
+_PEAKS = (convert(0.5, "in", "m"), convert(0.3, "in", "m"))
 
 #: Bank of similar laws: scales of compression and rebound relative to build B/B, within 10 % of each other.
 CLOSE = ((0.95, 0.95), (0.95, 1.05), (1.05, 0.95), (1.05, 1.05), (1.0, 1.0), (0.97, 1.02), (1.03, 0.98))
@@ -40,6 +46,16 @@ def bank() -> tuple[Lpnl2, ...]:
 def physical_bank() -> tuple[PhysicalDamper, ...]:
     """Return the dampers that `bank` was fitted to."""
     return tuple(_damper(f"build {name}") for name in BUILDS)
+
+
+def fitted_shocks() -> tuple[FittedShock, ...]:
+    """Return laws Hysteresis fitted to two small tests of the dampers of `physical_bank`, as a team would fit them."""
+    return tuple(_fitted_shock(f"build {name}", "hysteresis", _PEAKS) for name in BUILDS)
+
+
+def fitted_bank() -> tuple[ShockLaw, ...]:
+    """Return the laws of `fitted_shocks`."""
+    return tuple(shock.law for shock in fitted_shocks())
 
 
 def close_bank() -> tuple[Lpnl2, ...]:
@@ -61,21 +77,38 @@ def _damper(name: str) -> PhysicalDamper:
 
 @cache
 def _fitted(name: str) -> Lpnl2:
-    """Return a damper's law, from the cache if it was fitted before."""
-    folder = user_cache_path("eightpost") / f"benchmark_shocks_{__version__}"
-    kept = folder / f"{name.replace('/', '_').replace(' ', '_')}.json"
-    if not kept.exists():
-        _fit(name, kept)
-    law = read_shock(kept).law
+    """Return the law of a damper, fitted to one test of 1 in peak."""
+    law = _fitted_shock(name, "lpnl2", (convert(1.0, "in", "m"),)).law
     assert isinstance(law, Lpnl2)
     return law
 
 
-def _fit(name: str, kept: Path) -> None:
-    drive = Actuator().follow(random_multisine(301, duration=_DURATION).series)
-    response = _damper(name).respond(drive, rate=2000.0)
+@cache
+def _fitted_shock(name: str, law: LawName, peaks: tuple[float, ...]) -> FittedShock:
+    """Return a damper's fitted law, from the cache if it was fitted before.
+
+    Args:
+        name: Damper.
+        law: Name of the law.
+        peaks: Peak displacement of each test [m].
+    """
+    folder = user_cache_path("eightpost") / f"benchmark_shocks_{__version__}"
+    of_tests = "" if law == "lpnl2" else f"_{law}_{len(peaks)}"
+    kept = folder / f"{name.replace('/', '_').replace(' ', '_')}{of_tests}.json"
+    if not kept.exists():
+        _fit(name, law, peaks, kept)
+    return read_shock(kept)
+
+
+def _fit(name: str, law: LawName, peaks: tuple[float, ...], kept: Path) -> None:
     with TemporaryDirectory() as folder:
-        record = Path(folder) / "record.parquet"
-        write_parquet(read_out(response, seed=301), record, note=f"SYNTHETIC: {name}")
+        records = [_record(name, seed, peak, Path(folder)) for seed, peak in enumerate(peaks, start=301)]
         kept.parent.mkdir(parents=True, exist_ok=True)
-        write_shock(fit_shock(read_dyno_test(record), "lpnl2", name=name).shock, kept)
+        write_shock(fit_shock([read_dyno_test(record) for record in records], law, name=name).shock, kept)
+
+
+def _record(name: str, seed: int, peak: float, folder: Path) -> Path:
+    drive = Actuator().follow(random_multisine(seed, duration=_DURATION, peak=peak).series)
+    record = folder / f"{seed}.parquet"
+    write_parquet(read_out(_damper(name).respond(drive, rate=2000.0), seed=seed), record, note=f"SYNTHETIC: {name}")
+    return record

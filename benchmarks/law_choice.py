@@ -35,15 +35,20 @@ from benchmarks.shock_rows import FitErrors, attempt
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
 from eightpost.ident import fit_shock
+from eightpost.ident.shock.choice_verdict import ONE_SPEED_ONLY
 from eightpost.ident.shock.curve import CurveKind
 from eightpost.ident.shock.law_choice import LawChoice
 from eightpost.shock import LAWS, law_title
+from eightpost.verdict import Grade
 
 #: Required: the chosen law is within this share of the best in hindsight, in this share of the cases.
 CLOSE, SHARE = 0.05, 0.9
 
 #: Required: error of Hysteresis over that of LPNL2 with polynomials, in the median of the measured cases.
 MOST_OF_LPNL2 = 0.8
+
+#: Error that a usable shock should not have on another record, in percent of the force's standard deviation.
+POOR = 10.0
 
 #: Kinds of curve, in the order of the cells.
 CURVES: tuple[CurveKind, ...] = ("polynomial", "knots")
@@ -108,6 +113,8 @@ class Chosen:
         raw: Errors on the held-out record.
         shape: The same with the best offset and gain, if the held-out record is another run; else None.
         seconds: Processor time of all fits of the choice [s].
+        grade: Grade of the fit's verdict.
+        is_one_speed: Whether the verdict says that the test has a single speed.
     """
 
     case: Case
@@ -115,6 +122,8 @@ class Chosen:
     raw: Errors
     shape: Errors | None
     seconds: float
+    grade: Grade
+    is_one_speed: bool
 
     @property
     def gain_free(self) -> Errors:
@@ -130,14 +139,16 @@ class Chosen:
             "with_best_gain": self.shape.row() if self.shape else None,
             "cross_validated": {s.law: s.held_out.percent for s in self.choice.scores if s.blocks is not None},
             "seconds": self.seconds,
+            "verdict": self.grade.value,
+            "single speed": self.is_one_speed,
         }
 
 
 def judged(case: Case, *, with_others: bool = True) -> Chosen:
     """Choose law and curve on the fitted records of a case, and judge the choice on its held-out record."""
     started = process_time()
-    choice = fit_shock(case.fitted, "auto", segment=case.segment).choice
-    seconds = process_time() - started
+    fit = fit_shock(case.fitted, "auto", segment=case.segment)
+    seconds, choice = process_time() - started, fit.choice
     assert choice is not None
     assert choice.chosen.curve is not None
     found = {(law, curve): attempt(case, law, "joint", curve) for law in LAWS for curve in CURVES}
@@ -151,7 +162,9 @@ def judged(case: Case, *, with_others: bool = True) -> Chosen:
 
     candidate = choice.law, choice.chosen.curve.kind
     shape = errors(lambda one: one.shape_percent) if case.is_run_to_run else None
-    return Chosen(case, choice, errors(lambda one: one.validation_percent), shape, seconds)
+    rules = {reason.rule for reason in fit.verdict.reasons}
+    raw = errors(lambda one: one.validation_percent)
+    return Chosen(case, choice, raw, shape, seconds, fit.verdict.grade, ONE_SPEED_ONLY.name in rules)
 
 
 def cases(numbers: Sequence[int]) -> Iterator[Case]:
@@ -165,15 +178,16 @@ def choices_table(found: Sequence[Chosen]) -> str:
     """Return the errors of each law and curve, the choice and its excess as Markdown, worst ratio of knots first."""
     peers = any(one.raw.bouc_wen is not None for one in found)
     others = ("Bouc-Wen", "NARX") if peers else ()
-    heads = ("record", *map(law_title, LAWS), *others, "auto", "best in hindsight", "excess [%]")
+    heads = ("record", *map(law_title, LAWS), *others, "auto", "best in hindsight", "excess [%]", "verdict")
     ordered = sorted(found, key=lambda one: max(map(one.raw.ratio, LAWS)), reverse=True)
     return grid(heads, [line for one in ordered for line in _lines(one, peers=peers)])
 
 
 def _lines(one: Chosen, *, peers: bool) -> Iterator[list[str]]:
-    yield _cells(one.case.record, one.raw, peers=peers)
+    speed = ", single speed" if one.is_one_speed else ""
+    yield [*_cells(one.case.record, one.raw, peers=peers), f"{one.grade.value}{speed}"]
     if one.shape:
-        yield _cells("- the same, best offset and gain", one.shape, peers=peers)
+        yield [*_cells("- the same, best offset and gain", one.shape, peers=peers), ""]
 
 
 def _cells(record: str, one: Errors, *, peers: bool) -> list[str]:
@@ -221,6 +235,7 @@ def summary(found: Sequence[Chosen]) -> str:
     lines = [
         f"Other runs with their best offset and gain: {_share([one.gain_free for one in found])}",
         f"Other runs with their level: {_share(raw)}",
+        _graded(found),
         *(_gains(raw, law) for law in LAWS if any(one.ratio(law) != 1.0 for one in raw)),
         *_hysteresis_gains(found),
         *_against_bouc_wen(found),
@@ -228,6 +243,18 @@ def summary(found: Sequence[Chosen]) -> str:
         f"{seconds[-1]:.1f} s.",
     ]
     return "\n".join(f"- {line}" for line in lines)
+
+
+def _graded(found: Sequence[Chosen]) -> str:
+    """Return the verdicts of the choices that miss, and how many choices with an error above 10 % were usable."""
+    missed = [one for one in found if max(one.raw.regret, one.gain_free.regret) > CLOSE]
+    grades = ", ".join(f"{sum(one.grade is grade for one in missed)} {grade.value}" for grade in Grade)
+    poor = [one for one in found if min(one.raw.laws[one.raw.chosen], one.gain_free.laws[one.raw.chosen]) > POOR]
+    green = sum(one.grade is Grade.USABLE for one in poor)
+    return (
+        f"Verdicts of the {len(missed)} choices that miss: {grades}. Of {len(poor)} choices whose error is above "
+        f"{POOR:g} % on the held-out record, {green} had the verdict usable."
+    )
 
 
 def _share(errors: Sequence[Errors]) -> str:
@@ -330,7 +357,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--configurations", default=",".join(map(str, range(1, 13))), help="configurations, separated by commas"
     )
-    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/law_choice.md")
+    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/explanation/law_choice.md")
     parser.add_argument("--ours", action="store_true", help="leave out Bouc-Wen and NARX, which take most of the time")
     parser.add_argument("--cases", default="", help="run only cases whose name contains these words")
     return parser.parse_args()

@@ -1,4 +1,4 @@
-"""Benchmark of coupling schemes: tables and picture of docs/coupling.md with errors and stability of every scheme.
+"""Benchmark of coupling schemes: errors and stability of each, for docs/explanation/coupling.md.
 
     python -m benchmarks.orders [--picture FILE] [--only NAMES]
 
@@ -58,7 +58,9 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "coupling.png", help="picture file to write")
+    parser.add_argument(
+        "--picture", type=Path, default=ROOT / "docs" / "pictures" / "coupling.png", help="picture file to write"
+    )
     parser.add_argument(
         "--only", help="tables to print, from curve, linear, python, drive, limits; separated by commas"
     )

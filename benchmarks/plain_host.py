@@ -1,4 +1,4 @@
-"""Benchmark of a plain host: parallel steps of all FMUs with held inputs, outputs read after the step (docs/import.md).
+"""Benchmark of a plain host: parallel steps with held inputs, outputs read after the step (docs/how_to/import.md).
 
     python benchmarks/plain_host.py [--picture FILE]
 

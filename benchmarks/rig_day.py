@@ -2,9 +2,9 @@
 
     python -m benchmarks.rig_day FOLDER
 
-FOLDER is that of docs/make_rig_day.py. The measured levels of its 21 setups are compared with the prediction, with the
-true car without drift and noise and the fitted laws of the shocks, and with the true car and the true dampers. What the
-last one misses is drift from run to run, which no prediction can know.
+FOLDER is that of docs/make/make_rig_day.py. The measured levels of its 21 setups are compared with the prediction, with
+the true car without drift and noise and the fitted laws of the shocks, and with the true car and the true dampers. What
+the last one misses is drift from run to run, which no prediction can know.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from eightpost.rig.post import Actuators, Shock, simulate_setups, track_drive, t
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.shock.file import read_shock
 
-#: Seed of the lap in docs/make_rig_day.py, and the time that its study leaves out [s].
+#: Seed of the lap in docs/make/make_rig_day.py, and the time that its study leaves out [s].
 LAP, SETTLING = 77, 2.0
 
 MEASURES = {

@@ -2,9 +2,9 @@
 
     python -m benchmarks.rig_faults --clean 100 --records 10
 
-prints the tables of docs/rig_data.md. Records are 60 s of the random test on two cars: the 8-post stand-in, and the
-flexible car with an engine on mounts (another car for each seed). Shocks are drawn from the virtual bank; every second
-record has an alternate shock at one corner. All seeds are from 1000 on; lower seeds were used for tuning.
+prints the tables of docs/how_to/rig_data.md. Records are 60 s of the random test on two cars: the 8-post stand-in, and
+the flexible car with an engine on mounts (another car for each seed). Shocks are drawn from the virtual bank; every
+second record has an alternate shock at one corner. All seeds are from 1000 on; lower seeds were used for tuning.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
     python benchmarks/shock_fit.py [--quick] [--json FILE] [--markdown FILE] [--picture FILE] [--configurations 1,5] \
 [--laws NAMES] [--recipe joint|boggs] [--processes N]
 
-The twelve configurations of Table 3.1 on the virtual dynamometer (docs/dynamometer.md), fitted on seconds 1 to 10 of
-one phase draw and compared with another; draws 11 and 12, which were not used to calibrate the dynamometer; without
+The twelve configurations of Table 3.1 on the virtual dynamometer (docs/explanation/dynamometer.md), fitted on seconds 1
+to 10 of one phase draw and compared with another; draws 11 and 12, which were not used to calibrate the dynamometer;
+without
 --quick three pairs of draws of 30 s each. If EIGHTPOST_DATA names the folder of measured records, these are used too:
 a whole run is held out if a setting has two runs, and Bouc-Wen is fitted for comparison (benchmarks/bouc_wen.py).
 Prints Markdown; --json writes rows {record, law, fit_percent, validation_percent, seconds}: RMS errors in percent of

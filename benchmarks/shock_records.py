@@ -20,7 +20,7 @@ Segment = tuple[float, float]
 LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
 BOUC_WEN, NARX = "bouc-wen", "narx"
 
-#: Phase draws for fit and validation; the damper was calibrated with other draws (docs/dynamometer.md).
+#: Phase draws for fit and validation; the damper was calibrated with other draws (docs/explanation/dynamometer.md).
 DRAWS = ((11, 12), (13, 14), (15, 16))
 
 #: Runs of one magneto-rheological damper: each is held out in turn. The last two have the same force level, and each of

@@ -201,7 +201,7 @@ def main() -> None:
     parser.add_argument("--shocks", type=int, default=24, help="number of shocks")
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the shocks and their tests")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
-    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/law_choice.md")
+    parser.add_argument("--page", type=Path, help="rewrite the tables of this page, docs/explanation/law_choice.md")
     options = parser.parse_args()
     found = []
     for shock in range(options.shocks):

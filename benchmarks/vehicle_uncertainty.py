@@ -29,13 +29,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: more threads ar
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import invgamma
 from scipy.stats import t as student
 
 from benchmarks.identification import markdown
 from benchmarks.vehicle_uncertainty_truths import KINDS, RECIPES, REPORT, TUNING, Outcome, outcome
 from eightpost.ident.vehicle.model_form import ModelForm, Shares, noise_of
 from eightpost.ident.vehicle.trust import UNUSABLE
-from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, setup_distance
+from eightpost.measure_uncertainty import DEGREES, MeasureUncertainty, SetupErrors, separation, setup_distance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,6 +50,9 @@ Row = dict[str, Any]
 #: Levels of the intervals, and limits of the bins of stated probabilities.
 LEVELS, BINS = (0.5, 0.8, 0.95), (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
+
+#: Smallest distance of setups whose errors are compared in the choice of the shares [1].
+_HARDLY = 0.02
 
 #: Draws of the errors of all setups.
 DRAWS = 2000
@@ -96,7 +100,7 @@ def main() -> None:
         "comparisons": comparisons(found, settings),
         "best": best(found, settings),
     }
-    shares = ", ".join(f"{name} {tuple(getattr(settings, name))}" for name in ("inside", "above", "noise"))
+    shares = ", ".join(f"{name} {tuple(getattr(settings, name))}" for name in ("inside", "above", "noise", "least"))
     print(f"{len(found)} truths; {shares}", *failed, sep="\n")
     print(*(markdown(rows) for rows in tables.values()), sep="\n\n")
     if options.json:
@@ -127,35 +131,53 @@ def tuned(outcomes: Sequence[Outcome]) -> ModelForm:
     """Return the settings that fit truths best.
 
     The shares of the common error are those for which the errors of all measures are most likely, times the factor that
-    the quantity with the largest errors needs. The shares of the own error are those for which the comparisons of
-    setups are most likely; both kinds of truths have the same weight.
+    the quantity with the largest errors needs. The shares of the own error, and the smallest one, are those for which
+    the RMS differences of the errors of setups, relative to their distance, are most likely.
     """
     parted = [parts(one) for one in outcomes]
     errors = np.array([[part.error for part in row.values()] for row in parted])
 
     def cost(shares: Array) -> float:
-        scale = _scales(parted, shares)
+        scale = _scales(parted, shares)[0]
         return float(-np.mean(student.logpdf(errors / scale, DEGREES) - np.log(scale)))
 
     common = _least(cost, (0.3, 0.05, 1.5))
-    ratio = errors / _scales(parted, common)
+    ratio = errors / _scales(parted, common)[0]
     names = np.array([name.rpartition(".")[2] for name in outcomes[0].names])
     common = common * max(_factor(ratio[:, names == quantity]) for quantity in dict.fromkeys(names))
+    sizes = np.array([own_errors(one) for one in outcomes])
 
-    def settings(own: Array) -> ModelForm:
-        pairs = [Shares(round(float(a), 3), round(float(b), 3)) for a, b in zip(common, own, strict=True)]
-        return replace(ModelForm(), inside=pairs[0], above=pairs[1], noise=pairs[2])
+    def loss(shares: Array) -> float:
+        squares = (sizes / np.hypot(_scales(parted, shares[:3])[1], shares[3])) ** 2
+        return float(-np.mean(invgamma.logpdf(squares, 0.5 * DEGREES, scale=0.5 * DEGREES) + np.log(squares)))
 
-    return settings(_least(lambda own: _loss(outcomes, settings(own)), (0.8, 0.2, 2.0)))
+    own = _least(loss, (0.8, 0.2, 2.0, 1e-3))
+    pairs = [Shares(round(float(a), 3), round(float(b), 3)) for a, b in zip(common, own[:3], strict=True)]
+    smallest = Shares(0.0, round(float(own[3]), 4))
+    return replace(ModelForm(), inside=pairs[0], above=pairs[1], noise=pairs[2], least=smallest)
 
 
-def _scales(parted: Sequence[dict[str, Part]], shares: Array) -> Array:
-    """Return the scales of the common errors for shares of the three parts (truths, measures)."""
-    inside, above, noise = (Shares(float(share), 0.0) for share in shares)
-    common = ModelForm(inside=inside, above=above, noise=noise)
-    return np.array(
-        [[common.of_residual(*part[:4]).at_share(part.lap).common for part in row.values()] for row in parted]
-    )
+def own_errors(one: Outcome) -> Array:
+    """Return the RMS difference of the errors of two setups per unit of their separation, by measure (M,).
+
+    Pairs of setups that hardly differ are left out.
+    """
+    errors, predicted = one.errors(), one.logarithms(one.predicted)
+    first, second = np.triu_indices(len(errors), 1)
+    changes = predicted[first] - predicted[second]
+    distances = np.sqrt(np.mean(changes**2, axis=1))
+    apart = np.vectorize(separation)(distances[:, None], changes)
+    ratios = (errors[first] - errors[second]) / apart
+    return np.asarray(np.sqrt(np.mean(ratios[distances > _HARDLY] ** 2, axis=0)))
+
+
+def _scales(parted: Sequence[dict[str, Part]], shares: Array) -> tuple[Array, Array]:
+    """Return the scales of the common and of the own errors for shares of the three parts, each (truths, measures)."""
+    inside, above, noise = (Shares(float(share), float(share)) for share in shares)
+    form = ModelForm(inside=inside, above=above, noise=noise, least=Shares(0.0, 0.0))
+    found = [[form.of_residual(*part[:4]).at_share(part.lap) for part in row.values()] for row in parted]
+    common, own = (np.array([[getattr(one, name) for one in row] for row in found]) for name in ("common", "own"))
+    return common, own
 
 
 def _least(cost: Callable[[Array], float], start: tuple[float, ...]) -> Array:
@@ -168,16 +190,6 @@ def _factor(errors: Array) -> float:
     """Return the scale for which errors are most likely."""
     scales = np.geomspace(0.2, 5.0, 200)
     return float(max(scales, key=lambda scale: np.sum(student.logpdf(errors / scale, DEGREES) - np.log(scale))))
-
-
-def _loss(outcomes: Sequence[Outcome], settings: ModelForm) -> float:
-    """Return minus the mean logarithm of the stated probability of what was observed, relative to that of each kind."""
-    losses: dict[str, list[Array]] = {}
-    for one in outcomes:
-        said, correct = _pairs(one, settings, 0).T
-        likelihood = np.clip(np.where(correct > 0.5, said, 1.0 - said), 1e-6, 1.0)
-        losses.setdefault(one.kind, []).append(-np.log(likelihood))
-    return float(sum(np.log(np.mean(np.concatenate(rows))) for rows in losses.values()))
 
 
 def coverage(outcomes: Sequence[Outcome], settings: ModelForm) -> list[Row]:
@@ -204,7 +216,8 @@ def _inside(one: Outcome, settings: ModelForm, level: float) -> NDArray[np.bool_
     found = []
     for true, predicted in zip(one.true, one.predicted, strict=True):
         distance = setup_distance(predicted, middle)
-        limits = [uncertainty[n].interval(predicted[n], level, distance=distance) for n in one.names]
+        changes = {n: float(np.log(predicted[n] / middle[n])) for n in one.names}
+        limits = [uncertainty[n].interval(predicted[n], level, distance=distance, change=changes[n]) for n in one.names]
         found.append([low <= true[n] <= high for n, (low, high) in zip(one.names, limits, strict=True)])
     return np.array(found)
 

@@ -67,7 +67,7 @@ BASELINE, ALTERNATE = convert(20.74, "lbf.s/in", "N.s/m"), convert(9.0, "lbf.s/i
 WIDE, CLOSE = 8, 6
 
 #: Settings with which the parts of an uncertainty are the residuals in and above the model's band.
-RESIDUALS = ModelForm(inside=Shares(1.0, 0.0), above=Shares(0.0, 1.0), noise=Shares(0.0, 0.0))
+RESIDUALS = ModelForm(inside=Shares(1.0, 0.0), above=Shares(0.0, 1.0), noise=Shares(0.0, 0.0), least=Shares(0.0, 0.0))
 
 #: Recipes by name. The poorer one has friction that creeps, linear springs and a band to 16 Hz, so that both kinds of
 #: cars have errors of the model's form in the tuning.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,14 +16,14 @@ from builder.native.native_fmu import native_fmus
 from builder.native.toolchain import find_toolchain
 from builder.python_fmu import python_fmu
 from eightpost.archive import write_archive
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder, document_kind
+from eightpost.progress import Progress, beats
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Verdict
-
-Progress = Callable[[int, int], None]
 
 #: A built FMU and the members of its archive.
 Members = tuple["Built", Mapping[str, bytes]]
@@ -34,8 +34,8 @@ TARGETS = ("native", "python", "all")
 VERSIONS: Mapping[str, tuple[int, ...]] = MappingProxyType({"2": (2,), "3": (3,), "all": (2, 3)})
 
 
-@dataclass(frozen=True)
-class Built:
+@dataclass(frozen=True, repr=False)
+class Built(Summarized):
     """One FMU that was written.
 
     Attributes:
@@ -55,6 +55,20 @@ class Built:
     validity: Validity
     fmi: int = 2
     limits: str = ""
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def _summary(self) -> Summary:
+        names = self.interface.names
+        return Summary.of(
+            f"FMU {self.path}",
+            ("source", Path(self.source).name),
+            ("kind", f"{self.interface.kind} {self.interface.version}, FMI {self.fmi}.0, {self.target}"),
+            ("verdict", self.validity.verdict.headline),
+            *((f"{causality}s", some(names(causality))) for causality in ("input", "output", "parameter")),
+            ("limits", self.limits),
+        )
 
 
 def build(
@@ -93,7 +107,9 @@ def build(
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
     check_output_folder(folder)
-    products = [(str(source), product_of(Path(source), temperature_input=temperature_input)) for source in sources]
+    products = [
+        (str(source), product_of(Path(source), temperature_input=temperature_input)) for source in beats(sources)
+    ]
     names = [product.identifier.lower() for _, product in products]  # Windows and macOS ignore case in file names
     if fmi == "all":
         names += [f"{name}_fmi3" for name in names]

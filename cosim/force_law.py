@@ -15,7 +15,7 @@ from eightpost.errors import FmuError, InputError
 
 
 class ForceLaw(ForceLoop):
-    """Shock FMUs whose forces an integrator asks for at its own trial points: loop C of docs/hosts.md.
+    """Shock FMUs whose forces an integrator asks for at its own trial points: loop C of docs/how_to/hosts.md.
 
     The force at a trial point (t, velocity, displacement) is that at the end of one step of the FMU from the last
     accepted point, with inputs that change linearly in between. The FMU is returned to the accepted point before every
@@ -31,9 +31,9 @@ class ForceLaw(ForceLoop):
 
     Error and cost: the seven-DOF car with four LPNL2 shocks on a track has errors of 1.7, 0.65, 0.13 and 0.04 % of the
     standard deviation of the shock velocity at steps of 8, 4, 2 and 1 ms, with a Runge-Kutta integrator of fourth order
-    (docs/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py), interpreted
-    28 us and 91 us. The integrator keeps its order with a shock without states; with lag, the ramps between accepted
-    points are of second order.
+    (docs/how_to/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py),
+    interpreted 28 us and 91 us. The integrator keeps its order with a shock without states; with lag, the ramps between
+    accepted points are of second order.
 
     If t is the accepted time, the inputs jump to the trial values and no time passes: the step is 1 ns, which
     is the limit of a short step for laws whose time constants are far longer.

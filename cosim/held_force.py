@@ -16,8 +16,8 @@ class HeldForce(ForceLoop):
         force = loop.step(t, h, velocity, displacement)     # before each step of the host from t to t + h
 
     An error of first order: 6.0, 2.2 and 0.84 % of the standard deviation of the shock velocity at steps of 4, 2 and
-    1 ms for the seven-DOF car on a track (docs/hosts.md). A step takes 6 us for four shocks. The loop needs nothing but
-    fmi2DoStep (fmi3DoStep), and works with every FMU.
+    1 ms for the seven-DOF car on a track (docs/how_to/hosts.md). A step takes 6 us for four shocks. The loop needs
+    nothing but fmi2DoStep (fmi3DoStep), and works with every FMU.
     """
 
     def step(self, time: float, step: float, velocity: Any, displacement: Any = 0.0) -> Any:
@@ -53,9 +53,9 @@ class ExtrapolatedForce(ForceLoop):
 
     With equal steps the host holds `1.5 F - 0.5 F_old` over its step, the force at the middle of it: an error of second
     order, 3.5, 0.93 and 0.23 % of the standard deviation of the shock velocity at steps of 4, 2 and 1 ms for the
-    seven-DOF car on a track (docs/hosts.md). A step takes 10 us for four shocks. The extrapolation is stable only while
-    damping c and mass m satisfy c h / m < 0.5 or so, where m is the mass that the shock moves at the port: the wheel's.
-    An FMU without input derivatives gets its inputs held; see `ForceLaw`.
+    seven-DOF car on a track (docs/how_to/hosts.md). A step takes 10 us for four shocks. The extrapolation is stable
+    only while damping c and mass m satisfy c h / m < 0.5 or so, where m is the mass that the shock moves at the port:
+    the wheel's. An FMU without input derivatives gets its inputs held; see `ForceLaw`.
     """
 
     def start(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:

@@ -9,8 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cosim.components.component import DISCRETE, Component
-from cosim.components.conversion import convert_between, named_unit
+from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated_component import IsolatedComponent
 from cosim.session.automatic import SCHEMES, Automatic
@@ -18,7 +17,7 @@ from cosim.session.case import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.scenario import Scenario
-from cosim.systems.system import Bond, Connection, System, find_variable
+from cosim.systems.system import Bond, Connection, System, own_unit
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text
@@ -57,7 +56,7 @@ Value = float | str
 
 #: Messages for pydantic's error types.
 _WORDS = {
-    "extra_forbidden": "is not an entry of a system file (docs/system_file.md lists them)",
+    "extra_forbidden": "is not an entry of a system file (docs/reference/system_file.md lists them)",
     "missing": "is missing",
     "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
 }
@@ -130,13 +129,13 @@ def read_case(
     isolate: bool = False,
     compile_missing: bool = False,
 ) -> Case:
-    """Read a system file, or an SSP package (docs/ssp.md); paths in it are relative to it.
+    """Read a system file, or an SSP package (docs/how_to/ssp.md); paths in it are relative to it.
 
     Args:
         path: A TOML file, an .ssp archive or an .ssd description.
         fmus: FMUs by component name that replace those in the file, for example to swap a shock.
         given: Run data that a package lacks; a system file contains it.
-        isolate: Whether each FMU runs in its own process (docs/foreign_fmus.md).
+        isolate: Whether each FMU runs in its own process (docs/how_to/foreign_fmus.md).
         compile_missing: Whether to compile the sources of an FMU that has no binary for this platform.
 
     Raises:
@@ -193,12 +192,14 @@ def _system(content: _File, components: Mapping[str, Component]) -> System:
         connections=tuple(Connection(c.source, c.target, c.gain, convert=c.convert) for c in content.connection),
         sums=frozenset(content.sums),
         constants={
-            f"{name}.{variable}": _number(_own_unit(components, name, variable, value), f"{name}.{variable}")
+            f"{name}.{variable}": _number(own_unit(components, f"{name}.{variable}", value), f"{name}.{variable}")
             for name, entry in entries.items()
             for variable, value in entry.inputs.items()
         },
         parameters={
-            name: {variable: _own_unit(components, name, variable, value) for variable, value in e.parameters.items()}
+            name: {
+                variable: own_unit(components, f"{name}.{variable}", value) for variable, value in e.parameters.items()
+            }
             for name, e in entries.items()
         },
     )
@@ -208,24 +209,6 @@ def _number(value: bool | float | str, name: str) -> float:
     if isinstance(value, str):
         raise WiringError(f"{name} = {value!r}: an input takes a number, or true or false")
     return value
-
-
-def _own_unit(
-    components: Mapping[str, Component], component: str, name: str, value: bool | float | str
-) -> bool | float | str:
-    """Return a value in the variable's own unit; a number is already in it."""
-    variable = find_variable(components, f"{component}.{name}")
-    if variable.type in DISCRETE:
-        return int(value) if isinstance(value, float) and value.is_integer() else value
-    if variable.type != "Real":
-        return value
-    if not isinstance(value, str):
-        return float(value)
-    try:
-        number, unit = units.quantity(value)
-        return convert_between(named_unit(unit), variable.unit, f"{component}.{name} = {value!r}")(number)
-    except UnknownUnitError as error:
-        raise WiringError(f"{component}.{name}: {error}") from error
 
 
 def _scenario(path: Path, content: _Scenario) -> Scenario:

@@ -6,7 +6,26 @@ Every message says what is wrong, where (file, line, channel), which value, and 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
+
+#: Number of known names that a message lists if none is similar.
+_LISTED = 12
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown name: similar names, or else the first known ones.
+
+    >>> suggestion("forse", ["force", "velocity"])
+    'did you mean force?'
+    """
+    names = list(known)
+    close = get_close_matches(name, names, n=3)
+    if close:
+        return f"did you mean {', '.join(close)}?"
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"there are: {', '.join(names[:_LISTED]) or 'none'}{more}"
 
 
 class EightpostError(Exception):
@@ -115,6 +134,10 @@ class StepError(EightpostError):
 
 class DivergedError(StepError):
     """The coupling diverged; a smaller coupling step or another scheme may be stable."""
+
+
+class WorkersLostError(StepError):
+    """The workers that run the setups of a study have ended, or cannot run it; completed setups are kept."""
 
 
 class TerminatedError(StepError):

@@ -67,6 +67,10 @@ EXTRAS: Mapping[str, Extra] = {
     "dask": Extra("studies on a cluster", {"dask": "dask", "distributed": "distributed"}),
     "mat73": Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
     "mdf": Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
+    "notebook": Extra(
+        "tables of results as pandas and xarray objects",
+        {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"},
+    ),
     "optimise": Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
     "uff": Extra("frequency responses as universal files", {"pyuff": "pyuff"}),
 }
@@ -95,7 +99,7 @@ def requirement(purpose: str, name: str, extra: str) -> str:
     """Return the sentence that something needs a package that is not installed, with the command that installs it.
 
     Args:
-        purpose: What needs the package, e.g. "reading MDF files".
+        purpose: Activity that needs the package, e.g. "reading MDF files".
         name: Name under which Python imports the package.
         extra: Extra that installs it.
     """
@@ -110,7 +114,7 @@ def needs(extra: str, purpose: str) -> Iterator[None]:
 
     Args:
         extra: Extra that installs the imported package.
-        purpose: What needs the package, e.g. "building FMUs".
+        purpose: Activity that needs the package, e.g. "building FMUs".
 
     Raises:
         MissingExtraError: The package is not installed.

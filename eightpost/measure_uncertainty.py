@@ -1,7 +1,7 @@
 """Uncertainty of a response measure of an identified vehicle: what all setups share, and what belongs to one setup.
 
 A study reads `MeasureUncertainty` of every measure from its car, and draws possible errors of all its setups with
-`SetupErrors` (docs/vehicle_uncertainty.md).
+`SetupErrors` (docs/explanation/vehicle_uncertainty.md).
 """
 
 from __future__ import annotations
@@ -18,6 +18,12 @@ from eightpost.errors import ParameterError
 #: Degrees of freedom of Student's t distribution of the errors: their standard deviations are themselves uncertain.
 DEGREES = 4.0
 
+#: Size of the part of an own error that only neighbouring setups share, per unit of `own`, and how near they are [1].
+LOCAL, REACH = 0.05, 0.04
+
+#: Number of frequencies of `local_features`.
+_FREQUENCIES = 32
+
 #: Measure of the sum of the tire forces of all wheels.
 TOTAL = "total_tire_force"
 
@@ -29,8 +35,8 @@ class MeasureUncertainty:
         ln(predicted / true) = common + own(setup)
 
     All setups on one drive share the common error, so it says nothing on which of them is better. The own errors of two
-    setups differ the more, the more the setups differ: the standard deviation of the difference is `own` times their
-    `distance`. Errors have Student's t distribution with `DEGREES` degrees of freedom.
+    setups differ the more, the more the setups differ: the scale of the difference is `own` times their `separation`.
+    Errors have Student's t distribution with `DEGREES` degrees of freedom.
 
     Both scales contain the error of the part of the output above the band of the model, for the share of the output's
     power that the tests have there. `at_share` returns the uncertainty for another share.
@@ -69,29 +75,36 @@ class MeasureUncertainty:
         )
         return replace(self, common=common, own=own, share_above=share)
 
-    def interval(self, predicted: float, level: float = 0.95, *, distance: float = 0.0) -> tuple[float, float]:
+    def interval(
+        self, predicted: float, level: float = 0.95, *, distance: float = 0.0, change: float = 0.0
+    ) -> tuple[float, float]:
         """Return the interval that contains the true value of a measure with a given probability.
 
         Args:
             predicted: Predicted value of the measure.
             level: Probability [1], between 0 and 1.
             distance: Distance of the setup from the mean of the setups on that drive, or from the tests' setup.
+            change: Logarithm of the ratio of this measure of the setup and of that mean [1].
 
         Raises:
             ParameterError: The level is not between 0 and 1.
         """
-        factor = 1.0 + self.half_width(distance, level)
+        factor = 1.0 + self.half_width(separation(distance, change), level)
         return predicted / factor, predicted * factor
 
-    def half_width(self, distance: float, level: float = 0.95) -> float:
+    def half_width(self, apart: float, level: float = 0.95) -> float:
         """Return the relative half width of an interval [1]; see `interval`.
+
+        Args:
+            apart: Separation of the setups [1].
+            level: Probability [1], between 0 and 1.
 
         Raises:
             ParameterError: The level is not between 0 and 1.
         """
         if not 0.0 < level < 1.0:
             raise ParameterError(f"the level of an interval is {level!r}; it must be between 0 and 1, e.g. 0.95")
-        scale = math.hypot(self.common, self.own * distance)
+        scale = math.hypot(self.common, self.own * apart)
         return math.expm1(scale * student_quantile(0.5 + 0.5 * level))
 
     def probability_below(self, first: float, second: float, *, distance: float) -> float:
@@ -102,7 +115,8 @@ class MeasureUncertainty:
             second: Predicted value of the second setup.
             distance: Distance of the two setups.
         """
-        change, scale = math.log(second / first), self.own * distance
+        change = math.log(second / first)
+        scale = self.own * separation(distance, change)
         if scale == 0.0:
             return 0.5 if change == 0.0 else float(change > 0.0)
         return student_probability(change / scale)
@@ -140,6 +154,40 @@ def student_quantile(probability: float) -> float:
     return math.copysign(size, probability - 0.5)
 
 
+def separation(distance: float, change: float) -> float:
+    """Return how far two setups are apart for a measure, as its own error sees it.
+
+        sqrt(d^2 + c^2 + 2 L^2 (1 - exp(-d^2 / (2 R^2))))
+
+    The first term is a gradient of the error over all measures. The second one is an error of the range of the measure
+    itself over the setups, which a model states too wide or too narrow. The third one is an error that setups share
+    only with those that are nearer than `REACH`, of size `LOCAL`.
+
+    Args:
+        distance: `setup_distance` d of the setups.
+        change: Logarithm c of the ratio of the measure's predictions.
+    """
+    local = -2.0 * LOCAL**2 * math.expm1(-0.5 * (distance / REACH) ** 2)
+    return math.hypot(distance, change, math.sqrt(local))
+
+
+def local_features(positions: Array) -> Array:
+    """Return features (S, F) of setups at positions (S, M): their products are those of the local part of the error.
+
+        phi(x) . phi(y) ~ L^2 exp(-|x - y|^2 / (2 R^2))
+
+    A random gradient over the features is a random smooth function of the position. Source: A. Rahimi, B. Recht, Random
+    features for large-scale kernel machines (NIPS 2007); here the frequencies have the exact second moments.
+    """
+    size = positions.shape[1]
+    frequencies = np.random.default_rng(0).standard_normal((_FREQUENCIES, size))
+    if 0 < size < _FREQUENCIES:
+        left, _, right = np.linalg.svd(frequencies, full_matrices=False)
+        frequencies = math.sqrt(_FREQUENCIES) * left @ right
+    phases = positions @ frequencies.T / REACH
+    return np.asarray(LOCAL / math.sqrt(_FREQUENCIES) * np.hstack([np.cos(phases), np.sin(phases)]))
+
+
 def setup_distance(first: Mapping[str, float], second: Mapping[str, float]) -> float:
     """Return the distance of two setups: the RMS over all measures of ln(first / second).
 
@@ -161,18 +209,21 @@ def setup_distance(first: Mapping[str, float], second: Mapping[str, float]) -> f
 class SetupErrors:
     """Joint distribution of the errors of M measures of S setups on one drive, which is drawn from.
 
-        ln(predicted / true) = common + (x - x_mean) g,    x = ln(measures) / sqrt(M)
+        ln(predicted / true) = common + (x - x_mean) g + (y - y_mean) h + phi(x) f,    x = ln(measures) / sqrt(M)
 
-    `common` is the same for all setups. The gradient `g` (M,) is normal, the same for all setups too, and its scale is
-    `own`. So the difference of two setups has the scale `own` times their distance, as `MeasureUncertainty` states for
-    every pair, and a setup has the distance from the geometric mean of the table as its own error. Both are divided by
-    the root of a gamma variable, which gives Student's t distribution. Different measures are independent.
+    `common` is the same for all setups, `y` is the logarithm of the measure itself, and `phi` are `local_features`. The
+    gradients `g` and `f` and the slope `h` are normal, the same for all setups too, and their scale is `own`. So the
+    difference of two setups has the scale that `MeasureUncertainty` states for every pair, and a setup has the
+    difference from the geometric mean of the table as its own error. All are divided by the root of a gamma variable,
+    which gives Student's t distribution. Different measures are independent.
 
     Attributes:
+        names: Names of the M measures.
         uncertainties: Uncertainty by measure.
         positions: Position x - x_mean of each setup (S, M); NaN for a setup without measures.
     """
 
+    names: tuple[str, ...]
     uncertainties: Mapping[str, MeasureUncertainty]
     positions: Array
 
@@ -183,7 +234,8 @@ class SetupErrors:
         Args:
             table: Predicted measures of S setups (S,), by name, positive; NaN if a setup failed. The distance of setups
                 comes from all of them.
-            uncertainties: Uncertainty of the measures to draw, for their share of power above the band.
+            uncertainties: Uncertainty of the measures to draw, which are in the table, for their share of power above
+                the band.
 
         Raises:
             ParameterError: There is no measure, the measures have different numbers of setups, or one is not positive.
@@ -200,7 +252,7 @@ class SetupErrors:
         logarithms = np.log(np.stack(list(rows.values()), axis=1)) / math.sqrt(len(rows))
         done = np.asarray(np.isfinite(logarithms).all(axis=1), dtype=np.bool_)
         middle = logarithms[done].mean(axis=0) if done.any() else 0.0
-        return cls(uncertainties, np.where(done[:, None], logarithms - middle, np.nan))
+        return cls(tuple(rows), uncertainties, np.where(done[:, None], logarithms - middle, np.nan))
 
     def draw(self, name: str, count: int, generator: np.random.Generator) -> Array:
         """Return drawn errors ln(predicted / true) of one measure (count, S): common plus own.
@@ -221,12 +273,16 @@ class SetupErrors:
 
     def draw_own(self, name: str, count: int, generator: np.random.Generator) -> Array:
         """Return drawn errors of the setups themselves (count, S), which decide which setup is better."""
-        gradient = generator.standard_normal((count, self.positions.shape[1]))
-        gradient /= np.sqrt(generator.chisquare(DEGREES, (count, 1)) / DEGREES)
-        return np.asarray(self._of(name).own * gradient @ self.positions.T)
+        own = self._of(name).own
+        level = self.names.index(name)
+        features = local_features(self.positions)
+        gradient = generator.standard_normal((count, len(self.names)))
+        gradient[:, level] += math.sqrt(len(self.names)) * generator.standard_normal(count)
+        drawn = gradient @ self.positions.T + generator.standard_normal((count, features.shape[1])) @ features.T
+        return np.asarray(own * drawn / np.sqrt(generator.chisquare(DEGREES, (count, 1)) / DEGREES))
 
     def _of(self, name: str) -> MeasureUncertainty:
-        if name not in self.uncertainties:
-            known = ", ".join(self.uncertainties) or "none"
+        if name not in self.uncertainties or name not in self.names:
+            known = ", ".join(one for one in self.uncertainties if one in self.names) or "none"
             raise ParameterError(f"the uncertainty of {name!r} is not known; it is known for: {known}")
         return self.uncertainties[name]

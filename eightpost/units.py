@@ -24,7 +24,8 @@ _SPELLINGS = {
     "inch": "in", "inches": "in", '"': "in", "ips": "in/s", "in/sec": "in/s", "mm/sec": "mm/s", "m/sec": "m/s",
     "g": "g_0", "g's": "g_0", "gs": "g_0", "c": "degC", "degc": "degC", "°c": "degC", "f": "degF", "degf": "degF",
     "°f": "degF", "°": "deg", "-": "1", "": "1", "newton": "N", "newtons": "N",
-    "click": "1", "clicks": "1",
+    "click": "1", "clicks": "1", "lb-f": "lbf", "lb_f": "lbf", "lb f": "lbf", "pounds force": "lbf",
+    "pounds-force": "lbf",
     "deg c": "degC", "deg. c": "degC", "degrees c": "degC", "celsius": "degC", "ºc": "degC", "℃": "degC",
     "deg f": "degF", "deg. f": "degF", "degrees f": "degF", "fahrenheit": "degF", "ºf": "degF", "℉": "degF",
     "kelvin": "K", "kgs": "kgf", "kp": "kgf", "hh:mm:ss": "s", "mm:ss": "s", "min:sec": "s",
@@ -45,6 +46,7 @@ _WORDS = {
 def _spelled(text: str) -> str:
     """Return a unit in usual spelling: `Inches/Sec` -> `in/s`; other units unchanged."""
     words = re.sub(r"\s+per\s+", "/", text, flags=re.IGNORECASE)
+    words = re.sub(r"(?<=[a-z])\.(?=/|$)", "", words)  # in./sec.
     words = re.sub(r"(?<=[A-Z]/)S$", "s", words)  # MM/S: no quantity of this project is per siemens
     return re.sub(r"[A-Za-z]+", lambda found: _WORDS.get(found[0].lower(), found[0]), words)
 
@@ -89,7 +91,7 @@ COMMON = (
     "s", "ms", "us", "min", "h", "Hz", "kHz", "1/s",
     "Pa", "kPa", "MPa", "bar", "psi", "W", "kW", "J", "kJ",
     "K", "degC", "degF", "V", "mV", "A",
-    "m3", "cm3", "m2", "cm2", "mm2", "in2",
+    "m3", "cm3", "in3", "m2", "cm2", "mm2", "in2",
     "kg/m3", "Pa.s", "m2/s", "N/rad", "N.m/rad", "N.m.s/rad",
 )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Verdict on whether a result or a model can be used, shared by all commands, files and pages.
 
 A verdict is a list of reasons. Each reason has a grade and states its figure, its origin and what to do. The verdict's
-grade is the worst grade among its reasons. Reasons are created by rules, which docs/verdict.md lists.
+grade is the worst grade among its reasons. Reasons are created by rules, which docs/reference/verdict.md lists.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class Rule:
         name: Unique name of the rule.
         about: Subject of the reasons.
         grade: Grade of the reasons.
-        condition: Condition under which the rule applies, with the threshold; for docs/verdict.md.
-        why: Justification of the threshold; for docs/verdict.md.
+        condition: Condition under which the rule applies, with the threshold; for docs/reference/verdict.md.
+        why: Justification of the threshold; for docs/reference/verdict.md.
         remedy: Advice to the user.
     """
 
@@ -96,7 +96,7 @@ class Rule:
 
 
 class Rules(list[Rule]):
-    """Table of the rules of one area, in the order of their definition; docs/verdict.md lists them."""
+    """Table of the rules of one area, in the order of their definition; docs/reference/verdict.md lists them."""
 
     def add(self, name: str, about: str, grade: Grade, *, condition: str, why: str, remedy: str = "nothing") -> Rule:
         """Add a rule to the table and return it; see `Rule` for the arguments."""

@@ -92,10 +92,12 @@ def try_out(python: Path, source: Path, folder: Path, *, lowest: bool, tests: bo
     version = subprocess.run([inside, "-c", "import platform; print(platform.python_version())"], check=True,
                              capture_output=True, text=True).stdout.strip()  # fmt: skip
     install = [*UV, "pip", "install", "--quiet", "--python", str(inside)]
-    resolution = ["--resolution", "lowest-direct"] if lowest else []
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment |= {"EIGHTPOST_CACHE": str(folder / "cache")}
-    if subprocess.run([*install, *resolution, f"{source}[all]"], check=False).returncode:
+    # To uv, the dependencies of a wheel are indirect: those of the project file are the ones that it lowers.
+    oldest = ["-r", str(ROOT / "pyproject.toml"), "--extra", "all", "--resolution", "lowest-direct"]
+    steps = [oldest, ["--no-deps", str(source)]] if lowest else [[f"{source}[all]"]]
+    if any(subprocess.run([*install, *step], check=False).returncode for step in steps):
         return Outcome(version, installed=False)
     doctor = subprocess.run([inside, "-I", "-m", "eightpost", "doctor"], cwd=folder, env=environment, check=False)
     if doctor.returncode or not tests:

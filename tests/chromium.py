@@ -15,6 +15,7 @@ _LAUNCH = (
 )
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+            "--disable-quic", "--disable-background-networking", "--disable-sync",
             "--remote-debugging-pipe", "--window-size=1440,900")  # fmt: skip
 _PATIENCE = 120.0
 

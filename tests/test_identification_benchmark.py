@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks import identification
 from benchmarks.identification import markdown
 from benchmarks.identification_ablation import ABLATIONS
 from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, noise_seeds
@@ -62,6 +64,23 @@ def test_each_methods_file_gives_recipes_by_name() -> None:
     found = methods()
     assert {"boggs, raw", "boggs, smoothed"} <= set(found)
     assert all(hasattr(method, "identify") for method in found.values())
+
+
+def test_an_interrupted_run_continues_where_it_was_and_keeps_the_order_of_setups(tmp_path, monkeypatch) -> None:
+    asked: list[tuple[int, ...]] = []
+
+    def simulated(_case: object, _lap: object, setups: list[tuple[int, ...]]) -> Iterator[dict[str, float]]:
+        for setup in setups:
+            asked.append(setup)
+            yield {"a": float(sum(setup))}
+
+    monkeypatch.setattr(identification, "truths", simulated)
+    case, setups = CASES["eight_post_close"], [(0, 0, 0, k) for k in range(5)]
+    first = identification.kept_truths(case, None, setups[:4], tmp_path)
+    assert [next(first)["a"] for _ in range(2)] == [0.0, 1.0]  # interrupted after two
+    again = [row["a"] for row in identification.kept_truths(case, None, setups[::-1], tmp_path)]
+    assert again == [4.0, 3.0, 2.0, 1.0, 0.0]
+    assert sorted(asked) == setups  # no setup was simulated twice
 
 
 def test_a_failed_method_is_shown_as_a_dash_in_the_table() -> None:

@@ -15,6 +15,7 @@ from benchmarks.shock_rows import shape_rms
 from benchmarks.single_speed import Outcome, report
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
 
 LPNL2_POLYNOMIAL, LPNL2_KNOTS, HYSTERESIS = ("lpnl2", "polynomial"), ("lpnl2", "knots"), ("hysteresis", "knots")
 
@@ -28,7 +29,8 @@ def run():
 
 def choice(case, shape=None):
     raw = {LPNL2_POLYNOMIAL: 20.0, LPNL2_KNOTS: 18.0, HYSTERESIS: 19.0}
-    return Chosen(case, None, Errors(raw, HYSTERESIS), Errors(shape, HYSTERESIS) if shape else None, 1.0)
+    return Chosen(case, None, Errors(raw, HYSTERESIS), Errors(shape, HYSTERESIS) if shape else None, 1.0,
+                  Grade.LIMITED, is_one_speed=True)  # fmt: skip
 
 
 @given(gain=st.floats(0.01, 100.0), offset=st.floats(-1e3, 1e3), seed=st.integers(0, 99))
@@ -56,7 +58,10 @@ def test_choices_and_gains_are_counted_with_and_without_the_level_of_another_run
     shape = {LPNL2_POLYNOMIAL: 10.0, LPNL2_KNOTS: 8.0, HYSTERESIS: 5.0}
     found = [choice(Case("another run", (test,), replace(test)), shape), choice(Case("a third", (test,), test))]
     table, lines = choices_table(found), summary(found).splitlines()
-    assert [line.split(" | ")[-1] for line in table.splitlines()[2:]] == ["5.6 |", "0.0 |", "5.6 |"]
+    assert [line.split(" | ")[-2] for line in table.splitlines()[2:]] == ["5.6", "0.0", "5.6"]
+    assert table.splitlines()[2].endswith("| usable within limits, single speed |")
+    assert any(line.endswith("Of 1 choices whose error is above 10 % on the held-out record, 0 had the verdict usable.")
+               for line in lines)  # fmt: skip
     assert "best offset and gain: 1 of 2 choices (50 %)" in lines[0]
     assert "their level: 0 of 2 choices (0 %)" in lines[1]
     (gain_free,) = [line for line in lines if "2 measured cases, other runs with their best offset and gain" in line]

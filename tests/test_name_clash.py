@@ -83,12 +83,19 @@ def test_the_third_party_packages_are_folders_and_are_all_that_the_project_needs
     extras = project["optional-dependencies"]
     needed = [
         *project["dependencies"],
-        *(line for name, lines in extras.items() if name != "test" and "host" not in name for line in lines),
+        *(
+            line
+            for name, lines in extras.items()
+            if name not in ("test", "docs") and "host" not in name
+            for line in lines
+        ),
     ]
     module = {"fmu-manipulation-toolbox": "fmu_manipulation_toolbox", "markdown-it-py": "markdown_it", "pillow": "PIL",
               "python-calamine": "python_calamine"}  # fmt: skip
     names = {name.partition(">")[0].partition("[")[0].strip() for name in needed}
-    assert {module.get(name, name) for name in names} - {"threadpoolctl", "lvm_read"} <= set(THIRD_PARTY)
+    assert {module.get(name, name) for name in names} - {"threadpoolctl", "lvm_read", "ipykernel", "eightpost"} <= set(
+        THIRD_PARTY
+    )
 
 
 def test_a_child_searches_where_this_process_does_but_not_in_the_current_folder(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""The verdict of a fit is stored in the shock's FMU and repeated by every run (docs/verdict.md)."""
+"""The verdict of a fit is stored in the shock's FMU and repeated by every run (docs/reference/verdict.md)."""
 
 from __future__ import annotations
 

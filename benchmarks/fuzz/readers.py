@@ -321,5 +321,5 @@ def _studies() -> Iterator[Reader]:
     yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(columns.change_parquet,) * 5))
     yield Reader("result of a run", "run/result.json", _result, _JSON)
     chunks = f"chunks/{'0' * 16}"
-    yield Reader("chunk of a study", f"{chunks}/chunk_000001.parquet", _chunks, _BINARY, 0.5)
+    yield Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, _BINARY, 0.5)
     yield Reader("coupling of a study", f"{chunks}/coupling.json", _chunks, _JSON, 0.5)

@@ -340,6 +340,6 @@ def _study(folder: Path) -> None:
     )
     chunks = folder / "chunks" / ("0" * 16)
     chunks.mkdir(parents=True, exist_ok=True)
-    pa.parquet.write_table(result.table.slice(0, 3), chunks / "chunk_000001.parquet")
+    pa.parquet.write_table(result.table.slice(0, 3), chunks / "chunk_0000000_3.parquet")
     coupling = {"scheme": "gauss-seidel", "step": 1e-3, "share": 0.5, "stated_error": 0.1, "notes": ["tried 1 ms"]}
     (chunks / "coupling.json").write_text(json.dumps(coupling), encoding="utf-8")

@@ -5,8 +5,8 @@
 with two states for each port: z of its shock, the lagged force (LPF1, LPNL2) or the force of the series spring
 (Maxwell), and the deflection y of its bristle.
 
-Nothing of the FMUs' or the library's code is used: the formulas are those of docs/shock_models.md, docs/ports.md and
-the READMEs of fmus/.
+Nothing of the FMUs' or the library's code is used: the formulas are those of docs/evidence/shock_models.md,
+docs/reference/ports.md and the READMEs of fmus/.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plot for docs/coupling.md: stated errors over true ones."""
+"""Plot for docs/explanation/coupling.md: stated errors over true ones."""
 
 from __future__ import annotations
 

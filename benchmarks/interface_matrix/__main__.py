@@ -1,10 +1,10 @@
 """Run every tool that is installed on the four interface kinds of a shock and a car, and keep the results.
 
-    python -m benchmarks.interface_matrix                  # minutes; results in docs/hosts/matrix.json
+    python -m benchmarks.interface_matrix                  # minutes; results in docs/data/hosts/matrix.json
     python -m benchmarks.interface_matrix --tools FMPy CasADi --models shock
 
 A tool that needs an environment of its own (CoFMUPy) is run from there; results of tools that are not installed stay as
-they are. `python docs/make_hosts.py` writes the table of docs/hosts_tools.md from the results.
+they are. `python docs/make/make_hosts.py` writes the table of docs/evidence/hosts_tools.md from the results.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from builder.build import build
 
 FMI3 = 3
 ROOT = Path(__file__).resolve().parents[2]
-RESULTS = ROOT / "docs" / "hosts" / "matrix.json"
+RESULTS = ROOT / "docs" / "data" / "hosts" / "matrix.json"
 MODELS = {"shock": ROOT / "examples" / "hosts" / "shock.json", "car": ROOT / "examples" / "car.toml"}
 
 

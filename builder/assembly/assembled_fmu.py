@@ -6,7 +6,7 @@ The C sources are those of each kind of part with prefixed names, and the wiring
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -24,6 +24,7 @@ from eightpost import __version__
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.files import check_output_folder
+from eightpost.progress import Progress
 from eightpost.wiring import Wiring
 
 # ---- The C sources of an assembly -----------------------------------------------------------------------------------
@@ -262,7 +263,7 @@ def assemble(
     *,
     fmi: int = 2,
     toolchain: Toolchain | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Assembled:
     """Write a system as one native FMU; the same system gives the same bytes.
 

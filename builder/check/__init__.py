@@ -1,7 +1,7 @@
 """Checks of whether any FMU works as a drop-in component in tools that its developers do not know.
 
 `check` applies third-party checkers, the rules of this package, and probes that call the FMU. Each probe runs in a
-separate process, so that a crash is a finding and does not end the check (docs/check.md).
+separate process, so that a crash is a finding and does not end the check (docs/reference/check.md).
 """
 
 from __future__ import annotations

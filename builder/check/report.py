@@ -49,7 +49,7 @@ class CheckReport:
         return tuple(finding for finding in self.findings if finding.rule.level is level)
 
     def document(self) -> dict[str, Any]:
-        """Return the report as a JSON object (docs/check.md)."""
+        """Return the report as a JSON object (docs/reference/check.md)."""
         return {
             "path": str(self.path),
             "identity": dict(self.identity),
@@ -76,7 +76,7 @@ class NotChecked:
         return False
 
     def document(self) -> dict[str, Any]:
-        """Return the entry as a JSON object (docs/check.md)."""
+        """Return the entry as a JSON object (docs/reference/check.md)."""
         return {"path": str(self.path), "acceptable": self.acceptable, "error": self.error}
 
 

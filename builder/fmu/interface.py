@@ -326,8 +326,9 @@ def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variabl
     for name, (side, unit) in channels.items():
         if known.get(name) != (side, unit):
             raise FmuError(
-                f"vehicle {model!r}: the {side} {name!r} [{unit}] is not a variable of vehicle_ss; docs/ports.md lists "
-                "the inputs and outputs with their units. Rename the channel, or leave it out of the model"
+                f"vehicle {model!r}: the {side} {name!r} [{unit}] is not a variable of vehicle_ss; "
+                "docs/reference/ports.md lists the inputs and outputs with their units. Rename the channel, or leave "
+                "it out of the model"
             )
 
 

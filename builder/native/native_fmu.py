@@ -16,6 +16,7 @@ from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
 from builder.native.vehicle_data import kept_numbers, vehicle_data
 from eightpost import __version__
+from eightpost.progress import Progress
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
 
@@ -127,7 +128,7 @@ def native_fmus(
     *,
     toolchain: Toolchain,
     disclosure: Disclosure = Disclosure.FULL,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[dict[str, bytes]]:
     """Return the members of each product's archive; the same product gives the same bytes.
 
@@ -148,7 +149,7 @@ def native_fmus(
 
 
 def compiled(
-    sources: Sequence[Source], *, toolchain: Toolchain, progress: Callable[[int, int], None] | None = None
+    sources: Sequence[Source], *, toolchain: Toolchain, progress: Progress | None = None
 ) -> list[dict[str, bytes]]:
     """Return the members of each archive with its binaries."""
     libraries = [source.library for source in sources]

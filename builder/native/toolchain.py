@@ -10,8 +10,8 @@ import subprocess
 import sys
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +23,7 @@ from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.extras import install_command
+from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
 
 # ---- The six platforms of a native FMU, with their FMI 2.0 names ----------------------------------------------------
@@ -276,11 +277,15 @@ class Library:
         return {name: text.encode() for name, text in texts.items()}
 
 
+#: Interval at which progress is reported while a binary is compiled [s].
+_INTERVAL = 0.1
+
+
 def compile_libraries(
     libraries: Sequence[Library],
     *,
     toolchain: Toolchain,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[dict[str, bytes]]:
     """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
 
@@ -295,18 +300,41 @@ def compile_libraries(
     Raises:
         FmuError: The compiler fails; the message quotes its error.
     """
-    jobs = [(library, platform) for library in libraries for platform in toolchain.platforms]
-    done: list[bytes] = []
     with ThreadPoolExecutor(usable_processors()) as pool:
-        for content in pool.map(lambda job: _binary(toolchain, *job), jobs):
-            done.append(content)
-            if progress:
-                progress(len(done), len(jobs))
-    found = iter(done)
-    return [
-        {platform.member(library.identifier, library.fmi): next(found) for platform in toolchain.platforms}
-        for library in libraries
-    ]
+        slices = [_begin_slices(toolchain, library, pool) for library in libraries]
+        total, done = sum(map(len, slices)), 0
+        members: list[dict[str, bytes]] = []
+        try:
+            for library, parts_of in zip(libraries, slices, strict=True):
+                members.append({})
+                for platform, parts in zip(toolchain.platforms, parts_of, strict=True):
+                    while progress and wait(parts, timeout=_INTERVAL).not_done:
+                        progress(done, total)
+                    content = _joined([part.result() for part in parts])
+                    members[-1][platform.member(library.identifier, library.fmi)] = content
+                    done += 1
+                    if progress:
+                        progress(done, total)
+        finally:
+            pool.shutdown(cancel_futures=True)  # after an error, nothing else is begun
+    return members
+
+
+def _begin_slices(toolchain: Toolchain, library: Library, pool: ThreadPoolExecutor) -> list[list[Future[bytes]]]:
+    """Begin to compile the slices of a library for each platform; a slice that two platforms share is compiled once.
+
+    The universal binary for macOS contains that for macOS on ARM.
+    """
+    begun: dict[tuple[str, ...], Future[bytes]] = {}
+    found: list[list[Future[bytes]]] = []
+    for platform in toolchain.platforms:
+        found.append([])
+        for target in platform.targets:
+            command = tuple(toolchain.command(library.identifier, platform, target, library.units))
+            if command not in begun:
+                begun[command] = pool.submit(_slice, toolchain, library, platform, target)
+            found[-1].append(begun[command])
+    return found
 
 
 def compile_for_browser(library: Library) -> bytes:
@@ -319,11 +347,12 @@ def compile_for_browser(library: Library) -> bytes:
     if not isinstance(toolchain, Zig):
         raise FmuError(f"a page in a browser needs the compiler zig: {install_command('build')}")
     browser = (source_folder() / "common" / "browser.c").read_bytes()
-    return _binary(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER)
+    (target,) = BROWSER.targets
+    return _slice(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER, target)
 
 
-def _binary(toolchain: Toolchain, library: Library, platform: Platform) -> bytes:
-    slices = [_slice(toolchain, library, platform, target) for target in platform.targets]
+def _joined(slices: Sequence[bytes]) -> bytes:
+    """Return a binary of its slices: several make a universal one."""
     return slices[0] if len(slices) == 1 else universal(slices)
 
 

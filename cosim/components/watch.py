@@ -111,7 +111,7 @@ _FAILURE, _FAILURE_SIZE = 4, 4
 _MESSAGE = (
     "error: this process ended while component {} was called: the FMU crashed or called exit(), and there is no "
     "result. Run it in its own process, where this is a failed step: --isolate, or IsolatedComponent "
-    "(docs/foreign_fmus.md)"
+    "(docs/how_to/foreign_fmus.md)"
 )
 
 _WATCHER = f"""

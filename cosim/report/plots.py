@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 import scipy
 
-from eightpost import units
-from eightpost.report.pictures import Axes, new_figure, panels_of, save
+from eightpost.report.pictures import new_figure, panels_of, save
+from eightpost.report.traces import COLORS, PANELS, display_unit, displayed, excerpt, traces
 from eightpost.signals import TimeSeries
-
-COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 
 
 def plot_traces(
@@ -25,24 +22,7 @@ def plot_traces(
     title: str = "Time traces",
 ) -> None:
     """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
-    # Margins in inches. A computed layout would draw all panels once more, which takes most of a short run's time.
-    width, height = 11.0, 1.9 * len(channels) + 0.8
-    margins = {"left": 1.0 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.45 / height}
-    figure = new_figure(width, height, layout=None)
-    panels = panels_of(figure, len(channels), 1, sharex=True, gridspec_kw={**margins, "hspace": 0.12})
-    for panel, channel in zip(panels, channels, strict=True):
-        for (label, series), color in zip(runs.items(), COLORS, strict=False):
-            shown = series.window(start, stop)
-            panel.plot(shown.time, _displayed(shown, channel), lw=1.0, color=color, label=label)
-        _label(panel, runs, channel)
-    panels[-1].set_xlabel("time [s]")
-    panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
-    figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
-    save(figure, path)
-
-
-#: Number of channels in the picture of a run, and the length that it shows of a long run [s].
-_PANELS, _SHOWN = 12, 4.0
+    save(traces(runs, channels, start=start, stop=stop, title=title), path)
 
 
 def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
@@ -51,9 +31,8 @@ def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
     Returns:
         A sentence about the part of the run that the picture shows.
     """
-    last = float(series.time[-1])
-    start, stop = (0.0, last) if last <= 2.0 * _SHOWN else (0.5 * (last - _SHOWN), 0.5 * (last + _SHOWN))
-    shown = series.names[:_PANELS]
+    start, stop = excerpt(series)
+    shown = series.names[:PANELS]
     plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
     return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
 
@@ -71,12 +50,12 @@ def plot_spectra(
     panels = panels_of(figure, len(channels), 2, sharex=True)
     for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), COLORS, strict=False):
-            values = _displayed(series, channel)
+            values = displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
             frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
             kept = (frequency > 0.0) & (frequency <= highest)
             panel.semilogy(frequency[kept], density[kept], lw=1.2, color=color, label=label)
-        unit = _display_unit(next(iter(runs.values())), channel)
+        unit = display_unit(next(iter(runs.values())), channel)
         panel.set_title(channel, fontsize=9)
         panel.set_ylabel(f"({unit})²/Hz")
         panel.grid(alpha=0.3)
@@ -86,17 +65,3 @@ def plot_spectra(
     panels[0].legend(frameon=False)
     figure.suptitle(title)
     save(figure, path)
-
-
-def _display_unit(series: TimeSeries, channel: str) -> str:
-    return units.us_customary(series.unit(channel))
-
-
-def _displayed(series: TimeSeries, channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return units.convert(series[channel], series.unit(channel), _display_unit(series, channel))
-
-
-def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
-    panel.set_ylabel(f"{channel}\n[{_display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
-    panel.yaxis.set_label_coords(-0.055, 0.5)
-    panel.grid(alpha=0.3)

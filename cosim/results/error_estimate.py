@@ -1,4 +1,7 @@
-"""Coupling error of a run, estimated from how differences between runs fall as the step halves (docs/coupling.md)."""
+"""Coupling error of a run, estimated from how differences between runs fall as the step halves.
+
+docs/explanation/coupling.md derives it.
+"""
 
 from __future__ import annotations
 

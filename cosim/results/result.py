@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim.results import rules
 from cosim.results.limits import limit_reasons
 from cosim.results.validity import Model, model_reasons
 from eightpost import __version__
+from eightpost.array_types import Array
+from eightpost.display import Summarized, Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
 from eightpost.signals import TimeSeries, read_series, write_series
 from eightpost.verdict import Reason, Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
@@ -73,8 +81,8 @@ class BondEnergy:
         return abs(self.relative) <= rules.LARGEST_RESIDUAL
 
 
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(Summarized):
     """Result of one run.
 
     Attributes:
@@ -154,7 +162,7 @@ class Result:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Verdict on whether the run can be used, with its reasons (docs/verdict.md)."""
+        """Verdict on whether the run can be used, with its reasons (docs/reference/verdict.md)."""
         return _verdict_of(self)
 
     @property
@@ -181,6 +189,64 @@ class Result:
         """Whether the run reached its stop time, every step converged, and no bond's local error is too large."""
         local = max((c.percent for c in self.coupled.values()), default=0.0)
         return not self.partial and self.unsettled_steps == 0 and local <= rules.LARGEST_ERROR
+
+    def _summary(self) -> Summary:
+        scheme = f"{self.algorithm}: {self.scheme}" if self.scheme else self.algorithm
+        largest = "" if self.has_equal_steps else f" to {1e3 * self.largest_step:.3g}"
+        error, energies = self.coupling_error, [abs(energy.relative) for energy in self.energy.values()]
+        return Summary.of(
+            "Result of a run",
+            ("verdict", self.verdict.headline + (" (ended early)" if self.partial else "")),
+            ("reason", str(self.verdict.decisive[0]) if self.verdict.reasons else ""),
+            ("components", ", ".join(self.order)),
+            ("steps", f"{self.steps} of {1e3 * self.step:.3g}{largest} ms, {scheme}"),
+            ("coupling error", "not stated" if error is None else f"{error:.2g} %"),
+            ("energy residual", f"up to {max(energies):.1e} of the energy transferred" if energies else ""),
+            *self.series.summary_rows(),
+            ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the recorded channels, in SI, over the time [s]; units are in `attrs["units"]`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return self.series.to_pandas()
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the recorded channels, in SI, over `time` [s]; the attributes state verdict, scheme and step.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        stated = {"verdict": self.verdict.grade.value, "algorithm": self.scheme or self.algorithm, "step": self.step}
+        return self.series.to_xarray().assign_attrs(stated)
+
+    def plot(
+        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
+    ) -> Picture:
+        """Return a picture of recorded channels over time.
+
+        Args:
+            channels: Names of the channels; default: the first twelve.
+            start: Start of the shown part [s]; default: so that a long run shows its middle.
+            stop: End of the shown part [s].
+
+        Raises:
+            MissingChannelError: A channel was not recorded.
+        """
+        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return picture(self.series, channels, start=start, stop=stop, title=", ".join(self.order))
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a recorded channel (N,) in its SI unit.
+
+        Raises:
+            MissingChannelError: The channel was not recorded.
+        """
+        return self.series[name]
 
     def settled(self) -> TimeSeries:
         """Return the series without the settling time; the whole series if the run ended within it."""

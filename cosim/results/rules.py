@@ -12,7 +12,8 @@ LARGEST_ERROR = 5.0
 DOUBTFUL_RESIDUAL = 1e-2
 
 #: Largest residual, as a share of the energy transferred, of a result that can be used. With ramped values the residual
-#: was about the error of the shock velocity: 0.25 % at 1 ms, 0.9 % at 2 ms, 3.4 % at 4 ms (docs/coupling.md).
+#: was about the error of the shock velocity: 0.25 % at 1 ms, 0.9 % at 2 ms, 3.4 % at 4 ms
+#: (docs/explanation/coupling.md).
 LARGEST_RESIDUAL = 0.05
 
 #: Coupling error up to which a run without a tolerance of its own is good [% of the scale].
@@ -59,17 +60,18 @@ CHANNEL_ERROR = RULES.add("coupling error of other channels", "coupling", Grade.
 )  # fmt: skip
 ENERGY_RESIDUAL = RULES.add("energy residual too large", "energy", Grade.NOT_USABLE,
     condition=f"the coupling adds or loses more than {100 * LARGEST_RESIDUAL:g} % of the energy through a bond",
-    why="the residual was about the error of the shock velocity: 0.25 % at 1 ms, 3.4 % at 4 ms (docs/coupling.md)",
+    why="the residual was about the error of the shock velocity: 0.25 % at 1 ms, 3.4 % at 4 ms "
+        "(docs/explanation/coupling.md)",
     remedy="give a smaller coupling step",
 )  # fmt: skip
 ENERGY_DOUBTFUL = RULES.add("energy residual notable", "energy", Grade.LIMITED,
     condition=f"the coupling adds or loses more than {100 * DOUBTFUL_RESIDUAL:g} % of the energy through a bond",
-    why="sound runs stay under 1 % (docs/coupling.md)",
+    why="sound runs stay under 1 % (docs/explanation/coupling.md)",
     remedy="halve the coupling step and compare",
 )  # fmt: skip
 ENERGY_GOOD = RULES.add("energy residual small", "energy", Grade.USABLE,
     condition=f"no bond adds or loses more than {100 * DOUBTFUL_RESIDUAL:g} % of its energy",
-    why="sound runs stay under 1 % (docs/coupling.md)",
+    why="sound runs stay under 1 % (docs/explanation/coupling.md)",
 )  # fmt: skip
 NOT_CONVERGED = RULES.add("not converged", "convergence", Grade.NOT_USABLE,
     condition="the equilibrium start was not found, or steps did not converge",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -13,8 +13,9 @@ from cosim.systems.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError, InputError
+from eightpost.progress import Progress, continued
 
-#: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/coupling.md).
+#: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/explanation/coupling.md).
 FIRST_STEP = 2e-3
 
 #: Number of runs that diverged or had too large local errors after which Implicit replaces Gauss-Seidel.
@@ -67,7 +68,7 @@ def run_default_at_step(
     step: float,
     *,
     engine: str,
-    progress: Callable[[float], None] | None,
+    progress: Progress | None,
     compared: bool,
 ) -> Result:
     """Run the default's scheme at a given step: Gauss-Seidel, or Implicit where that diverges.
@@ -76,7 +77,7 @@ def run_default_at_step(
         DivergedError: The coupling diverged.
         StepError: A component failed.
     """
-    scheme = default_scheme()
+    scheme, progress = default_scheme(), progress and continued(progress)
     try:
         result = run_at_step(system, scenario, scheme, step, engine=engine, progress=progress, compared=compared)
     except DivergedError:
@@ -95,7 +96,7 @@ class Refinement:
         scenario: Drive, duration and recording.
         request: Tolerance and smallest step.
         engine: Engine of the loop; see `cosim.run`.
-        progress: Callback that receives the completed share of each run.
+        progress: Callback that receives the completed and the total number of coupling steps of all runs.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Refinement:
         scenario: Scenario,
         request: Automatic,
         engine: str,
-        progress: Callable[[float], None] | None,
+        progress: Progress | None,
     ) -> None:
         self._system, self._request = system, request
         first = min(FIRST_STEP, scenario.stop)
@@ -116,6 +117,7 @@ class Refinement:
             record_step=self._record_step,
             engine=engine,
             progress=progress,
+            planned=(1.0 + 2.0) * scenario.stop / self._step,
         )
         self._scheme: GaussSeidel | Implicit = default_scheme()
         self._held = system.coupled_with_held

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -17,6 +16,7 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError
+from eightpost.progress import Progress
 from eightpost.signals import TimeSeries
 
 # ---- Runs for comparison, recorded at every coupling step -----------------------------------------------------------
@@ -33,7 +33,8 @@ class DenseRuns:
         scenario: Scenario with the channels that the final result has to record.
         record_step: Time between samples of the final result [s].
         engine: Engine of the loop; see `cosim.run`.
-        progress: Callback that receives the completed share of each run.
+        progress: Callback that receives the completed and the total number of coupling steps of all runs.
+        planned: Number of coupling steps of the runs that are certain to be made.
     """
 
     def __init__(
@@ -43,10 +44,12 @@ class DenseRuns:
         *,
         record_step: float,
         engine: str,
-        progress: Callable[[float], None] | None,
+        progress: Progress | None,
+        planned: float = 0.0,
     ) -> None:
         self._system, self._scenario, self._record_step = system, scenario, record_step
         self._engine, self._progress = engine, progress
+        self._made, self._planned = 0.0, planned
         self._names = recorded_names(system, scenario)
         self._all_names = tuple(dict.fromkeys((*self._names, *sorted(system.decisive))))
         self._steps = 0
@@ -63,13 +66,22 @@ class DenseRuns:
         every = self._record_step if isinstance(scheme, Adaptive) else self._dense_step(step)
         scenario = replace(self._scenario, record=self._all_names, record_step=every)
         try:
-            result = Session(self._system, scenario, scheme, step).run(self._engine, self._progress)
+            result = Session(self._system, scenario, scheme, step).run(self._engine, self._progress_of(step))
         except RunInterrupted as interrupted:
             raise RunInterrupted(self.final(interrupted.result)) from interrupted
         self._steps += result.steps
         self._seconds += result.seconds
         self._stepping_seconds += result.stepping_seconds
         return result
+
+    def _progress_of(self, step: float) -> Progress | None:
+        """Return the callback of a run at a step, which is added to those before it."""
+        if (progress := self._progress) is None:
+            return None
+        before, own = self._made, self._scenario.stop / step
+        self._made += own
+        self._planned = total = max(self._planned, self._made)
+        return lambda done, of: progress(before + own * done / of, total)
 
     def _dense_step(self, step: float) -> float:
         """Return the step or, if that gives too many values, a multiple of it that divides the record step [s]."""
@@ -111,7 +123,7 @@ def run_at_step(
     step: float,
     *,
     engine: str,
-    progress: Callable[[float], None] | None,
+    progress: Progress | None,
     compared: bool,
 ) -> Result:
     """Run at a step and, if `compared`, state the coupling error by comparing with a run at twice the step.
@@ -125,7 +137,9 @@ def run_at_step(
             result has no stated error.
     """
     Session(system, scenario, algorithm, step)  # raises errors before the recording is changed
-    runs = DenseRuns(system, scenario, record_step=scenario.record_step or step, engine=engine, progress=progress)
+    planned = (1.5 if compared else 1.0) * scenario.stop / step
+    every = scenario.record_step or step
+    runs = DenseRuns(system, scenario, record_step=every, engine=engine, progress=progress, planned=planned)
     run = runs.run(algorithm, step)
     if not compared or run.partial:
         return runs.final(run)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from cosim.engine.loop import ENGINES
@@ -15,16 +15,18 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import DEFAULT_STEP, System
 from eightpost.errors import InputError
+from eightpost.progress import Progress
 
 
 def run(
     system: System,
     scenario: Scenario,
     *,
+    parameters: Mapping[str, float | bool | str] | None = None,
     algorithm: Algorithm | Automatic | None = None,
     step: float | None = None,
     compared: bool = True,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     engine: str = "auto",
 ) -> Result:
     """Run a system and state its coupling error. Ctrl-C ends the run between two steps with RunInterrupted, which holds
@@ -33,13 +35,16 @@ def run(
     Args:
         system: Components and connections.
         scenario: Drive, duration and variables to record.
+        parameters: Values of parameters for this run only, by `component.parameter`; see `System.with_parameters`. The
+            components are not loaded again, and the system does not change.
         algorithm: Algorithm object; by default (Automatic) a scheme that suits the components is chosen and, if no step
             is given, the step as well.
         step: Coupling step [s]; 1 ms by default for algorithms other than Automatic. The last step is shortened to end
             at the stop time. For Adaptive: the first step to try.
         compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
             coupling error. If false, the error is not stated.
-        progress: Callback that receives the completed share, 0 to 1; it starts from 0 again for every run.
+        progress: Callback that receives the number of completed coupling steps and the total number, about ten times
+            per second; the total grows if the coupling error requires another run.
         engine: `auto`: the compiled loop if a component has C functions; `python`: the same loop interpreted, equal
             results.
 
@@ -53,6 +58,7 @@ def run(
     """
     if engine not in ENGINES:
         raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
+    system = system.with_parameters(parameters or {})
     chosen = algorithm or Automatic()
     if isinstance(chosen, Automatic) and step is None:
         return Refinement(system, scenario, chosen, engine, progress).result()
@@ -88,7 +94,7 @@ def verify(
     algorithm: Algorithm | Automatic,
     result: Result,
     *,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     engine: str = "auto",
 ) -> Verification:
     """Repeat a run with the same scheme at half its coupling step; an adaptive run at an eighth of its tolerance.
@@ -98,7 +104,7 @@ def verify(
         scenario: Scenario of the run.
         algorithm: Algorithm of the run; for the default, the scheme that it chose is repeated.
         result: Result of the run.
-        progress: Callback that receives the completed share, 0 to 1.
+        progress: Callback that receives the completed share and 1.
         engine: Engine of the loop; see `run`.
 
     Raises:

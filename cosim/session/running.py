@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
@@ -17,6 +17,7 @@ from cosim.session.planning import make_plan
 from cosim.session.recorder import blank_tape, real_names
 from cosim.session.setup import Setup
 from eightpost.errors import DivergedError, StepError, TerminatedError
+from eightpost.progress import Progress
 
 # ---- Guard of a run -------------------------------------------------------------------------------------------------
 
@@ -38,18 +39,18 @@ def watched(setup: Setup) -> AbstractContextManager[None]:
     return watching(parts, [f"{name!r} ({setup.system.components[name].source})" for name in parts])
 
 
-def undoing(setup: Setup, progress: Callable[[float], None]) -> Callable[[float], None]:
+def undoing(setup: Setup, progress: Progress) -> Progress:
     """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes."""
     parts, before = guarded(setup), Surroundings.now()
     if not parts:
         return progress
 
-    def check(share: float) -> None:
+    def check(done: float, total: float) -> None:
         for changed in before.restore():
             for name, part in parts.items():
                 others = [f"{other!r}" for other in parts if other != name]
                 part.blame(f"{changed} while stepping" + (f", or {' or '.join(others)} did" if others else ""))
-        progress(share)
+        progress(done, total)
 
     return check
 
@@ -94,13 +95,13 @@ class Marching:
         bind: Function that takes the loop's named tuples and returns the loop.
         chunk: Number of steps per call.
         mode: Settings of the scheme for a step.
-        progress: Callback that receives the completed share, 0 to 1, after each call of the loop.
+        progress: Callback that receives the completed share and 1, after each call of the loop.
     """
 
     bind: Bind
     chunk: int
     mode: Mode
-    progress: Callable[[float], None]
+    progress: Progress
 
 
 @dataclass(frozen=True)
@@ -250,7 +251,7 @@ def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
 def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
     return DivergedError(
         f"the coupling diverged: {signal} is {value:g} after {time:g} s; "
-        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/coupling.md)"
+        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/explanation/coupling.md)"
     )
 
 

@@ -16,7 +16,8 @@ from cosim.components.conversion import to_si
 from cosim.components.functions import Native
 from cosim.components.watch import calling_loop
 from cosim.engine.loop import loop
-from cosim.engine.march import Control, Grid, Knots, Progress, record
+from cosim.engine.march import Control, Grid, Knots, record
+from cosim.engine.march import Progress as Reached
 from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, memory
 from cosim.results.result import Result
 from cosim.session.outcome import Outcome, check_repeat
@@ -40,6 +41,7 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.errors import WiringError
+from eightpost.progress import Progress
 from eightpost.signals import Drivefile
 
 # ---- Ctrl-C handling between steps ----------------------------------------------------------------------------------
@@ -70,9 +72,9 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     grid, count = grid_of(setup), setup.times.size - 1
     march = marching.bind(running.plan, running.memory, running.tape, grid, marching.mode)
     began, end, ended_by = clock.perf_counter(), DONE, ""
-    chunk = _chunk(setup, marching)
-    for first in range(0, count, chunk):
-        last = min(first + chunk, count)
+    last, pace = 0, _Pace(_chunk(setup, marching), is_fixed=setup.discrete.is_needed)
+    while last < count:
+        first, last = last, min(last + pace.steps(), count)
         setup.discrete.exchange(float(setup.times[first]))
         end = march(first, last)
         setup.discrete.record(int(running.tape.position[0]))
@@ -81,9 +83,38 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
         if end != DONE:
             ended_by, end = ended_or_failed(setup, running, end, _reached(setup, running)), DONE
             break
-        marching.progress(last / count)
+        marching.progress(last / count, 1.0)
     reached = _reached(setup, running)
     return Ending(end, reached, least=setup.step, largest=setup.step, began=began, ended_by=ended_by)
+
+
+#: Time between two calls of the loop, between which progress is reported and Ctrl-C handled [s], and number of steps of
+#: the first call.
+_BETWEEN, _FIRST_STEPS = 0.05, 20
+
+
+class _Pace:
+    """Number of steps per call of the loop, so that a call takes about the time between two reports.
+
+    Args:
+        most: Largest number of steps per call.
+        is_fixed: Whether every call makes the largest number.
+    """
+
+    def __init__(self, most: int, *, is_fixed: bool) -> None:
+        self._most, self._is_fixed = most, is_fixed
+        self._steps, self._since = min(most, _FIRST_STEPS), 0.0
+
+    def steps(self) -> int:
+        """Return the number of steps of the next call."""
+        now, since = clock.perf_counter(), self._since
+        self._since = now
+        if self._is_fixed:
+            return self._most
+        if since:
+            ratio = min(max(_BETWEEN / max(now - since, 1e-9), 0.25), 4.0)
+            self._steps = min(self._most, max(1, round(self._steps * ratio)))
+        return self._steps
 
 
 def _chunk(setup: Setup, marching: Marching) -> int:
@@ -189,7 +220,7 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
         if end != DONE or ended_by or running.memory.failure[3] == 1:
             least, largest = float(state.smallest[0]), float(state.greatest[0])
             return Ending(end, time, least=least, largest=largest, began=began, ended_by=ended_by)
-        marching.progress(min(1.0, time / setup.scenario.stop))
+        marching.progress(min(1.0, time / setup.scenario.stop), 1.0)
 
 
 def _knots(setup: Setup) -> Knots:
@@ -225,10 +256,10 @@ def _least_error(setup: Setup, name: str) -> float:
     return _LEAST_ERROR.get(unit, 1e-9) / abs(conversion.factor)
 
 
-def _first_progress(step: float, control: Control, signals: int, channels: int) -> Progress:
+def _first_progress(step: float, control: Control, signals: int, channels: int) -> Reached:
     """Return the initial state of a run that tries `step` [s] first."""
     first = min(max(step, control.least), control.largest)
-    return Progress(
+    return Reached(
         time=np.zeros(1),
         step=np.array([first]),
         error=np.ones(1),
@@ -270,12 +301,12 @@ class Session:
     def __init__(self, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> None:
         self._setup = Setup.of(system, scenario, algorithm, step)
 
-    def run(self, engine: str = "auto", progress: Callable[[float], None] | None = None) -> Result:
+    def run(self, engine: str = "auto", progress: Progress | None = None) -> Result:
         """Begin, find the equilibrium start and step to the end. The components are finished in any case.
 
         Args:
             engine: `compiled`, `python`, or `auto`: compiled if a component is native.
-            progress: Callback that receives the completed share, 0 to 1.
+            progress: Callback that receives the completed share and 1, about ten times per second.
 
         Raises:
             StepError: A component failed, or the coupling diverged.
@@ -288,7 +319,7 @@ class Session:
                 begin(setup)
                 equilibrium = equilibrium_start(setup)
                 running = prepare(setup)
-                ending = self._march(running, engine, undoing(setup, progress or (lambda _: None)))
+                ending = self._march(running, engine, undoing(setup, progress or (lambda _done, _total: None)))
                 seconds = (ending.began - began, clock.perf_counter() - ending.began)
                 result = Outcome(setup, running, equilibrium, ending, seconds).result()
                 if ending.why == STOPPED:
@@ -299,7 +330,7 @@ class Session:
                 for component in setup.system.components.values():
                     component.finish()
 
-    def _march(self, running: Running, engine: str, progress: Callable[[float], None]) -> Ending:
+    def _march(self, running: Running, engine: str, progress: Progress) -> Ending:
         setup = self._setup
         try:
             with interrupts_deferred(running.stop), calling_loop():
@@ -310,12 +341,12 @@ class Session:
                     ending = march_adaptive(setup, running, marching, setup.algorithm)
                 else:
                     ending = march_fixed(setup, running, marching)
-                progress(1.0)
+                progress(1.0, 1.0)
                 return ending
         finally:
             running.free_states(setup)
 
-    def _marching(self, engine: str, progress: Callable[[float], None]) -> Marching:
+    def _marching(self, engine: str, progress: Progress) -> Marching:
         """Return the requested loop; interpreted if every component is Python, where compiling gains nothing."""
         setup = self._setup
         native = any(isinstance(component, Native) for component in setup.system.components.values())

@@ -39,8 +39,8 @@ class _Shares(TypedDict):
 class _LimitWatch:
     """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
-    The names are those of docs/ports.md: `beyond_fit`, `beyond_settings`, `untested_settings`, and outputs ending in
-    `tire_force`.
+    The names are those of docs/reference/ports.md: `beyond_fit`, `beyond_settings`, `untested_settings`, and outputs
+    ending in `tire_force`.
     """
 
     def __init__(self, system: System) -> None:

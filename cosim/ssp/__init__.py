@@ -1,4 +1,4 @@
-"""Reading of SSP packages from any tool: parsed, flattened and checked (docs/ssp.md)."""
+"""Reading of SSP packages from any tool: parsed, flattened and checked (docs/how_to/ssp.md)."""
 
 from cosim.ssp.read import SUFFIXES, Given, read_ssp
 

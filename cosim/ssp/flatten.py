@@ -299,7 +299,7 @@ def _connection(
 
 
 def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[Connection, ...]]:
-    """Return the bonds among connections, by the names of docs/ports.md, and the other connections.
+    """Return the bonds among connections, by the names of docs/reference/ports.md, and the other connections.
 
     A bond is velocity one way and force back between two components, with the same gain. With different gains the power
     at both ends would differ, and the energy residual would be meaningless.

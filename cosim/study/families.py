@@ -58,7 +58,7 @@ def family(name: str, car: Car) -> tuple[Measure, ...]:
         raise InputError(f"there is no family of measures {name!r}; there are {', '.join(FAMILIES)}")
     found = tuple(m for m in FAMILIES[name](car) if set(m.channels) <= set(car.channels))
     if not found:
-        raise InputError(f"family {name!r}: {car.name} has none of its channels (docs/study.md lists them)")
+        raise InputError(f"family {name!r}: {car.name} has none of its channels (docs/how_to/study.md lists them)")
     return found
 
 

@@ -10,16 +10,22 @@ from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import read_spreads
 from cosim.study.choice.selection import Selection, read_selection
 from cosim.study.report import write_study_report
+from cosim.study.report.sheet import AimPage
 from cosim.study.report.shock_pages import copy_shock_pages, shock_curves
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError
+from eightpost.files import MALFORMED, json_content
 
 #: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
 #: Certainty of the study, and the one before the last `eightpost confirm`.
 CERTAINTY, PREVIOUS = "certainty.parquet", "certainty.previous.parquet"
+
+
+#: Content and page of the curves to aim at, which `eightpost shapes` writes.
+AIM, AIM_PAGE = "shapes.json", "shapes.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,20 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
     return Chosen(selection, spreads, tuple(notes), certainty)
 
 
+def aim_so_far(result: StudyResult, folder: Path) -> AimPage | None:
+    """Return the page of the curves to aim at in a study's folder; None if it has none of this study."""
+    if not (folder / AIM_PAGE).is_file():
+        return None
+    try:
+        found = json_content(folder / AIM, advice="run eightpost shapes again")
+        if found["digest"] != result.provenance.digest:
+            return None
+        gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
+        return AimPage(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, bool(gain["includes_car"]))
+    except (FileFormatError, *MALFORMED):
+        return None
+
+
 def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command: str = "") -> Path:
     """Write the report of a study and return its page.
 
@@ -81,5 +101,6 @@ def page_of(result: StudyResult, folder: Path, chosen: Chosen, *, trace_command:
         certainty=chosen.certainty,
         curves=shock_curves(result.study),
         shock_pages=copy_shock_pages(result.study, folder),
+        aim=aim_so_far(result, folder),
         trace_command=trace_command,
     ).page

@@ -72,7 +72,7 @@ class Measure:
         section: First and last time of the section of the drive to evaluate [s].
         options: Options of the statistic, in SI.
         drive: Name of the drive on which to evaluate the measure; empty: any.
-        function: User-defined function that replaces the statistic, as `file.py:name` (docs/study.md).
+        function: User-defined function that replaces the statistic, as `file.py:name` (docs/how_to/study.md).
         function_unit: SI unit of the function's return value; empty: that of the first channel.
 
     Raises:
@@ -197,7 +197,7 @@ def channel_measures(series: TimeSeries) -> tuple[Measure, ...]:
 
 
 def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
-    """Return the measures of chapter 7 for a car with the channels of docs/ports.md.
+    """Return the measures of chapter 7 for a car with the channels of docs/reference/ports.md.
 
     They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
     accelerations and shock velocities.

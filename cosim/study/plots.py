@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.report.plots import COLORS
 from cosim.study.measures import Measure
-from eightpost.report.pictures import new_figure, save
+from eightpost.report.pictures import Figure, new_figure, save
+from eightpost.report.traces import COLORS
 from eightpost.signals import TimeSeries
 
 
@@ -17,6 +17,11 @@ def plot_measures(
     runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
 ) -> None:
     """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
+    save(changes(runs, measures, title=title), path)
+
+
+def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
+    """Return the figure of `plot_measures`."""
     labels = list(runs)
     baseline = runs[labels[0]]
     kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]
@@ -26,7 +31,7 @@ def plot_measures(
     height = 0.8 / max(1, len(labels) - 1)
     for k, label in enumerate(labels[1:]):
         change = [100.0 * (m.of(runs[label]) / m.of(baseline) - 1.0) for m in kept]
-        axes.barh(positions + k * height, change, height=0.9 * height, color=COLORS[1 + k], label=label)
+        axes.barh(positions + k * height, change, height=0.9 * height, color=COLORS[(1 + k) % len(COLORS)], label=label)
     axes.set_yticks(positions + 0.4 - height / 2, [m.name for m in kept])
     axes.invert_yaxis()
     axes.axvline(0.0, color="black", lw=0.8)
@@ -34,4 +39,4 @@ def plot_measures(
     axes.grid(axis="x", alpha=0.3)
     axes.legend(frameon=False)
     figure.suptitle(title)
-    save(figure, path)
+    return figure

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
 from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure
 from cosim.study.setup import Setup
+from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
 from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
-from eightpost.signals.parquet_file import read_table
+from eightpost.labelled import data_frame, dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 #: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1
@@ -69,8 +78,8 @@ class Provenance:
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Summarized):
     """A study and its table.
 
     Columns: `setup` (number), one per corner (name of the build), one per measure (SI; unit, display unit and label
@@ -80,13 +89,13 @@ class StudyResult:
 
     Attributes:
         study: Definition of the study.
-        table: One row per setup, by number.
+        table: One row per setup, by number; a large table is read from its file column by column.
         provenance: Provenance of the values.
         partial: Whether setups are missing because the study was interrupted.
     """
 
     study: Study
-    table: pa.Table
+    table: pa.Table | StoredTable
     provenance: Provenance
     partial: bool = False
     _cache: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -107,7 +116,16 @@ class StudyResult:
     @property
     def done(self) -> Flags:
         """Whether each setup ran successfully (R,)."""
-        return np.array([status == DONE for status in self.table["status"].to_pylist()], dtype=np.bool_)
+        return self._flags(pa.compute.equal(self.table["status"], DONE))
+
+    @property
+    def is_marked(self) -> Flags:
+        """Whether each setup has a mark (R,)."""
+        return self._flags(pa.compute.not_equal(self.table["marks"], ""))
+
+    @staticmethod
+    def _flags(column: pa.ChunkedArray) -> Flags:
+        return np.asarray(column.fill_null(False).to_numpy(), dtype=np.bool_)
 
     def setup(self, row: int) -> Setup:
         """Return the setup of a row."""
@@ -125,8 +143,21 @@ class StudyResult:
 
     def builds(self, corner: str) -> list[str]:
         """Return the build of every row (R,) at a corner."""
-        found: list[str] = self.table[corner].to_pylist()
+        names, places = self._coded(corner)
+        return [names[place] for place in places.tolist()]
+
+    def places(self, builds: Sequence[str]) -> Integers:
+        """Return the positions of the builds of every row at every corner (R, corners) among some builds."""
+        found = np.empty((len(self), len(self.study.corners)), dtype=np.int64)
+        for column, corner in enumerate(self.study.corners):
+            names, places = self._coded(corner)
+            found[:, column] = np.array([builds.index(name) for name in names], dtype=np.int64)[places]
         return found
+
+    def _coded(self, corner: str) -> tuple[list[str], Integers]:
+        """Return the different builds at a corner, and the position of each row's build among them (R,)."""
+        column = self.table[corner].combine_chunks().dictionary_encode()
+        return column.dictionary.to_pylist(), np.asarray(column.indices.to_numpy(), dtype=np.int64)
 
     def unit(self, measure: str) -> str:
         """Return a measure's SI unit."""
@@ -204,7 +235,8 @@ class StudyResult:
 
     def marked(self, kind: str) -> int:
         """Return the number of setups whose marks contain a text."""
-        return sum(kind in marks for marks in self.table["marks"].to_pylist())
+        found = pa.compute.match_substring(self.table["marks"], kind)
+        return int(np.count_nonzero(self._flags(found)))
 
     @property
     def seconds(self) -> float:
@@ -217,18 +249,98 @@ class StudyResult:
         errors = self.table["coupling_error_percent"].drop_null().to_numpy()
         return float(errors.max()) if errors.size else None
 
+    def _summary(self) -> Summary:
+        ranking, total = self.ranking(), len(self.study.space)
+        error = self.worst_coupling_error
+        best = "none is feasible" if not ranking.size else str(self.setup(int(ranking[0])))
+        return Summary.of(
+            f"Study {self.study.name}",
+            ("setups", f"{np.count_nonzero(self.done)} of {total} ran, {self.infeasible} violate a constraint"),
+            ("corners", ", ".join(self.study.corners)),
+            ("measures", some((measure.name for measure in self.measures), 3)),
+            ("best", best),
+            ("coupling error", "" if error is None else f"up to {error:.2g} %"),
+            ("failed", str(len(self.failures) or "")),
+            ("partial", "run it again with the same folder to resume" if self.partial else ""),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a row for each setup that ran: builds, objective (if there is one), feasibility, measures in SI.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        rows = np.flatnonzero(self.done)
+        columns: dict[str, Any] = {c: [self.builds(c)[row] for row in rows] for c in self.study.corners}
+        if self.objective is not None:
+            columns["objective"] = self.objective[rows]
+        columns["feasible"] = self.feasible[rows]
+        columns |= {measure.name: self.values(measure.name)[rows] for measure in self.measures}
+        return data_frame(columns, self.setups[rows], "setup", dict(self.provenance.measure_units))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the measures, in SI, of each setup that ran over `setup`; the builds are coordinates.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        rows, along = np.flatnonzero(self.done), ("setup",)
+        variables = {m.name: (along, self.values(m.name)[rows], self.unit(m.name)) for m in self.measures}
+        if self.objective is not None:
+            variables["objective"] = (along, self.objective[rows], "")
+        corners = {c: (along, [self.builds(c)[row] for row in rows], "") for c in self.study.corners}
+        return dataset(variables, {"setup": (along, self.setups[rows], ""), **corners}, {"study": self.study.name})
+
+    def plot(self, across: str | None = None, up: str | None = None) -> Picture:
+        """Return a picture of the setups in the plane of two measures, with the best setup and the baseline.
+
+        Args:
+            across: Measure of the horizontal axis; default: the first of the objective.
+            up: Measure of the vertical axis; default: the second of the objective.
+
+        Raises:
+            InputError: There is no such measure; the message suggests a similar one.
+        """
+        from eightpost.report.cloud import Cloud, Mark, cloud  # noqa: PLC0415 -- matplotlib takes long to load
+
+        named = (*self.study.named_measures, *(measure.name for measure in self.measures))
+        names = across or named[0], up or next((name for name in named if name != (across or named[0])), named[0])
+        values = tuple(self.shown(name) for name in names)
+        best, marks = self.ranking(), []
+        if best.size:
+            marks.append(Mark("best", int(best[0])))
+        if self.baseline_row is not None:
+            marks.append(Mark("baseline", self.baseline_row))
+        labels = tuple(f"{name} [{self.display(name)}]" for name in names)
+        shown = Cloud((values[0], values[1]), (labels[0], labels[1]), self.feasible, tuple(marks))
+        return cloud(shown, title=self.study.name)
+
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
-        header = {
-            "schema": "eightpost.study",
-            "schema_version": SCHEMA,
-            **asdict(self.provenance),
-            "partial": self.partial,
-            "study": json.loads(self.study.to_json()),
-        }
-        table = self.table.replace_schema_metadata({_KEY: json.dumps(header)})
+        whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
+        table = whole.replace_schema_metadata(_header_of(self.study, self.provenance, partial=self.partial))
         with atomic_path(path) as temporary:
             pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+    @classmethod
+    def join(
+        cls, path: Path, study: Study, tables: Iterable[pa.Table], provenance: Provenance, *, partial: bool
+    ) -> StudyResult:
+        """Write tables as one Parquet file, one after the other, and return it as a result.
+
+        Args:
+            path: Path of the file; an existing file is replaced only after the new one is complete.
+            study: Definition of the study.
+            tables: Tables in the order of their setups.
+            provenance: Provenance of the values.
+            partial: Whether setups are missing.
+
+        Raises:
+            InputError: Two rows have the same setup number.
+        """
+        schema = study_schema(study, provenance.measure_units)
+        write_tables(path, schema.with_metadata(_header_of(study, provenance, partial=partial)), tables)
+        return cls(study, open_table(path), provenance, partial)
 
     @classmethod
     def load(cls, path: str | Path) -> StudyResult:
@@ -238,7 +350,7 @@ class StudyResult:
             FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
         """
         path = Path(path)
-        table = read_table(path, advice="name the results.parquet of a study")
+        table = open_table(path)
         header = _header(path, table)
         try:
             study = Study.from_json(json.dumps(header["study"]))
@@ -251,7 +363,18 @@ class StudyResult:
             raise FileFormatError(what, path=path) from error
 
 
-def _check_columns(table: pa.Table, schema: pa.Schema) -> None:
+def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
+    header = {
+        "schema": "eightpost.study",
+        "schema_version": SCHEMA,
+        **asdict(provenance),
+        "partial": partial,
+        "study": json.loads(study.to_json()),
+    }
+    return {_KEY: json.dumps(header)}
+
+
+def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
     for column in schema:
         if column.name not in table.column_names:
             raise ValueError(f"the column {column.name!r} is missing")
@@ -306,7 +429,7 @@ def _words(measure: Measure, unit: str) -> dict[str, str]:
     return {"unit": unit, "display": measure.display or unit, "label": measure.name}
 
 
-def _header(path: Path, table: pa.Table) -> dict[str, Any]:
+def _header(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
     metadata = table.schema.metadata or {}
     if _KEY not in metadata:
         raise FileFormatError("is not a study result: it has no eightpost header", path=path)

@@ -99,7 +99,7 @@ class Study:
 
     Attributes:
         name: Name of the study.
-        vehicle: Vehicle FMU with the ports of docs/ports.md.
+        vehicle: Vehicle FMU with the ports of docs/reference/ports.md.
         bank: Shocks by build name.
         corners: Names of the allowed builds by corner.
         drives: Drives; every setup is run on each.

@@ -1,4 +1,4 @@
-"""Study files (TOML, docs/study.md): vehicle, drive files, banks of shocks, measures, objectives and constraints."""
+"""Study files (TOML, docs/how_to/study.md): vehicle, drive files, banks, measures, objectives and constraints."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Value = float | str
 Sources = Callable[[Path], Path]
 
 _WORDS = {
-    "extra_forbidden": "is not an entry of a study file (docs/study.md lists the entries)",
+    "extra_forbidden": "is not an entry of a study file (docs/how_to/study.md lists the entries)",
     "missing": "is missing",
 }
 

@@ -114,7 +114,7 @@ def _setups(result: StudyResult) -> Iterator[Reason]:
 
 
 def _marks(result: StudyResult) -> Iterator[Reason]:
-    marked = np.array([bool(text) for text in result.table["marks"].to_pylist()], dtype=np.bool_) & result.done
+    marked = result.is_marked & result.done
     if not marked.any():
         yield UNMARKED.reason("no setup is marked", figure=f"0 of {len(result)} setups", origin="column marks")
         return

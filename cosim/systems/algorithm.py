@@ -127,7 +127,7 @@ class Jacobi(_Explicit):
     """Jacobi scheme: every component steps with the values known at the start of the step.
 
     With held values this is the scheme of most tools. With full damping in the shocks it needs small steps
-    (docs/coupling.md).
+    (docs/explanation/coupling.md).
 
     Attributes:
         values: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start

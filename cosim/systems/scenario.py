@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
+from pathlib import Path
 
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError
 from eightpost.signals import Drivefile
 
 
-@dataclass(frozen=True)
-class Scenario:
+@dataclass(frozen=True, repr=False)
+class Scenario(Summarized):
     """A run of a system.
 
     Attributes:
@@ -37,6 +39,7 @@ class Scenario:
     drive_start: float = 0.0
 
     def __post_init__(self) -> None:
+        self._check_types()
         if not (isfinite(self.stop) and self.stop > 0.0):
             raise InputError(f"scenario: stop must be a positive time, not {self.stop!r} s")
         if self.record_step is not None and not (isfinite(self.record_step) and self.record_step > 0.0):
@@ -46,6 +49,26 @@ class Scenario:
             raise InputError(
                 f"scenario: settling must be shorter than the run ({self.stop} s), not {self.settling!r} s"
             )
+
+    def _check_types(self) -> None:
+        for name in ("stop", "record_step", "settling", "drive_start"):
+            if isinstance(value := getattr(self, name), str):
+                raise InputError(f"scenario: {name} is {value!r}; give a number of seconds")
+        if self.drive is not None and not isinstance(self.drive, Drivefile):
+            what = f"Drivefile.read({self.drive!r})" if isinstance(self.drive, str | Path) else "a Drivefile"
+            raise InputError(f"scenario: drive is a {type(self.drive).__name__}; give {what}")
+        if isinstance(self.record, str):
+            raise InputError(f"scenario: record is a text; give a list of names: [{self.record!r}]")
+
+    def _summary(self) -> Summary:
+        every = "every step" if self.record_step is None else f"every {1e3 * self.record_step:g} ms"
+        return Summary.of(
+            "Scenario",
+            ("duration", f"{self.stop:g} s"),
+            ("drive", "none" if self.drive is None else f"{some(self.drive.names)} from {self.drive_start:g} s"),
+            ("record", f"{some(self.record) or 'every output'}, {every}"),
+            ("settling", f"{self.settling:g} s" if self.settling else ""),
+        )
 
     def _check_cover(self) -> None:
         if self.drive is None:

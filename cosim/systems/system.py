@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from difflib import get_close_matches
+from dataclasses import dataclass, field, replace
 from math import isfinite
+from os import PathLike
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from cosim.components.component import DISCRETE, Component, Variable
-from cosim.components.conversion import convert_between
+from cosim.components.conversion import convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
-from eightpost.errors import WiringError
+from eightpost import units
+from eightpost.display import Summarized, Summary, some
+from eightpost.errors import UnknownUnitError, WiringError, suggestion
 from eightpost.wiring import Wire, Wiring
 
-#: A coupling step that suits race cars and their shocks (docs/coupling.md) [s].
+#: A coupling step that suits race cars and their shocks (docs/explanation/coupling.md) [s].
 DEFAULT_STEP = 1e-3
 
 
@@ -39,7 +44,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Bond:
-    """Velocity/force port: velocity goes one way, force comes back (docs/ports.md)."""
+    """Velocity/force port: velocity goes one way, force comes back (docs/reference/ports.md)."""
 
     name: str
     velocity: Connection
@@ -50,7 +55,7 @@ class Bond:
     def between(
         cls, vehicle: str, shock: str, *, gain: float = 1.0, displacement: bool = True, name: str | None = None
     ) -> Bond:
-        """Connect a vehicle's port and a shock by the names of docs/ports.md.
+        """Connect a vehicle's port and a shock by the names of docs/reference/ports.md.
 
         Args:
             vehicle: Component and port: `car.lf`; only `car` for a quarter car.
@@ -73,8 +78,8 @@ class Bond:
         return (self.velocity, self.force) + ((self.displacement,) if self.displacement else ())
 
 
-@dataclass(frozen=True)
-class System:
+@dataclass(frozen=True, repr=False)
+class System(Summarized):
     """Components and their connections; every rule that does not need a scenario is checked here.
 
     Attributes:
@@ -115,23 +120,48 @@ class System:
     @classmethod
     def load(
         cls,
-        fmus: Mapping[str, str | Path],
-        bonds: Iterable[Bond] = (),
+        fmus: Mapping[str, str | PathLike[str]],
+        bonds: Iterable[Bond | tuple[str, str]] = (),
         *,
         connections: Iterable[Connection] = (),
         sums: Iterable[str] = (),
         constants: Mapping[str, float] | None = None,
-        parameters: Mapping[str, Mapping[str, float | bool | str]] | None = None,
+        parameters: Mapping[str, float | bool | str] | Mapping[str, Mapping[str, float | bool | str]] | None = None,
     ) -> System:
-        """Create a system from FMU files by component name; the other arguments are those of `System`."""
-        components = {name: FmuComponent(path, name) for name, path in fmus.items()}
-        return cls(
-            components,
-            tuple(bonds),
-            tuple(connections),
-            frozenset(sums),
-            dict(constants or {}),
-            dict(parameters or {}),
+        """Create a system from FMU files.
+
+        Args:
+            fmus: FMU file of each component by its name.
+            bonds: Velocity/force ports, also as pairs of the vehicle's port and the shock: `("car.lf", "lf")`.
+            connections: Any other connections.
+            sums: Inputs that add up the values of several sources.
+            constants: Inputs with a constant value, in the component's own unit.
+            parameters: Values of parameters by `component.parameter`, or by component and parameter.
+
+        Raises:
+            FmuError: A file is missing or is not an FMU that can be used.
+            WiringError: An unknown name, two sources of one input, incompatible units, or something else than a bond.
+        """
+        if not isinstance(fmus, Mapping):
+            raise WiringError(f"the FMUs are {fmus!r}; give them by name: {{'car': 'car.fmu', 'lf': 'shock.fmu'}}")
+        for name, path in fmus.items():
+            if not isinstance(path, str | PathLike):
+                raise WiringError(f"component {name!r} is a {type(path).__name__}; give the file of its FMU")
+        components = {name: FmuComponent(Path(path), name) for name, path in fmus.items()}
+        given: Mapping[str, Any] = parameters or {}
+        own = {name: dict(values) for name, values in given.items() if isinstance(values, Mapping)}
+        system = cls(components, _bonds(bonds), tuple(connections), frozenset(sums), dict(constants or {}), own)
+        return system.with_parameters({name: value for name, value in given.items() if name not in own})
+
+    def _summary(self) -> Summary:
+        changed = [f"{part}.{name} = {value}" for part, own in self.parameters.items() for name, value in own.items()]
+        return Summary.of(
+            "System",
+            ("components", some((f"{name} ({Path(c.source).name})" for name, c in self.components.items()), 8)),
+            ("bonds", some((bond.name for bond in self.bonds), 8)),
+            ("connections", some((f"{c.source} -> {c.target}" for c in self.connections), 3)),
+            ("constants", some((f"{name} = {value}" for name, value in self.constants.items()), 3)),
+            ("parameters", some(changed, 6)),
         )
 
     @property
@@ -187,6 +217,27 @@ class System:
             values[component][variable] = value
         files = {component: Path(fmus[component]) for component in self.components}
         return Wiring(name, files, tuple(wires), step, stop, self.sums, values)
+
+    def with_parameters(self, values: Mapping[str, float | bool | str]) -> System:
+        """Return the system with other values of parameters; it shares the components, which are not loaded again.
+
+        Args:
+            values: Values by `component.variable`: a number in the variable's own unit, or a text with another unit
+                ("55 lbf").
+
+        Raises:
+            WiringError: There is no such parameter (the message lists similar names), or it does not allow the value.
+        """
+        changed = {component: dict(own) for component, own in self.parameters.items()}
+        for name, value in values.items():
+            if not isinstance(name, str) or "." not in name:
+                raise WiringError(
+                    f"parameters: {name!r} must be component.parameter, such as 'lf.compression_scale'; the components "
+                    f"are {', '.join(self.components)}"
+                )
+            component, _, variable = name.partition(".")
+            changed.setdefault(component, {})[variable] = own_unit(self.components, name, value)
+        return replace(self, parameters=changed) if values else self
 
     def start_values(self, component: str) -> dict[str, float | bool | str]:
         """Return the values that a component gets before initialization: parameters and constant discrete inputs."""
@@ -281,7 +332,7 @@ class System:
             _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
-        """Refuse a constant displacement of a gas spring, which would give a wrong force silently (docs/ports.md)."""
+        """Refuse a gas spring whose displacement is constant: its force would be wrong (docs/reference/ports.md)."""
         for name, component in self.components.items():
             if not {"gas_stiffness", "displacement"} <= set(component.variables):
                 continue
@@ -313,6 +364,21 @@ def _a(kind: str) -> str:
     return f"{'an' if kind[0] in 'EI' else 'a'} {kind}"
 
 
+def _bonds(given: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
+    """Return bonds, of which some are given as pairs of names."""
+    if isinstance(given, Bond | str) or not isinstance(given, Iterable):
+        raise WiringError(f"bonds is a {type(given).__name__}; give a list of bonds")
+    bonds: list[Bond] = []
+    for one in given:
+        if isinstance(one, Bond):
+            bonds.append(one)
+        elif isinstance(one, tuple | list) and len(one) == 2 and all(isinstance(name, str) for name in one):
+            bonds.append(Bond.between(*one))
+        else:
+            raise WiringError(f"{one!r} is not a bond; write ('car.lf', 'lf'): the vehicle's port, then the shock")
+    return tuple(bonds)
+
+
 def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     """Return the variable `component.variable`.
 
@@ -321,11 +387,35 @@ def find_variable(components: Mapping[str, Component], name: str) -> Variable:
     """
     component, _, variable = name.partition(".")
     if component not in components:
-        raise WiringError(f"{name}: there is no component {component!r}{_advice(component, components)}")
+        raise WiringError(f"{name}: there is no component {component!r}; {suggestion(component, components)}")
     variables = components[component].variables
     if variable not in variables:
-        raise WiringError(f"{name}: component {component!r} has no variable {variable!r}{_advice(variable, variables)}")
+        raise WiringError(
+            f"{name}: component {component!r} has no variable {variable!r}; {suggestion(variable, variables)}"
+        )
     return variables[variable]
+
+
+def own_unit(components: Mapping[str, Component], name: str, value: bool | float | str) -> bool | float | str:
+    """Return a value of `component.variable` in the variable's own unit; a number is already in it.
+
+    Raises:
+        WiringError: There is no such component or variable, or the unit does not fit.
+    """
+    variable = find_variable(components, name)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if variable.type in DISCRETE:
+        return int(value) if isinstance(value, float) and value.is_integer() else value
+    if variable.type != "Real":
+        return value
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        number, unit = units.quantity(value)
+        return convert_between(named_unit(unit), variable.unit, f"{name} = {value!r}")(number)
+    except UnknownUnitError as error:
+        raise WiringError(f"{name}: {error}") from error
 
 
 def can_be_set(variable: Variable) -> bool:
@@ -366,9 +456,3 @@ def _check_component_names(names: Iterable[str]) -> None:
     for name in names:
         if not name or "." in name:
             raise WiringError(f"component name {name!r}: give it a name without dots")
-
-
-def _advice(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    close = get_close_matches(name, known, n=3)
-    return f"; did you mean {', '.join(close)}?" if close else f"; there are: {', '.join(known[:12])}"

@@ -91,7 +91,7 @@ def show_assembled(console: Console, built: Assembled) -> None:
                    "tunable parameter.")  # fmt: skip
 @click.option("--assemble", "system", type=click.Path(path_type=Path), metavar="SYSTEM",
               help="System file to build as one FMU: a vehicle and its shocks, with the coupling solved inside "
-                   "(docs/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
+                   "(docs/how_to/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
 @click.pass_context
 def build(
     ctx: click.Context,
@@ -110,8 +110,8 @@ def build(
     space (.json).
 
     An FMU is named after its source, and the same source gives the same bytes. The FMU carries the verdict on its
-    model, and every run repeats this verdict. The exit code is 1 if a model is not usable (docs/verdict.md); its FMU
-    is written nevertheless.
+    model, and every run repeats this verdict. The exit code is 1 if a model is not usable (docs/reference/verdict.md);
+    its FMU is written nevertheless.
 
     \b
     Examples:

@@ -23,7 +23,9 @@ _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 @click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--standard", "scope", flag_value="standard", default="all",
               help="Report only violations of the FMI standard; default: all findings.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document instead of tables (docs/check.md).")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON document instead of tables (docs/reference/check.md)."
+)
 @click.pass_context
 def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool) -> None:
     """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.

@@ -17,9 +17,9 @@ from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison
-    from cosim.study.measures import Measure
+    from cosim.study.choice.run_comparison import RunComparison
     from cosim.study.result import StudyResult
-    from eightpost.signals import ChannelMap, TimeSeries
+    from eightpost.signals import ChannelMap
 
 
 @click.command(cls=Verb, renamed={"--channel-map": "--map"})
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
               "a mean.")  # fmt: skip
-@map_option("docs/rig_data.md", "rig files of --measured")
+@map_option("docs/how_to/rig_data.md", "rig files of --measured")
 @click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True,
               help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
 @click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
@@ -82,26 +82,17 @@ def compare(
 
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.results.result import SavedRun
-    from cosim.study.choice.compare import verdict_of_runs
-    from cosim.study.measures import available, channel_measures, ride_measures
+    from cosim.study.choice.run_comparison import compare_runs
 
-    if len(folders) < 2:
-        raise InputError("compare needs at least two runs; the first is the baseline")
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for folder, run in saved.items():
         console.print(f"{folder}: {run.sources}", highlight=False, soft_wrap=True)
-    runs = {folder: run.series for folder, run in saved.items()}
-    series = tuple(runs.values())
-    compared = available(ride_measures(vehicle), *series) or available(channel_measures(series[0]), *series)
-    if not compared:
-        raise InputError(f"{folders[0]} and the other runs have no channel in common")
-    console.print(measure_table(runs, compared))
+    compared = compare_runs(saved, vehicle)
+    console.print(measure_table(compared))
     if output:
-        from cosim.study.plots import plot_measures
-
-        plot_measures(runs, compared, output)
+        compared.plot().save(output)
         console.print(f"wrote {output}", highlight=False)
-    return verdict_of_runs({folder: run.document for folder, run in saved.items()})
+    return compared.verdict
 
 
 def _compare_with_rig(
@@ -166,15 +157,11 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
     return console_table(["measure", *columns], rows)
 
 
-def measure_table(runs: dict[str, TimeSeries], measures: tuple[Measure, ...]) -> Table:
+def measure_table(compared: RunComparison) -> Table:
     """Return a table of measures by run, with the change of the last run from the first."""
-    from cosim.study.choice.compare import percent_change
-    from eightpost import units
-
     rows = []
-    for measure in measures:
-        values = [units.convert(measure.of(s), measure.unit(s), measure.display) for s in runs.values()]
-        change = percent_change(values)
+    for measure in compared.measures:
+        change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
-        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in values), text))
-    return console_table(["measure", "unit", *runs, "change"], rows)
+        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text))
+    return console_table(["measure", "unit", *compared.runs, "change"], rows)

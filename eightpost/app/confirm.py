@@ -32,7 +32,7 @@ _SHOWN = 8
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to take into account; may be repeated. Default: all measures that do not depend on a "
               "mean.")  # fmt: skip
-@map_option("docs/rig_data.md", "rig files")
+@map_option("docs/how_to/rig_data.md", "rig files")
 @click.pass_context
 def confirm(
     ctx: click.Context,

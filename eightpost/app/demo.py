@@ -121,16 +121,16 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
     from cosim.report.plots import plot_spectra, plot_traces
-    from cosim.study.measures import ride_measures
+    from cosim.study.choice.run_comparison import compare_runs
     from cosim.study.plots import plot_measures
 
     console.rule("4. Response measures")
-    series = {label: result.settled() for label, result in results.items()}
-    measures = ride_measures("car")
-    console.print(measure_table(series, measures))
+    compared = compare_runs(results)
+    console.print(measure_table(compared))
+    series = compared.runs
     plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
-    plot_measures(series, measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
+    plot_measures(series, compared.measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
 
 
 def _study(console: Console, examples: Path, output: Path) -> Path:

@@ -41,7 +41,7 @@ class Finding:
         name: Name of what was checked.
         state: Outcome.
         statement: Sentence or value that was found.
-        remedy: What to do; empty if there is nothing to do.
+        remedy: Action to take; may be empty.
     """
 
     group: str
@@ -51,7 +51,7 @@ class Finding:
     remedy: str = ""
 
 
-#: Python versions with which the tests pass (docs/platforms.md).
+#: Oldest and newest version of Python with which `eightpost demo` passed (docs/development/platforms.md).
 TESTED = ((3, 11), (3, 14))
 #: Largest error of the coupled run, in percent of the standard deviation of the exact solution.
 TOLERANCE = 0.01
@@ -127,9 +127,9 @@ def _extras() -> Iterator[Finding]:
 _LIMITS = {
     "win32": (
         "damaged .mat and .mdf files are read without a memory limit",
-        "native FMUs were run under Wine only (docs/platforms.md)",
+        "native FMUs were run under Wine only (docs/development/platforms.md)",
     ),
-    "darwin": ("native FMUs were built but not run on macOS (docs/platforms.md)",),
+    "darwin": ("native FMUs were built but not run on macOS (docs/development/platforms.md)",),
 }
 
 

@@ -27,7 +27,7 @@ def drivefile() -> None:
 
     Drive file iteration (Eq 2.7): `start` computes the first drive file from a track record and an identified car, and
     `next` computes each following one from the rig's record of the last one. `simulate` plays them on the virtual rig.
-    An iteration is a folder with all passes, and can resume at any point (docs/drivefile.md).
+    An iteration is a folder with all passes, and can resume at any point (docs/how_to/drivefile.md).
 
     \b
     Examples:
@@ -79,7 +79,7 @@ def drivefile() -> None:
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv", "mat"]), default="parquet", show_default=True,
               help="File format of the drive files for the rig.")  # fmt: skip
 @UNITS
-@map_option("docs/rig.md")
+@map_option("docs/explanation/rig.md")
 @flip_option("lf.displacement")
 def start(  # one parameter per option
     track: Path,
@@ -106,7 +106,7 @@ def start(  # one parameter per option
 ) -> None:
     """Compute the first drive file from a track record.
 
-    TRACK is a record with the channels of docs/rig.md, or with a channel map.
+    TRACK is a record with the channels of docs/explanation/rig.md, or with a channel map.
 
     \b
     Examples:
@@ -156,7 +156,7 @@ def start(  # one parameter per option
               help="Record of the last drive file from the rig; default: none, which repeats an interrupted "
               "call.")  # fmt: skip
 @UNITS
-@map_option("docs/rig.md")
+@map_option("docs/explanation/rig.md")
 @flip_option("lf.displacement")
 @click.pass_context
 def next_drive(
@@ -191,7 +191,7 @@ def next_drive(
 @click.option("--passes", type=click.IntRange(min=1), default=8, show_default=True, metavar="N",
               help="Number of passes at the end, including those before.")  # fmt: skip
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
-              help="Model of the car on the virtual rig (docs/rig.md).")  # fmt: skip
+              help="Model of the car on the virtual rig (docs/explanation/rig.md).")  # fmt: skip
 @click.option("--shock", "shocks", multiple=True, metavar="SHOCK",
               help="Shock of all corners, or four shocks in the order lf, rf, lr, rr, as in eightpost rig. Default "
               "demo:A.")  # fmt: skip

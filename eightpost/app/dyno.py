@@ -53,8 +53,8 @@ def dyno(  # one parameter per option
     """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
 
     The shock model differs from all laws that can be fitted: it has two compressible chambers, shim valves, a head
-    valve, gas and friction (docs/dynamometer.md). Position is measured from the 3 in offset; force is positive in
-    compression.
+    valve, gas and friction (docs/explanation/dynamometer.md). Position is measured from the 3 in offset; force is
+    positive in compression.
 
     \b
     Examples:

@@ -61,7 +61,7 @@ def export(  # one parameter per option
     A shock is exported as a table of its static curve. Several shocks, or one that was fitted over its settings, are a
     table over a setting, which --over names.
     Gas force, seal friction and lag are not in a table; the file states them in its comments. For conventions of signs
-    and the origin of each format see docs/exports.md.
+    and the origin of each format see docs/how_to/exports.md.
 
     \b
     Examples:

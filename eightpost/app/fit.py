@@ -34,9 +34,9 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.command()
 @click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--law", type=click.Choice(["auto", *LAWS]), default="auto", show_default=True,
-              help="Shock law to fit (docs/shock_models.md). auto: all laws are fitted and cross-validated, and the "
-              "simplest one that is as good as the best is taken (docs/law_choice.md); with --recipe boggs, "
-              "lpnl2.")  # fmt: skip
+              help="Shock law to fit (docs/evidence/shock_models.md). auto: all laws are fitted and "
+              "cross-validated, and the simplest one that is as good as the best is taken "
+              "(docs/explanation/law_choice.md); with --recipe boggs, lpnl2.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
               "folder.")  # fmt: skip
@@ -44,9 +44,9 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               help="Order of the fit. joint: all parameters together. boggs: one after the other, as in "
               "3.3.")  # fmt: skip
 @click.option("--curve", type=click.Choice(CURVES), default="auto", show_default=True,
-              help="Kind of the static curve (docs/static_curve.md). polynomial: the dissertation's. knots: rising, "
-              "through knots that are dense at low speed. auto: chosen by cross-validation; polynomial with --recipe "
-              "boggs and with options that only polynomials have (--order, --shape free or passive, "
+              help="Kind of the static curve (docs/explanation/static_curve.md). polynomial: the dissertation's. "
+              "knots: rising, through knots that are dense at low speed. auto: chosen by cross-validation; polynomial "
+              "with --recipe boggs and with options that only polynomials have (--order, --shape free or passive, "
               "--transition-speed).")  # fmt: skip
 @click.option("--shape", type=click.Choice(SHAPES), default="auto", show_default=True,
               help="Constraint on the static curve. auto: monotonic, but only if the unconstrained curve would fall. "
@@ -63,7 +63,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "the dynamometer already subtracted it, so it is not fitted.")  # fmt: skip
 @UNITS
 @COLUMNS
-@map_option("docs/signs_and_units.md", "file")
+@map_option("docs/reference/signs_and_units.md", "file")
 @flip_option("force")
 @click.option("--split", is_flag=True,
               help="Split each record at its pauses and where a sine changes, and fit the parts as runs.")  # fmt: skip
@@ -78,7 +78,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 @click.option("--build", "builds", metavar="[FILE=]NAME", multiple=True,
               help="Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be "
               "repeated. Default: that in the file. Records of several builds are fitted together, and the shock file "
-              "states their spread (docs/law_choice.md).")  # fmt: skip
+              "states their spread (docs/explanation/law_choice.md).")  # fmt: skip
 @click.option("--clicks", metavar="TEXT",
               help="Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those "
               "in the file.")  # fmt: skip
@@ -115,9 +115,9 @@ def fit(  # one parameter per option
     """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
     DYNO is a text file, spreadsheet, .parquet, .mat, .mf4, .tdms or .lvm file with time, force, and velocity or
-    displacement (docs/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several tables in
-    a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting of the
-    adjusters. The exit code is 1 if the shock is not usable (docs/verdict.md).
+    displacement (docs/reference/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several
+    tables in a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting
+    of the adjusters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
 
     \b
     Examples:
@@ -130,6 +130,7 @@ def fit(  # one parameter per option
     """
     from eightpost.ident import fit_shock, plot_force_velocity
     from eightpost.ident.shock.peak_velocity import tables_in
+    from eightpost.ident.shock.peak_velocity_builds import builds_in
     from eightpost.rig import DynoConditions
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
@@ -139,6 +140,9 @@ def fit(  # one parameter per option
     _check_output(output, dyno_files[0])
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
+    if of_builds := builds_in(dyno_files, given, of_files):
+        _check_options_of_tables(law, curve)
+        ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
     if tables := tables_in(dyno_files, given):
         _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
@@ -219,6 +223,28 @@ def _read_tests(
     if len(tests) > 1:
         console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
     return tests
+
+
+def _fit_builds(
+    console: Console,
+    tables: Mapping[str, Sequence[PeakVelocityTable]],
+    output: Path,
+    *,
+    name: str | None,
+    gas: GasTreatment,
+) -> Verdict:
+    """Fit the mean of the peak-velocity tables of several builds, and print the spread between them."""
+    from eightpost.app.show import show_verdict
+    from eightpost.ident.shock.peak_velocity_builds import fit_builds
+    from eightpost.shock import write_shock
+
+    shock, spread = fit_builds(tables, name=name, gas=gas)
+    write_shock(shock, output)
+    console.print(f"{escape(spread.summary())}.", highlight=False, soft_wrap=True)
+    assert shock.validity is not None
+    show_verdict(console, shock.validity.verdict)
+    console.print(f"wrote {output}", soft_wrap=True, highlight=False)
+    return shock.validity.verdict
 
 
 def _fit_tables(

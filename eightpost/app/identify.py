@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -13,8 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
-from eightpost.app.progress import each
+from eightpost.app.progress import bar, each
 from eightpost.errors import InputError
+from eightpost.progress import reported_to
 from eightpost.report.console import console_table, right
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def _recipes() -> list[str]:
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
 @click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
-              help="Identification method: docs/common_poles.md, docs/identification.md, "
-              "docs/output_error.md.")  # fmt: skip
+              help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
+              "docs/explanation/output_error.md.")  # fmt: skip
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
               help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
 @click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",
@@ -52,7 +52,7 @@ def _recipes() -> list[str]:
 @click.option("--settling", type=Quantity("s"), default="0 s", show_default=True, metavar="TIME",
               help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
 @click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
-              help="File with rate, settling, delays and geometry (docs/rig_data.md), which replaces --rate and "
+              help="File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces --rate and "
               "--settling; default: none.")  # fmt: skip
 @click.option("--static", "static_files", metavar="RIG", multiple=True, type=click.Path(path_type=Path),
               help="Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be "
@@ -60,7 +60,7 @@ def _recipes() -> list[str]:
 @click.option("--output-channels", metavar="NAMES",
               help="Outputs of the model, separated by commas; default: all possible outputs.")  # fmt: skip
 @click.option("--name", help="Name of the vehicle; default: the name of the output file.")
-@map_option("docs/rig.md")
+@map_option("docs/explanation/rig.md")
 @flip_option("lf.force")
 @click.option("--plot", "plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
               help="Outputs to draw. main: shock velocities, tire forces and ride heights.")  # fmt: skip
@@ -84,9 +84,9 @@ def identify(  # one parameter per option
 ) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
-    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/rig.md, or with a channel map. Use `eightpost
-    build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable (docs/verdict.md): it is not
-    stable with other shocks, or it is far from the data.
+    RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
+    `eightpost build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable
+    (docs/reference/verdict.md): it is not stable with other shocks, or it is far from the data.
 
     \b
     Examples:
@@ -96,14 +96,10 @@ def identify(  # one parameter per option
       eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
-    from eightpost.ident.vehicle.experiment import find_baseline
+    from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.plots import plot_identification
-    from eightpost.ident.vehicle.recipes import recipe
-    from eightpost.ident.vehicle.static_rating import rate_tests
     from eightpost.ident.vehicle.vehicle_fit import write_fit
-    from eightpost.ident.vehicle.verdict import fit_verdict, with_validity
     from eightpost.rig.post.rig_test import read_rig_tests
-    from eightpost.verdict import Verdict
 
     console = Console()
     _check(output, rig_files, baseline)
@@ -115,23 +111,25 @@ def identify(  # one parameter per option
     prepared = prepare(read(rig_files), how)
     for line in prepared.summary():
         console.print(escape(line), highlight=False, soft_wrap=True)
-    reference = find_baseline(prepared.records, prepared.corners, test=rig_files.index(baseline) if baseline else None)
-    outputs = output_channels.replace(" ", "").split(",") if output_channels else ()
-    experiment = reference.experiment(prepared, name=name or output.stem, damping=damping, outputs=outputs)
-    _show_baseline(console, rig_files, reference)
-    if static_files:
-        loads = [load for load in experiment.rig if load.rpartition(".")[2] != "road"]
-        rating = rate_tests(read(static_files), loads)
-        _show_rating(console, rating, experiment.outputs)
-        experiment = replace(experiment, static={n: v for n, v in rating.zero.items() if n in experiment.outputs})
-    with console.status(f"identifying {len(experiment.outputs)} outputs from {len(experiment.inputs)} inputs"):
-        fit = recipe(recipe_name).identify([prepared.records[k] for k in reference.order], experiment)
-    fit = with_validity(fit, prepared.reasons)
-    verdict = Verdict((*fit_verdict(fit).reasons, *prepared.reasons))
-    _show_fit(console, fit, verdict)
+    plan = plan_identification(
+        prepared,
+        name=name or output.stem,
+        baseline=rig_files.index(baseline) if baseline else None,
+        damping=damping,
+        outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
+        static=read(static_files) if static_files else (),
+    )
+    _show_baseline(console, rig_files, plan.baseline)
+    if plan.rating is not None:
+        _show_rating(console, plan.rating, plan.experiment.outputs)
+    inputs, outputs = plan.experiment.inputs, plan.experiment.outputs
+    title = f"identifying {len(outputs)} outputs from {len(inputs)} inputs"
+    with bar(console, title, 1.0) as advance, reported_to(advance):
+        fit = plan.identify(recipe_name)
+    _show_fit(console, fit, fit.verdict)
     written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
-    ctx.exit(0 if verdict.is_acceptable else 1)
+    ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @UNITS
 @COLUMNS
-@map_option("docs/signs_and_units.md", "file")
+@map_option("docs/reference/signs_and_units.md", "file")
 @flip_option("force")
 @click.option("--mass", type=Quantity("kg", positive=True), metavar="MASS",
               help="Mass of the car on the rig, e.g. '3400 lbm', by which its forces are checked; default: "
@@ -48,8 +48,8 @@ def inspect(
     it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges,
     channels that are late, and channels that contradict mechanics. A rig file is recognized by its wheelloaders
     (`lf.road` or `road`, in the file or in the map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms
-    or .lvm file (docs/dyno_files.md), or a peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if
-    something is suspicious, and 2 if the file cannot be used as it is.
+    or .lvm file (docs/reference/dyno_files.md), or a peak-velocity table. The exit code is 0 if nothing is suspicious,
+    1 if something is suspicious, and 2 if the file cannot be used as it is.
 
     \b
     Examples:
@@ -221,7 +221,7 @@ def _show_lags(console: Console, test: RigTest, findings: Sequence[Finding]) -> 
         word = "[red]warning[/] " if lag in late else ""
         console.print(f"{word}{escape(str(lag))}")
     if late:
-        console.print("shift the channels of a late logger with delays (docs/rig_data.md)")
+        console.print("shift the channels of a late logger with delays (docs/how_to/rig_data.md)")
     for drift in changes:
         console.print(f"[red]warning[/] from start to end {escape(drift.drift_text)}")
     return bool(late or changes)

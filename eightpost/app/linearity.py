@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@map_option("docs/rig_data.md")
+@map_option("docs/how_to/rig_data.md")
 @click.option("--preparation", "how_file", type=click.Path(path_type=Path), metavar="TOML",
-              help="File with rate, delays, geometry and other settings (docs/rig_data.md); default: decimation to "
-              "125 Hz only.")  # fmt: skip
+              help="File with rate, delays, geometry and other settings (docs/how_to/rig_data.md); default: "
+              "decimation to 125 Hz only.")  # fmt: skip
 @click.option("--width", type=Quantity("Hz", bare=True), default="0.5 Hz", show_default=True, metavar="FREQUENCY",
               help="Width of the frequency bands in which the noise is estimated.")  # fmt: skip
 @click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",

@@ -183,8 +183,8 @@ WORKERS = click.option("--workers", type=click.IntRange(min=1), metavar="N",
                        help="Number of processes that run setups; default: one per processor.")  # fmt: skip
 
 SCHEDULER = click.option("--scheduler", metavar="ADDRESS",
-                         help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 (docs/scale.md); "
-                         "default: this machine.")  # fmt: skip
+                         help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 "
+                         "(docs/how_to/scale.md); default: this machine.")  # fmt: skip
 
 RANK = click.option("--rank", metavar="MEASURE",
                     help="Measure that ranks the setups, smallest first; default: the objective of the "

@@ -23,7 +23,7 @@ def page(ctx: click.Context, source: Path, vehicle: Path | None, output: Path | 
     SOURCE is a shock file (written by `eightpost fit`) or the native FMU of a shock. On the page, a reader turns the
     parameters of the shock, drives it on a dynamometer or by hand, and drives a quarter car over a bump. The page is
     one file and needs no network; the C code of the FMUs runs in it as WebAssembly. The exit code is 1 if the shock is
-    not usable (docs/verdict.md); its page is written nevertheless.
+    not usable (docs/reference/verdict.md); its page is written nevertheless.
 
     \b
     Examples:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -28,13 +29,16 @@ def bar(console: Console, text: str, total: float | None = None) -> Iterator[Adv
     """Show a progress bar until the block ends.
 
     Args:
-        console: Console of the bar.
+        console: Console of the bar; if it is not a terminal, lines are printed from time to time instead.
         text: Name of the work.
         total: Total amount: a number of items (int), a share (1.0), or None if the work states it itself.
 
     Yields:
         Callback for the amount done and, optionally, the total.
     """
+    if not console.is_terminal:
+        yield _Lines(console, text, total)
+        return
     amount = TaskProgressColumn() if isinstance(total, float) else MofNCompleteColumn()
     columns = (TextColumn("{task.description}"), BarColumn(), amount, TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
@@ -44,6 +48,45 @@ def bar(console: Console, text: str, total: float | None = None) -> Iterator[Adv
             progress.update(task, completed=done, total=out_of)
 
         yield advance
+
+
+#: Interval of the lines about the progress in a log file [s].
+INTERVAL = 30.0
+
+
+class _Lines:
+    """Progress as lines with the time that is left, for output that is not a terminal, such as the log of a job.
+
+    Args:
+        console: Console of the lines.
+        text: Name of the work.
+        total: Total amount, as of `bar`.
+    """
+
+    def __init__(self, console: Console, text: str, total: float | None) -> None:
+        self._console, self._text, self._total = console, text, total
+        self._began = self._printed = time.monotonic()
+        self._first: float | None = None
+
+    def __call__(self, done: float, out_of: float | None = None) -> None:
+        """Print a line if the last one is older than INTERVAL."""
+        now = time.monotonic()
+        total = self._total if out_of is None else out_of
+        if self._first is None:  # what an earlier run completed says nothing about the speed
+            self._first, self._began = done, now
+        if now - self._printed < INTERVAL or not total:
+            return
+        self._printed = now
+        rate = (done - self._first) / (now - self._began) if now > self._began else 0.0
+        left = f", about {_clock((total - done) / rate)} left" if rate > 0.0 else ""
+        amount = "" if isinstance(total, float) else f"{done:g} of {total:g}, "
+        self._console.print(f"{self._text}: {amount}{done / total:.0%}{left}", highlight=False, soft_wrap=True)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
 
 
 def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iterator[Item]:

@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 @click.option("--motion-ratio", type=click.FloatRange(min=0.0, min_open=True), metavar="0.1..2", default=1.0,
               show_default=True, help="Damper travel per wheel travel, usually 0.1 to 2.")  # fmt: skip
 @click.option("--car", type=click.Path(path_type=Path), metavar="CAR.TOML",
-              help="Vehicle file (docs/vehicle_file.md) with the masses and wheel rates of the corners; default: "
-              "--corner-mass and --wheel-rate, else damping ratios are unknown.")  # fmt: skip
+              help="Vehicle file (docs/reference/vehicle_file.md) with the masses and wheel rates of the corners; "
+              "default: --corner-mass and --wheel-rate, else damping ratios are unknown.")  # fmt: skip
 @click.option("--corner", "at", type=Assignment("CORNER=BUILD"), metavar="CORNER=BUILD", multiple=True,
               help="Build at a corner of the car (lf, rf, lr, rr), for the overview of a car's shocks; may be "
               "repeated.")  # fmt: skip
 @UNITS
 @COLUMNS
-@map_option("docs/signs_and_units.md")
+@map_option("docs/reference/signs_and_units.md")
 @click.option("--flip", metavar="[FILE=]CHANNEL", multiple=True,
               help="Reverse the sign of a channel in a file, or in all of them, e.g. run7.csv=force; may be "
               "repeated.")  # fmt: skip
@@ -82,12 +82,12 @@ def report(  # one parameter per option
 ) -> None:
     """Write a page about shocks: their dynamometer records and fitted laws, by build.
 
-    DYNO is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/dyno_files.md). SHOCK is
-    a shock file that `fit` wrote. The page shows force over velocity, displacement and time, knees and slopes, the
-    ratio of rebound to compression, damping ratios, hysteresis, lag, gas force, friction, energy, warming,
-    repeatability, and the differences between builds (docs/dyno_report.md). It is one file that needs no network and
-    can be printed. A figure that a file does not support is unknown, with the reason. The exit code is 1 if the verdict
-    on a record or a shock is "not usable" (docs/verdict.md); the page is written nevertheless.
+    DYNO is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/reference/dyno_files.md).
+    SHOCK is a shock file that `fit` wrote. The page shows force over velocity, displacement and time, knees and slopes,
+    the ratio of rebound to compression, damping ratios, hysteresis, lag, gas force, friction, energy, warming,
+    repeatability, and the differences between builds (docs/how_to/dyno_report.md). It is one file that needs no network
+    and can be printed. A figure that a file does not support is unknown, with the reason. The exit code is 1 if the
+    verdict on a record or a shock is "not usable" (docs/reference/verdict.md); the page is written nevertheless.
 
     \b
     Examples:

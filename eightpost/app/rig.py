@@ -23,7 +23,7 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 
 @click.command()
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
-              help="Model of the car under test (docs/rig.md).")  # fmt: skip
+              help="Model of the car under test (docs/explanation/rig.md).")  # fmt: skip
 @click.option("--car-seed", type=click.IntRange(min=0), metavar="N",
               help="Seed of the parameters of the flexible car; another number is another car. Default: its base "
               "parameters.")  # fmt: skip
@@ -91,8 +91,8 @@ def rig(  # one parameter per option
 ) -> None:
     """Test a car on the virtual rig; the data are SYNTHETIC.
 
-    The model of the car differs from all models that can be identified (docs/rig.md). The records have the channels of
-    Table 6.1 at 1250 Hz.
+    The model of the car differs from all models that can be identified (docs/explanation/rig.md). The records have the
+    channels of Table 6.1 at 1250 Hz.
 
     \b
     Examples:

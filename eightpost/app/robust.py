@@ -40,10 +40,11 @@ def robust(
     """Compute how sure a study's choice is with an uncertainty file of your own.
 
     STUDY is a folder that `eightpost study` wrote. UNCERTAIN is a TOML file that states what is not known exactly:
-    fitted shocks, parameters, other vehicles, and the difference between two runs on the rig (docs/study_choice.md).
-    Its entries replace what the models state. The certainty of the study is written again (docs/certainty.md), and
-    rig runs of `eightpost confirm` stay in it. The leading setups are also simulated with drawn parameters, and the
-    largest difference from the linear effects is printed. The page of the study is rewritten.
+    fitted shocks, parameters, other vehicles, and the difference between two runs on the rig
+    (docs/how_to/study_choice.md). Its entries replace what the models state. The certainty of the study is written
+    again (docs/explanation/certainty.md), and rig runs of `eightpost confirm` stay in it. The leading setups are also
+    simulated with drawn parameters, and the largest difference from the linear effects is printed. The page of the
+    study is rewritten.
 
     \b
     Example:

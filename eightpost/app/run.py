@@ -54,13 +54,13 @@ SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 @click.option("--isolate", is_flag=True,
               help="Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of "
               "the FMU, the time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit "
-              "by bit. For FMUs that you do not trust yet (docs/foreign_fmus.md).")  # fmt: skip
+              "by bit. For FMUs that you do not trust yet (docs/how_to/foreign_fmus.md).")  # fmt: skip
 @click.option("--compile", "compile_missing", is_flag=True,
               help="Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler "
               "or PyPI's ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this "
               "only for FMUs whose maker you trust.")  # fmt: skip
 @click.option("--report", is_flag=True,
-              help="Write also report.html: the run as one interactive page (docs/report.md).")  # fmt: skip
+              help="Write also report.html: the run as one interactive page (docs/how_to/report.md).")  # fmt: skip
 @click.pass_context
 def run(
     ctx: click.Context,
@@ -86,9 +86,9 @@ def run(
     SYSTEM may also be an SSP package of any maker (.ssp), or its description (.ssd) in a folder. Whatever the package
     lacks is given by --drive, --input, --stop and --record-step.
 
-    The exit code is 1 if the result is not usable (docs/verdict.md): the coupled start did not converge, the coupling
-    error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run ended
-    early. Ctrl-C ends a run after the current step: the results so far are written and marked as partial.
+    The exit code is 1 if the result is not usable (docs/reference/verdict.md): the coupled start did not converge, the
+    coupling error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run
+    ended early. Ctrl-C ends a run after the current step: the results so far are written and marked as partial.
 
     \b
     Examples:

@@ -25,11 +25,13 @@ TOTAL, POOL = 20, 0.02
               help="Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the "
               "measures of the objective; without an objective, all.")  # fmt: skip
 @click.option("-n", "--total", type=click.IntRange(min=2), metavar="N", default=TOTAL, show_default=True,
-              help="Total number of setups, if no COUNT is given.")  # fmt: skip
+              help="Total number of setups, if no COUNT is given; with COUNT, the proposed tests come in "
+              "addition.")  # fmt: skip
 @click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
               help="Share of the setups at each end of a ranking to choose from, 0 to 1.")  # fmt: skip
 def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> None:
-    """Select setups of a study to confirm on the rig: low and high ones of each measure, spread over the bank.
+    """Select setups of a study to confirm on the rig: the tests that decide most about the best setup, then low and
+    high setups of each measure, spread over the bank.
 
     STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line for each run; the runs of the
     baseline come last. Save the rig records in the same folder, under the names in the column `file`; then `eightpost
@@ -44,12 +46,14 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     from cosim.study.choice.selection import select as choose
     from cosim.study.folder import RESULTS, SELECTION
     from cosim.study.result import StudyResult
+    from eightpost.app.certainty import earlier_certainty
     from eightpost.app.show import write_page
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     names, share = _measures_and_counts(measures)
-    selection = choose(result, names, total=total, share=share, pool=pool)
+    certainty = earlier_certainty(result, folder)
+    selection = choose(result, names, total=total, share=share, pool=pool, certainty=certainty)
     console.print(selection_table(selection, result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
               "folder.")  # fmt: skip
 @click.option("--law", type=click.Choice(["auto", *LAWS]),
               help="Shock law to fit; default: that of TABLE, else auto: the law is chosen by cross-validation on the "
-              "setting with the largest force (docs/law_choice.md).")  # fmt: skip
+              "setting with the largest force (docs/explanation/law_choice.md).")  # fmt: skip
 @click.option("--segment", nargs=2, type=Quantity("s"), metavar="START STOP",
               help="Start and end of the part of each record to fit; default '1 s' '10 s'.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz"), metavar="FREQUENCY",
@@ -44,8 +44,8 @@ def settings(  # one parameter per option
     """Fit a shock over its adjusters and temperature: one model from the files of several settings.
 
     TABLE is a TOML file that lists dynamometer files with the clicks of each adjuster, the valving or the temperature
-    (docs/settings.md). All files are fitted together. The FMU of the shock has the clicks and the temperature as
-    parameters. The exit code is 1 if the shock is not usable (docs/verdict.md).
+    (docs/how_to/settings.md). All files are fitted together. The FMU of the shock has the clicks and the temperature as
+    parameters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
 
     \b
     Examples:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.study.choice.continuous import ASSURED
 from eightpost.app.shape_search import VERIFIED, Aim
 from eightpost.app.shape_target import Target
 from eightpost.files import atomic_path
@@ -17,7 +18,7 @@ from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
 from eightpost.shock.shape import unit_of
-from eightpost.verdict import Grade, Rules, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict
 
 SCHEMA = 1
 
@@ -32,8 +33,18 @@ RULES = Rules()
 
 GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
     condition="the runs of the targets' own FMUs are better than the best setup of the bank",
-    why="the gain is that of the model: errors of the car and of the form of the law are not in it",
+    why="the gain is that of laws on the model: errors of the form of the law are not in it",
     remedy="build the nearest valving, test it (eightpost dyno or a dynamometer), fit it, and run it in a study",
+)  # fmt: skip
+DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
+    condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
+    why="the gain is not larger than what the vehicle is uncertain by",
+    remedy="test the best of the bank and builds near the targets on the rig (eightpost confirm), then search again",
+)  # fmt: skip
+UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
+    condition="the vehicle states no uncertainty for a measure of the objective",
+    why="errors of the car are not in the gain and its band",
+    remedy="identify the vehicle (eightpost identify), which states its uncertainty",
 )  # fmt: skip
 NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
     condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
@@ -53,11 +64,29 @@ def aim_verdict(found: Aim) -> Verdict:
     origin = f"{found.runs} trials; verified by runs of their own FMUs"
     gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
     reasons = [(GAIN if targets < best else NO_GAIN).reason("the objective", figure=gain, origin=origin)]
-    apart = targets - found.optimum.nominal
+    reasons += _of_the_car(found)
+    apart = targets - found.curves.optimum.nominal
     if abs(apart) > AGREEMENT * abs(targets):
-        text = f"{found.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
+        text = f"{found.curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
         reasons.append(DIFFERS.reason("search and verifying run disagree", figure=text, origin=origin))
     return Verdict(reasons)
+
+
+def _of_the_car(found: Aim) -> Iterator[Reason]:
+    """Yield what the stated uncertainty of the vehicle means for the gain."""
+    if found.curves.car is None or not found.curves.car.is_known:
+        missing = (
+            "no measure"
+            if found.curves.car is None
+            else ", ".join(found.curves.car.unknown(found.curves.car.criterion.measures))
+        )
+        known = "stated for" if found.curves.car is None else "not stated for"
+        yield UNSTATED.reason("uncertainty of the vehicle", figure=f"{known} {missing}", origin="the vehicle's FMU")
+    elif found.curves.chance < ASSURED:
+        figure = f"{100.0 * found.curves.chance:.3g} %; limit {100.0 * ASSURED:g} %"
+        yield DOUBTFUL.reason(
+            "probability of a gain", figure=figure, origin=f"{found.curves.gains.size} draws of cars and shocks"
+        )
 
 
 # ---- Tables ---------------------------------------------------------------------------------------------------------
@@ -70,14 +99,14 @@ def objective_table(found: Aim) -> ResultTable:
     for rank, words in enumerate(VERIFIED):
         value = found.verified_objective(rank)
         rows.append((words, value, best - value, "FMUs of their own"))
-    rows.append(("targets, in the search", found.optimum.nominal, best - found.optimum.nominal, "trial"))
+    rows.append(("targets, in the search", found.curves.optimum.nominal, best - found.curves.optimum.nominal, "trial"))
     heads = ("setup", "objective .6", "gain over the bank .4", "run by")
     return ResultTable.of("Objective of the shocks exactly as planned", heads, rows)
 
 
 def robust_table(found: Aim) -> ResultTable:
     """Return mean and scatter of the objective over the tolerance."""
-    start, end = found.reference, found.optimum
+    start, end = found.curves.reference, found.curves.optimum
     rows = [
         ("best of the bank", float(start.nominal[0]), float(start.scatter[0]), float(start.objective[0])),
         ("targets", end.nominal, end.scatter, end.objective),
@@ -85,15 +114,32 @@ def robust_table(found: Aim) -> ResultTable:
     robust = found.request.robustness
     title = (
         f"Objective over {robust.draws} draws with a tolerance of {100.0 * found.request.tolerance:g} % of every "
-        f"number; robust: mean + {robust.weight:g} standard deviations"
+        f"number{'' if found.curves.car is None else ', and over the cars that the true one may be'}; "
+        f"robust: mean + {robust.weight:g} standard deviations"
     )
     return ResultTable.of(title, ("setup", "as planned .6", "standard deviation", "robust .6"), rows)
+
+
+def gain_table(found: Aim) -> ResultTable:
+    """Return the gain over the best setup of the bank: predicted, and what is assured."""
+    best = float(found.curves.reference.nominal[0])
+    drawn = "shocks" if found.curves.car is None else "shocks and cars"
+    quantiles = np.quantile(found.curves.gains, [1.0 - ASSURED, 0.5]).tolist()
+    gains = {
+        "predicted, shocks exactly as planned": found.curves.predicted_gain,
+        f"exceeded by 50 % of the draws of {drawn}": quantiles[1],
+        f"exceeded by {100.0 * ASSURED:g} % of them": quantiles[0],
+    }
+    rows = [(words, gain, 100.0 * gain / abs(best)) for words, gain in gains.items()]
+    return ResultTable.of(
+        "Gain over the best setup of the bank", ("gain", "objective .4", "of the objective [%]"), rows
+    )
 
 
 def number_table(target: Target, found: Aim) -> ResultTable:
     """Return the numbers of a target, their ranges, and the intervals that keep the gain."""
     rows = []
-    ranges = {one.name: one for one in found.ranges}
+    ranges = {one.name: one for one in found.curves.space.ranges}
     for name, value in target.shape.numbers().items():
         unit = unit_of(name)
         cells: list[Cell | float | None] = [name, unit, Amount(value, unit)]
@@ -105,7 +151,7 @@ def number_table(target: Target, found: Aim) -> ResultTable:
         else:
             cells += [None, None, None, None, "fixed"]
         rows.append(cells)
-    share = f"{100.0 * found.request.keep:g} % of the gain"
+    share = f"{100.0 * found.request.keep:g} % of the assured gain"
     heads = ("number", "unit", "target", "lower limit", "upper limit", f"from, alone keeps {share}", "to", "")
     return ResultTable.of(f"Target at {target.name}", heads, rows)
 
@@ -114,10 +160,10 @@ def neighbour_table(target: Target, found: Aim) -> ResultTable:
     """Return the builds of the bank and the valving near a target, and what they lose."""
     rows: list[tuple[Cell | float | None, ...]] = []
     for one in target.neighbours:
-        lost = one.objective - found.optimum.nominal
+        lost = one.objective - found.curves.optimum.nominal
         rows.append((one.build, one.difference, 100.0 * one.relative, one.objective, lost))
     valving = target.valving
-    lost = target.valving_objective - found.optimum.nominal
+    lost = target.valving_objective - found.curves.optimum.nominal
     rows.append((f"virtual damper: {valving.valving}", valving.residual, 100.0 * valving.relative,
                  target.valving_objective, lost))  # fmt: skip
     heads = ("shock", "force difference, RMS [N]", "of the target's RMS [%]", "objective .6", "loss .4")
@@ -134,29 +180,52 @@ def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
     with atomic_path(data) as temporary:
         temporary.write_text(json.dumps(_content(found), indent=2) + "\n", encoding="utf-8")
     title = f"Curves to aim at: {found.study.name}"
-    return data, write_page(page, document(title, aim_verdict(found), list(_sections(found)), lead=_lead(found)))
+    return data, write_page(
+        page,
+        document(
+            title, aim_verdict(found), list(_sections(found)), lead=_lead(found), links={"report.html": "The study"}
+        ),
+    )
 
 
 def _lead(found: Aim) -> str:
-    fits = ", ".join(f"{name} {100.0 * fit.relative:.2g} %" for name, fit in found.fits.items())
+    fits = ", ".join(f"{name} {100.0 * fit.relative:.2g} %" for name, fit in found.curves.fits.items())
     return f"Shapes of the bank describe its curves with an RMS error of: {fits}."
+
+
+def car_text(found: Aim) -> str:
+    """Return a sentence about what the vehicle's uncertainty does to the gain."""
+    if found.curves.car is None:
+        return (
+            "The vehicle states no uncertainty: the gain and its band are those of this vehicle, as if it were exact."
+        )
+    missing = found.curves.car.unknown(found.curves.car.criterion.measures)
+    unknown = f" The uncertainty of {', '.join(missing)} is not known and not included." if missing else ""
+    return (
+        f"With the errors that the vehicle states, the targets are better than the best setup of the bank with a "
+        f"probability of {100.0 * found.curves.chance:.3g} %.{unknown}"
+    )
 
 
 def band_text(found: Aim) -> str:
     """Return a sentence about the band."""
-    if found.band is None:
-        return "There is no gain over the best setup of the bank, so there is no band."
-    share = f"{100.0 * found.band.share:g} % of the gain"
-    if found.band.size == 0.0:
+    if found.curves.band is None:
+        return f"No gain is assured with {100.0 * ASSURED:g} %, so there is no band."
+    share = f"{100.0 * found.curves.band.share:g} % of the assured gain"
+    if found.curves.band.size == 0.0:
         return f"No box around the targets keeps {share}: a deviation of 1 % of the ranges already loses more."
     return (
-        f"All numbers of all corners may deviate together by {100.0 * found.band.size:g} % of their ranges: "
-        f"{100.0 * found.band.kept:.3g} % of {len(found.band.points)} random points there keep {share}."
+        f"All numbers of all corners may deviate together by {100.0 * found.curves.band.size:g} % of their ranges: "
+        f"{100.0 * found.curves.band.kept:.3g} % of {len(found.curves.band.points)} random points there keep {share}."
     )
 
 
 def _sections(found: Aim) -> Iterator[Section]:
-    yield Section("gain", "Gain", [objective_table(found), robust_table(found), band_text(found)])
+    yield Section(
+        "gain",
+        "Gain",
+        [objective_table(found), gain_table(found), car_text(found), robust_table(found), band_text(found)],
+    )
     for target in found.targets:
         blocks: list[Block] = [_figure(target, found), number_table(target, found), neighbour_table(target, found)]
         if target.valving.limits:
@@ -169,11 +238,11 @@ def _figure(target: Target, found: Aim) -> Figure:
     axes = (Axis("damper velocity", "m/s"), Axis("force", "N"), "")
     figure = grid_figure(caption, 420, [axes], 1, gap=(0.0, 0.0))
     curve = target.shape.curve()
-    if found.band is not None:
+    if found.curves.band is not None:
         figure.ribbon(0, target.velocity, target.low, target.high, name="band", color=COLORS[0])
     valving = target.valving
     figure.line(0, valving.velocity, valving.force, name="nearest valving", color=MEASURED)
-    near = found.fits[target.neighbours[0].build].shape.curve()
+    near = found.curves.fits[target.neighbours[0].build].shape.curve()
     lines = {"target": (curve, COLORS[0], "solid"), target.neighbours[0].build: (near, COLORS[1], "dash")}
     for name, (one, color, dash) in lines.items():
         forces = np.array([one.force(v) for v in target.velocity.tolist()])
@@ -187,27 +256,34 @@ def _content(found: Aim) -> dict[str, Any]:
         "schema": SCHEMA,
         "kind": "shapes",
         "study": found.study.name,
-        "best_of_bank": dict(found.bank),
+        "digest": found.digest,
+        "best_of_bank": dict(found.curves.bank),
         "objective": {
             "best_of_bank": found.verified_objective(0),
             "targets": found.verified_objective(1),
             "nearest_builds": found.verified_objective(2),
             "nearest_valvings": found.verified_objective(3),
-            "targets_in_search": found.optimum.nominal,
-            "targets_robust": found.optimum.objective,
-            "targets_scatter": found.optimum.scatter,
-            "best_of_bank_robust": float(found.reference.objective[0]),
+            "targets_in_search": found.curves.optimum.nominal,
+            "targets_robust": found.curves.optimum.objective,
+            "targets_scatter": found.curves.optimum.scatter,
+            "best_of_bank_robust": float(found.curves.reference.objective[0]),
         },
-        "meets_constraints": found.optimum.allowed,
+        "meets_constraints": found.curves.optimum.allowed,
         "coupling_error_percent": found.verified.worst_coupling_error,
         "robustness": robust | {"tolerance": found.request.tolerance},
-        "band": None if found.band is None else {
-            "share": found.band.share, "size": found.band.size, "kept": found.band.kept
+        "gain": {
+            "predicted": found.curves.predicted_gain,
+            "assured": found.curves.assured_gain,
+            "probability": found.curves.chance,
+            "includes_car": found.curves.car is not None and found.curves.car.is_known,
         },
-        "ranges": {one.name: [one.low, one.high] for one in found.ranges},
+        "band": None if found.curves.band is None else {
+            "share": found.curves.band.share, "size": found.curves.band.size, "kept": found.curves.band.kept
+        },
+        "ranges": {one.name: [one.low, one.high] for one in found.curves.space.ranges},
         "targets": [_target(target) for target in found.targets],
-        "starts": [list(pair) for pair in found.optimum.starts],
-        "status": list(found.optimum.status),
+        "starts": [list(pair) for pair in found.curves.optimum.starts],
+        "status": list(found.curves.optimum.status),
         "trials": found.runs,
         "definition": json.loads(found.study.to_json()),
     }  # fmt: skip

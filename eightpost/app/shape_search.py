@@ -10,7 +10,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from builder.build import build
+from cosim.study.certainty import OBJECTIVE
+from cosim.study.certainty.assess import Knowledge, posterior_of
+from cosim.study.certainty.vehicle_draws import DrawnCar, VehicleDraws
 from cosim.study.choice.continuous import (
+    ASSURED,
     Evaluation,
     Optimum,
     Problem,
@@ -23,6 +27,7 @@ from cosim.study.choice.continuous import (
 )
 from cosim.study.choice.gain_band import Band, band
 from cosim.study.choice.optimise import Search, search_study
+from cosim.study.folder import chosen_so_far
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
@@ -52,6 +57,7 @@ class Request:
         keep: Share of the gain that the band keeps [1].
         objective: Measure to minimise; empty: the objective of the study.
         seed: Seed of the random starts.
+        uncertain: Whether the errors that the vehicle states are drawn too.
     """
 
     vary: tuple[str, ...] = CURVE_NUMBERS
@@ -63,50 +69,11 @@ class Request:
     keep: float = 0.8
     objective: str = ""
     seed: int = 0
+    uncertain: bool = True
 
 
 #: Setups that are run through the study with FMUs of their own.
 VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Aim:
-    """Result of a search for target curves.
-
-    Attributes:
-        study: Study.
-        request: Request.
-        ranges: Ranges of the numbers that varied.
-        fits: Shape of each build of the bank that has a shock file, with its residual.
-        bank: Builds of the best setup of the bank, by corner.
-        reference: The best setup of the bank, its shocks as shapes.
-        optimum: Result of the search.
-        band: Band that keeps the gain; None without a gain.
-        targets: Target curve of each group of corners.
-        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
-        runs: Number of setups that were run.
-    """
-
-    study: Study
-    request: Request
-    ranges: tuple[Range, ...]
-    fits: Mapping[str, ShapeFit]
-    bank: Mapping[str, str]
-    reference: Evaluation
-    optimum: Optimum
-    band: Band | None
-    targets: tuple[Target, ...]
-    verified: StudyResult
-    runs: int
-
-    @property
-    def gain(self) -> float:
-        """Robust objective of the best setup of the bank less that of the targets."""
-        return float(self.reference.objective[0]) - self.optimum.objective
-
-    def verified_objective(self, rank: int) -> float:
-        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
-        return float(_objectives(self.verified, self.request.objective)[rank])
 
 
 # ---- The search -----------------------------------------------------------------------------------------------------
@@ -127,6 +94,118 @@ def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
             "[bank], or state the limits of every number with --limit"
         )
     return {name: Shape.of(read_shock(path).law) for name, path in sources.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """Curves that a search found.
+
+    Attributes:
+        trials: Runs of the study.
+        space: Numbers that varied at each group of corners, with their ranges.
+        fits: Shape of each build of the bank that has a shock file, with its residual.
+        bank: Builds of the best setup of the bank, by corner.
+        bases: Shape of the best setup of the bank, by group of corners.
+        reference: Values of that setup, its shocks as shapes.
+        optimum: Result of the search.
+        car: Cars that the true one may be; None if the vehicle is taken to be exact.
+        gains: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
+        band: Band that keeps the assured gain; None without one.
+    """
+
+    trials: Trials
+    space: ShockSpace
+    fits: Mapping[str, ShapeFit]
+    bank: Mapping[str, str]
+    bases: Mapping[tuple[str, ...], Shape]
+    reference: Evaluation
+    optimum: Optimum
+    car: DrawnCar | None
+    gains: Array
+    band: Band | None
+
+    def shapes_at(self, point: Array) -> dict[tuple[str, ...], Shape]:
+        """Return the shape of each group of corners at a point (n,)."""
+        numbers = self.space.numbers(self.space.values(point[None])[0])
+        return {group: self.bases[group].with_numbers(own) for group, own in zip(self.bases, numbers, strict=True)}
+
+    @property
+    def predicted_gain(self) -> float:
+        """Predicted objective of the best setup of the bank less that of the targets, shocks exactly as planned."""
+        return float(self.reference.nominal[0]) - self.optimum.nominal
+
+    @property
+    def assured_gain(self) -> float:
+        """Gain that is exceeded with a probability of 95 % over the draws of shocks and cars."""
+        return float(np.quantile(self.gains, 1.0 - ASSURED))
+
+    @property
+    def chance(self) -> float:
+        """Probability that the targets are better than the best setup of the bank, over the draws [1]."""
+        return float(np.mean(self.gains > 0.0))
+
+
+def find_curves(
+    requested: Requested,
+    sources: Mapping[str, Path],
+    workers: Workers,
+    coupling: Coupling,
+    request: Request,
+    progress: Progress = lambda _runs: None,
+) -> Curves:
+    """Search for the curves to aim at and their band; see `aim` for the arguments and errors."""
+    study = requested.study
+    fits = shapes_of_bank(sources)
+    known, best = _best_of_bank(requested, workers, coupling, request.objective)
+    bank = known.setup(best).builds
+    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
+    groups = _groups(study, request.corners)
+    bases = {group: _base(fits, bank[group[0]]) for group in groups}
+    folder = requested.folder / "shapes"
+    space = _space(study, bank, bases, fits, _fmu(bases[groups[0]], folder), request)
+    trials = Trials(study, workers, coupling)
+    own = space.point([bases[group].numbers() for group in groups])
+    starts = _starts(space, own, study, fits, request)
+    planned = search(Problem(trials, space, objective=request.objective), starts, progress=progress)
+    robust = Problem(trials, space, request.robustness, request.objective, car)
+    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
+    reference = robust.evaluate(own[None])
+    start = float(reference.nominal[0])
+    gains = start - robust.drawn(optimum.point[None])[0]
+    kept = None
+    if start > optimum.assured:
+        exact = Problem(trials, space, Robustness(0, request.robustness.weight), request.objective, car)
+        kept = band(exact, optimum, start, share=request.keep)
+        progress(trials.count)
+    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
+    return Curves(trials, space, fits, bank, bases, reference, optimum, car, gains, kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """Curves to aim at, described and verified.
+
+    Attributes:
+        study: Study.
+        digest: Digest of the study's result.
+        request: Request.
+        curves: Curves that the search found.
+        targets: Target curve of each group of corners.
+        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
+        runs: Number of setups that were run.
+    """
+
+    study: Study
+    digest: str
+    request: Request
+    curves: Curves
+    targets: tuple[Target, ...]
+    verified: StudyResult
+    runs: int
+
+    def verified_objective(self, rank: int) -> float:
+        """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""
+        return float(_objectives(self.verified, self.request.objective)[rank])
 
 
 def aim(
@@ -150,48 +229,43 @@ def aim(
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
     """
-    study = requested.study
-    fits = shapes_of_bank(sources)
-    bank = _best_of_bank(requested, workers, coupling, request.objective)
-    groups = _groups(study, request.corners)
-    folder = requested.folder / "shapes"
-    bases = {group: _base(fits, bank[group[0]]) for group in groups}
-    fmu = _fmu(Shock("any shape", bases[groups[0]].law()), folder / "any_shape.json", folder / "fmus")
+    found = find_curves(requested, sources, workers, coupling, request, progress)
+    shapes = found.shapes_at(found.optimum.point)
+    problem = Problem(found.trials, found.space, objective=request.objective)
+    targets = targets_of(problem, found.optimum, found.band, shapes, found.bases, found.fits, sources)
+    verified = _verified(requested, workers, coupling, found.bank, targets)
+    return Aim(requested.study, requested.digest, request, found, targets, verified, found.trials.count)
+
+
+def _space(
+    study: Study,
+    bank: Mapping[str, str],
+    bases: Mapping[tuple[str, ...], Shape],
+    fits: Mapping[str, ShapeFit],
+    fmu: Path,
+    request: Request,
+) -> ShockSpace:
+    """Return the space of the shapes at the groups of corners; other corners keep the builds of the bank."""
 
     def build_of(group: tuple[str, ...], numbers: Mapping[str, float]) -> Build:
         return Build(fmu, bases[group].with_numbers(numbers).parameters())
 
-    searched = {corner for group in groups for corner in group}
+    searched = {corner for group in bases for corner in group}
     fixed = {corner: study.bank[name] for corner, name in bank.items() if corner not in searched}
-    ranges = tuple(_range(name, request, fits) for name in request.vary)
-    space = ShockSpace(groups, ranges, build_of, fixed)
-    trials = Trials(study, workers, coupling)
-    problem = Problem(trials, space, objective=request.objective)
-    own = space.point([bases[group].numbers() for group in groups])
-    planned = search(problem, _starts(space, own, study, fits, request), progress=progress)
-    robust = Problem(trials, space, request.robustness, request.objective)
-    optimum = search(robust, [planned.point], iterations=_POLISHING, progress=progress)
-    reference = robust.evaluate(own[None])
-    kept = None
-    if float(reference.nominal[0]) > optimum.nominal:
-        kept = band(problem, optimum, float(reference.nominal[0]), share=request.keep)
-        progress(trials.count)
-    found = tuple(space.numbers(space.values(optimum.point[None])[0]))
-    shapes = {group: bases[group].with_numbers(numbers) for group, numbers in zip(groups, found, strict=True)}
-    targets = targets_of(problem, optimum, kept, shapes, bases, fits, sources)
-    verified = _verified(requested, workers, coupling, bank, targets)
-    optimum = replace(optimum, starts=planned.starts, status=(*planned.status, *optimum.status))
-    return Aim(study, request, ranges, fits, bank, reference, optimum, kept, targets, verified, trials.count)
+    return ShockSpace(tuple(bases), tuple(_range(name, request, fits) for name in request.vary), build_of, fixed)
 
 
 #: Largest number of steps of the robust search, which starts from the best of the searches without draws.
-_POLISHING = 8
+_POLISHING = 12
 
 #: Largest number of setups of a bank that is run completely; larger banks are searched.
 _EXHAUSTIVE = 5000
 
 
-def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, objective: str) -> Mapping[str, str]:
+def _best_of_bank(
+    requested: Requested, workers: Workers, coupling: Coupling, objective: str
+) -> tuple[StudyResult, int]:
+    """Return the runs of the bank, and the row of its best setup."""
     study = requested.study
     if len(study.space) > _EXHAUSTIVE:
         result, _ = search_study(requested, workers, coupling, Search((objective,) if objective else ()))
@@ -200,7 +274,26 @@ def _best_of_bank(requested: Requested, workers: Workers, coupling: Coupling, ob
     rows = result.ranking(objective or None)
     if not rows.size:
         raise InputError("no setup of the bank runs and meets the constraints, so there is nothing to compare with")
-    return result.setup(int(rows[0])).builds
+    return result, int(rows[0])
+
+
+def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "") -> DrawnCar | None:
+    """Return the cars that the true one may be, given the rig runs in a study's folder.
+
+    Args:
+        result: Runs of the bank.
+        best: Row of its best setup, which others are compared with.
+        folder: Folder of the study; rig runs of its certainty are taken into account.
+        objective: Measure to minimise; empty: the objective of the study.
+
+    Returns:
+        None if the vehicle states no uncertainty.
+    """
+    certainty = chosen_so_far(result, folder).certainty
+    known = Knowledge.of(certainty) if certainty else Knowledge()
+    draws = VehicleDraws.of(result, posterior_of(result, known))
+    name = objective or (OBJECTIVE if result.study.objective else result.measures[0].name)
+    return None if draws is None else DrawnCar.of(result, draws, name, best)
 
 
 def _groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
@@ -230,11 +323,12 @@ def _starts(space: ShockSpace, own: Array, study: Study, fits: Mapping[str, Shap
     return [*found, *qmc.LatinHypercube(space.size, rng=request.seed).random(count)]
 
 
-def _fmu(shock: Shock, path: Path, folder: Path) -> Path:
-    """Write a shock file and build its FMU."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_shock(shock, path)
-    return build([path], folder)[0].path
+def _fmu(shape: Shape, folder: Path) -> Path:
+    """Build the FMU that plays every shape in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "any_shape.json"
+    write_shock(Shock("any shape", shape.law()), path)
+    return build([path], folder / "fmus")[0].path
 
 
 # ---- Verification: FMUs of their own, run as any setup of a study ---------------------------------------------------

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
               help="Share of the gain that the band keeps.")  # fmt: skip
 @click.option("--starts", type=click.IntRange(min=1), metavar="N", default=3, show_default=True,
               help="Number of starts: the best of the bank, the baseline, and random ones.")  # fmt: skip
+@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
+              help="Account for the errors that the vehicle states, and for the rig runs in the folder.")  # fmt: skip
 @seed_option(0, "Seed of the random starts.")
 @WORKERS
 @SCHEDULER
@@ -63,6 +65,7 @@ def shapes(
     weight: float,
     keep: float,
     starts: int,
+    sure: bool,
     seed: int,
     workers: int | None,
     scheduler: str | None,
@@ -73,20 +76,24 @@ def shapes(
     low- and high-speed slopes of each side, lag and gas. The search varies them at each corner within the range of the
     bank, under the constraints of the study, and minimises mean plus scatter of the objective over the tolerance. The
     page states the target curves with a band that keeps most of the gain, the nearest builds of the bank, and the
-    shims, bleed and clicks of the virtual damper that come closest. The targets are run as FMUs of their own. The exit
-    code is 1 if they are not better than the best setup of the bank.
+    shims, bleed and clicks of the virtual damper that come closest. The errors that an identified vehicle states are
+    drawn too, so that the gain is stated with a probability. The targets are run as FMUs of their own. The page of the
+    study is written too; both pages link to each other. The exit code is 1 if the targets are not better than the best
+    setup of the bank.
 
     \b
     Examples:
-      eightpost shapes examples/study.toml -o out/
+      eightpost shapes examples/identified/study.toml -o out/
       eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
       eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
     from cosim.study.choice.continuous import Robustness
+    from cosim.study.folder import RESULTS
+    from cosim.study.result import StudyResult
     from cosim.study.study_file import bank_sources
     from eightpost.app.shape_page import aim_verdict, write_aim
     from eightpost.app.shape_search import Request
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_verdict, write_page
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
@@ -104,6 +111,7 @@ def shapes(
         keep=keep,
         objective=objective or "",
         seed=seed,
+        uncertain=sure,
     )
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
     found = _search(console, described, output, sources, request, workers, scheduler)
@@ -111,6 +119,7 @@ def shapes(
     show_verdict(console, aim_verdict(found))
     for path in write_aim(found, output):
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+    write_page(console, StudyResult.load(output / RESULTS), output)
     ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
 
 
@@ -154,12 +163,21 @@ def _search(
 
 def _show(console: Console, found: Aim) -> None:
     """Print objectives, band, targets and what is near them."""
-    from eightpost.app.shape_page import band_text, neighbour_table, number_table, objective_table, robust_table
+    from eightpost.app.shape_page import (
+        band_text,
+        car_text,
+        gain_table,
+        neighbour_table,
+        number_table,
+        objective_table,
+        robust_table,
+    )
     from eightpost.report.tables import result_table
 
-    for table in (objective_table(found), robust_table(found)):
+    for table in (objective_table(found), gain_table(found), robust_table(found)):
         console.print(result_table(table))
-    console.print(escape(band_text(found)), highlight=False, soft_wrap=True)
+    for text in (car_text(found), band_text(found)):
+        console.print(escape(text), highlight=False, soft_wrap=True)
     for target in found.targets:
         console.print(result_table(number_table(target, found)))
         console.print(result_table(neighbour_table(target, found)))

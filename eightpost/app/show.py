@@ -60,8 +60,8 @@ def show_result(console: Console, name: str, result: cosim.Result) -> None:
     if result.held_direct:
         console.print(
             f"[yellow]note[/] {len(result.held_direct)} outputs, e.g. {result.held_direct[0]}, depend directly on an "
-            "input that is held over each step: their error is proportional to the step (docs/coupling.md; list in "
-            "result.json)",
+            "input that is held over each step: their error is proportional to the step "
+            "(docs/explanation/coupling.md; list in result.json)",
             highlight=False,
         )
     for note in result.notes:

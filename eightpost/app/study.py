@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +18,6 @@ from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity, check_report_folder
 from eightpost.app.progress import bar
-from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
@@ -42,7 +44,7 @@ _NAMED, _SHOWN = 5, 3
 @SCHEDULER
 @click.option("--patience", type=Quantity("s", positive=True), default=f"{PATIENCE:g} s", show_default=True,
               metavar="TIME", help="Time after which a worker that is not responding is ended and its setup marked as "
-              "failed.")  # fmt: skip
+              "failed; with --scheduler, time without any worker after which the study stops.")  # fmt: skip
 @RANK
 @click.option("--top", type=click.IntRange(min=1), metavar="N", default=10, show_default=True,
               help="Number of rows of the printed ranking.")  # fmt: skip
@@ -71,8 +73,14 @@ def study(
     objective and constraints; examples/study.toml is an example with comments. FMUs of shock files and vehicle files
     are built first.
 
-    A study that was stopped, by Ctrl-C or otherwise, resumes where it stopped when it is started again with the same
-    folder. The exit code is 1 if the study was stopped or setups failed, and 2 if the study cannot be run as it is.
+    A study resumes when it is started again with the same folder, on this machine or on a cluster; no option is needed.
+    Completed setups are stored in OUTPUT/chunks every few seconds, each file as a whole or not at all, so that even
+    kill -9 loses only the setups that were running. None of the others is run again, and none is in the table twice.
+    Ctrl-C (or SIGTERM) lets the running setups finish and writes a table that is marked as partial. If FMUs, drive
+    files, parameters, measures, settings or the version have changed, all setups run again; name, objective and
+    constraints may change. To start over, delete OUTPUT/chunks.
+
+    The exit code is 1 if the study was stopped or setups failed, and 2 if the study cannot be run as it is.
 
     \b
     Examples:
@@ -80,6 +88,8 @@ def study(
       eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
       eightpost study examples/study.toml -o out/ --trace 1200
     """
+    # Read when pyarrow is imported: its own allocator keeps some 150 MB of the files that a large study joins.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     from cosim.study.running.evaluator import traces
     from cosim.study.running.sweep import Sweep
     from cosim.study.verdict import study_verdict
@@ -87,6 +97,7 @@ def study(
     from eightpost.signals import write_series
 
     console = Console()
+    _stop_at_sigterm()
     check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
     if rank is not None:
@@ -109,6 +120,13 @@ def study(
     ctx.exit(0 if not stopped and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
 
 
+def _stop_at_sigterm() -> None:
+    """Treat SIGTERM as Ctrl-C: job schedulers and containers send it some time before they kill a process."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell script
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda _number, _frame: signal.raise_signal(signal.SIGINT))
+
+
 def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers, rank: str | None) -> Certainty | None:
     """Return the certainty of a complete study; None if Ctrl-C ended its computation."""
     try:
@@ -120,17 +138,13 @@ def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
     """Read a study; build the FMUs of its shock and vehicle files first."""
-    from cosim.study.study_file import read_study, source_files
+    from eightpost.api import studies
 
-    sources = source_files(path)
     folder = output / "fmus"
-    if missing := [source for source in sources if not source.is_file()]:
-        raise InputError(f"{path}: the file {missing[0]} does not exist")
-    built = build_with_progress(console, sources, folder) if sources else []
-    fmus = {Path(item.source): item.path for item in built}
+    study, built = studies.read_with_fmus(path, folder, partial(build_with_progress, console))
     if built:
         console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
-    return read_study(path, lambda source: fmus.get(source, source))
+    return study
 
 
 @contextmanager
@@ -141,13 +155,17 @@ def running_workers(count: int | None, scheduler: str | None, *, patience: float
     if scheduler is not None:
         from cosim.study.running.dask_workers import DaskWorkers
 
-        pool: Workers = DaskWorkers(scheduler)
+        pool: Workers = DaskWorkers(scheduler, waiting=patience, report=_report)
     else:
         pool = ProcessWorkers(count or usable_processors(), patience=patience)
     try:
         yield pool
     finally:
         pool.close()
+
+
+def _report(text: str) -> None:
+    click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
 
 
 def show_study(console: Console, sweep: Sweep) -> None:

@@ -47,7 +47,7 @@ SETTLING = 4.0
               help="Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
               f"'{SETTLING:g} s'.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.HTML",
-              help="Interactive, printable page to write (docs/validation.md); default: none.")  # fmt: skip
+              help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
               help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "
               "these files carry the verdict into every run.")  # fmt: skip
@@ -56,7 +56,7 @@ SETTLING = 4.0
 @click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
               help="Shocks: start and end of the part of random records to judge; default '1 s' '10 s'.")  # fmt: skip
 @UNITS
-@map_option("docs/signs_and_units.md")
+@map_option("docs/reference/signs_and_units.md")
 @flip_option("force")
 @click.pass_context
 def validate(  # one parameter per option
@@ -82,8 +82,8 @@ def validate(  # one parameter per option
     JSON files are shocks, or one vehicle. A RECORD is a dynamometer or rig record, or a folder of records.
 
     Each shock is compared with each record, unless both state a condition and the conditions differ. The exit code is 1
-    if the verdict is "not usable" (docs/verdict.md): more than a fifth of a record is outside the fitted velocities, a
-    record has no shock, or an error is above --limit.
+    if the verdict is "not usable" (docs/reference/verdict.md): more than a fifth of a record is outside the fitted
+    velocities, a record has no shock, or an error is above --limit.
 
     A vehicle is driven by each record's roads and loads. The exit code is 1 if an RMS differs by more than --level, an
     error is above --limit, the ranking of setups differs from that of the rig, or all records were used in the fit.

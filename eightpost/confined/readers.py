@@ -97,12 +97,16 @@ def load_spreadsheet(path: Path) -> dict[str, list[list[Any]]]:
 
 
 class Table(NamedTuple):
-    """A group of channels: (name, unit, samples) each, the step [s] and start [s] of the time, lines of facts."""
+    """A group of channels: (name, unit, samples) each, the step [s] and start [s] of the time, lines of facts.
+
+    `others` has the channels that were sampled at other times, with the difference in words.
+    """
 
     columns: list[tuple[str, str, NDArray[np.float64]]]
     step: float
     start: float
     preamble: tuple[str, ...] = ()
+    others: tuple[tuple[str, str], ...] = ()
 
 
 def load_tdms(path: Path) -> list[Table]:
@@ -117,7 +121,18 @@ def load_tdms(path: Path) -> list[Table]:
         starts = [float(channel.properties.get("wf_start_offset", 0.0)) for channel in numeric]
         own = tuple(f"{key}: {value}" for key, value in group.properties.items())
         if columns:
-            tables.append(Table(columns, max(steps), starts[0], (*facts, *own)))
+            step, start = next(((h, t) for h, t in zip(steps, starts, strict=True) if h), (0.0, 0.0))
+            times = dict(zip((c.name for c in numeric), zip(steps, starts, strict=True), strict=True))
+            others = tuple(
+                (
+                    name,
+                    f"it has steps of {1e3 * h:.6g} ms from {t:.6g} s on, others {1e3 * step:.6g} ms from {start:.6g}"
+                    " s on; export all channels with one rate and one start",
+                )
+                for name, (h, t) in times.items()
+                if step and h and not np.allclose((h, t), (step, start), rtol=1e-6, atol=1e-3 * step)
+            )
+            tables.append(Table(columns, step, start, (*facts, *own), others))
     return tables
 
 

@@ -55,7 +55,7 @@ def read_rig_record(
         path: Path of the record, in any format of `read_series`.
         problem: Target, response and settings.
         drive: Commands (m, N) that were played.
-        channel_map: Columns by channel (docs/rig.md).
+        channel_map: Columns by channel (docs/explanation/rig.md).
         units: Units by channel, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.
 

@@ -173,7 +173,7 @@ def read_channels(
         path: Path of the record, in any format of `read_series`.
         names: Names of the channels; None for those of `target_names`.
         optional: Names of channels to read if the record has them.
-        channel_map: Columns by channel; other columns must have the names of the channels (docs/rig.md).
+        channel_map: Columns by channel; other columns must have the names of the channels (docs/explanation/rig.md).
         units: Units by channel, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.
 
@@ -181,6 +181,7 @@ def read_channels(
         DataError: The record has a fault, or lacks a channel; the message says which and where.
     """
     record = read_record(path)
+    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     wanted = target_names(mapping.channels) if names is None else tuple(names)
     if missing := [name for name in wanted if name not in mapping.channels]:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from eightpost.progress import beat
 from eightpost.workers.process import usable_processors
+
+#: Interval at which progress is reported [s].
+_INTERVAL = 0.05
 
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -24,4 +28,7 @@ def for_each(items: Iterable[Item], function: Callable[[Item], Found]) -> list[F
         function: Function of one item; it must not change data that other items use.
     """
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(usable_processors()) as pool:
-        return list(pool.map(function, items))
+        running = [pool.submit(function, item) for item in items]
+        while wait(running, timeout=_INTERVAL).not_done:
+            beat()
+        return [future.result() for future in running]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -118,7 +118,15 @@ class Section:
     blocks: Sequence[Block]
 
 
-def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead: str = "", fold: int = 0) -> str:
+def document(
+    title: str,
+    verdict: Verdict,
+    sections: Sequence[Section],
+    *,
+    lead: str = "",
+    fold: int = 0,
+    links: Mapping[str, str] | None = None,
+) -> str:
     """Return the HTML of a document; all texts are escaped, except for Markup.
 
     Args:
@@ -128,6 +136,7 @@ def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead:
         lead: Text below the verdict; default none.
         fold: Number of reasons after which the list is folded; default: it is never folded. A folded list is not
             printed, so that the sections must contain it.
+        links: Names of other pages by their paths relative to this one.
     """
     figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
     shown = {unit: Display.of(unit) for figure in figures for unit in sorted(figure.units)}
@@ -144,6 +153,7 @@ def document(title: str, verdict: Verdict, sections: Sequence[Section], *, lead:
         lead=lead,
         fold=fold,
         places=[(section.name, section.heading) for section in sections],
+        links=links or {},
         sections=sections,
         data={"figures": compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode())},
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ with needs("report", "drawing pictures"):
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Rectangle", "color_cells", "color_legend", "new_figure", "panels_of",
-    "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure",
+    "panels_of", "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 
@@ -84,10 +85,15 @@ def plain_style() -> Iterator[None]:
         yield
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG without a date and without the name of the software."""
+def png(figure: Figure, *, dpi: int | None = None) -> bytes:
+    """Return a figure as PNG without a date and without the name of the software.
+
+    Args:
+        figure: Figure to draw.
+        dpi: Resolution [1/in]; None: that of the figure.
+    """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=dpi or "figure", metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -102,6 +108,33 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110, **options: Any) ->
     """
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dpi, **options)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure that a notebook shows.
+
+    Attributes:
+        figure: Figure of matplotlib, to be changed before it is shown or saved.
+    """
+
+    figure: Figure
+
+    def save(self, path: str | Path, *, dpi: int = 110) -> None:
+        """Save the picture; the suffix of the file name is the format (.png, .svg, .pdf).
+
+        Args:
+            path: File to write.
+            dpi: Resolution [1/in].
+        """
+        save(self.figure, path, dpi=dpi)
+
+    def _repr_png_(self) -> bytes:
+        return png(self.figure, dpi=_SCREEN)
+
+
+#: Resolution of a picture in a notebook [1/in].
+_SCREEN = 72
 
 
 def save_for_print(figure: Figure, stem: Path) -> list[Path]:

@@ -35,7 +35,7 @@ _BLOCKS, _HIGH = 20, 50.0
 #: Peaks of the excitation; 4.4.1 does not print them.
 _ROAD, _LOAD = 0.2 * si_factor("in"), 500.0 * si_factor("lbf")
 
-#: Damper of experiment 1, which gives Table 4.2 (docs/errata.md).
+#: Damper of experiment 1, which gives Table 4.2 (docs/evidence/errata.md).
 _DAMPING = 17.5 * si_factor("lbf/(in/s)")
 
 _OUTPUTS = ("velocity", "tire_force", "hub_acceleration", "ride_height", "chassis_position")

@@ -172,7 +172,7 @@ def table_5_1(_: Effort) -> Findings:
             "tire": car.tire_stiffness.lf, "damper": car.damping.lf, "sprung_share": 100.0 * car.sprung_mass / total,
             "front_share": 100.0 * front / (front + rear), "total": total,
         } | {name: 100.0 * float(value) for name, value in radii.items()},
-        note="The printed inertias do not have the radii of gyration of the text (docs/errata.md).",
+        note="The printed inertias do not have the radii of gyration of the text (docs/evidence/errata.md).",
     )  # fmt: skip
 
 

@@ -143,7 +143,7 @@ def figure_6_27(effort: Effort) -> Findings:
         },
         [figure_of("RMS levels of five setups: stand-in (truth) and identified.", plots, columns=4)],
         f"Mean error of the levels: {text}. In the stand-in, levels are wrong because of friction, which a linear "
-        "model does not have (docs/linearity.md).",
+        "model does not have (docs/explanation/linearity.md).",
     )
 
 

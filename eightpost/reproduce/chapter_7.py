@@ -29,10 +29,8 @@ from eightpost.reproduce.rig_bench import (
 )
 from eightpost.reproduce.true_cars import TOTAL, measures_of
 from eightpost.rig import BUILDS, Actuator, DynoTest, random_multisine, read_out, shim_build
-from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.shock import Lpnl2
-from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
 
 #: Measures of Table 7.4 with their units.
@@ -370,34 +368,6 @@ def figure_7_7(effort: Effort) -> Findings:
     )
 
 
-# ---- Tables of the bank ---------------------------------------------------------------------------------------------
-
-
-def table_7_1(_: Effort) -> Findings:
-    """N^4 setups of 30 s each."""
-    counts = {n: n**4 for n in range(1, 11)}
-    values: dict[str, float] = {f"setups/{n}": count for n, count in counts.items()}
-    return Findings(values | {f"hours/{n}": count * 30.0 / 3600.0 for n, count in counts.items()})
-
-
-def table_7_2(_: Effort) -> Findings:
-    """Shim sets of the virtual dynamometer."""
-    inch = si_factor("in")
-    return Findings(
-        {f"shim {k}/{code}": t * inch for code, row in SHIM_SETS.items() for k, t in enumerate(row, start=1)}
-    )
-
-
-def table_7_3(_: Effort) -> Findings:
-    """Builds with their nominal dampings."""
-    nominal = {code: shim_build(f"{code}/{code}").nominal_damping() for code in ("AA", "B", "C")}
-    expected = {"AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C"}
-    return Findings(
-        {"builds": len(BUILDS)} | nominal,
-        {"names": (set(BUILDS) == expected, f"{len(BUILDS)} builds: " + ", ".join(BUILDS))},
-    )
-
-
 COMPUTATIONS = {
     "figure-7.1": figure_7_1,
     "figure-7.2": figure_7_2,
@@ -406,9 +376,6 @@ COMPUTATIONS = {
     "figure-7.5": figure_7_5,
     "figure-7.6": figure_7_6,
     "figure-7.7": figure_7_7,
-    "table-7.1": table_7_1,
-    "table-7.2": table_7_2,
-    "table-7.3": table_7_3,
     "table-7.4": table_7_4,
     "table-7.5": table_7_5,
 }

@@ -32,7 +32,7 @@ class Effort:
     builds: int
 
 
-#: The dissertation's program, with shorter random tests in chapters 5 and 6 (docs/reproduce.md).
+#: The dissertation's program, with shorter random tests in chapters 5 and 6 (docs/evidence/reproduce.md).
 FULL = Effort("full", tuple(range(1, 13)), 100.0, 120.0, 200.0, 200.0, 100.0, 33.0, 7)
 
 #: A program of about a minute.

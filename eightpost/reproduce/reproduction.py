@@ -21,7 +21,7 @@ _MODULES = {
     4: ("chapter_4_model", "chapter_4_identification", "chapter_4_rig"),
     5: ("chapter_5_model", "chapter_5_identification"),
     6: ("chapter_6_setup", "chapter_6_linearity", "chapter_6_identification", "chapter_6_validation"),
-    7: ("chapter_7",),
+    7: ("chapter_7", "chapter_7_bank"),
 }
 
 

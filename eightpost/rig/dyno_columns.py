@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from eightpost.rig.plausibility_rules import CHOSEN_COLUMN
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
-from eightpost.signals.raw_record import letters_of
 from eightpost.units import compatible, is_unit
 
 if TYPE_CHECKING:
@@ -20,29 +20,34 @@ if TYPE_CHECKING:
 #: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
 
-#: Column names by channel, in lower case and reduced to letters. Files use `F` and `T` in upper and lower case.
+#: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish, Japanese.
+#: Files use `F` and `T` in upper and lower case.
 _ALIASES = {
-    "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec"},
+    "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
+             "runningtime", "temps", "tempo", "tiempo", "\u6642\u9593"},
     "velocity": {
         "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
-        "shaftspeed", "geschwindigkeit",
+        "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "\u901f\u5ea6",
     },
-    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft"},
+    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft",
+              "effort", "forza", "fuerza", "carga", "carico", "\u8377\u91cd", "\u529b"},
     "displacement": {
         "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "shocktravel", "dampertravel",
-        "shockposition", "damperposition", "pot", "lvdt", "weg",
+        "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
+        "desplazamiento", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
     },
     "temperature": {
         "temperature", "temp", "t", "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
+        "temperatur", "temperatura", "\u6e29\u5ea6",
     },
 }  # fmt: skip
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.
 _QUALIFIERS = {
-    "measured": 0, "meas": 0, "actual": 0, "act": 0, "shock": 0, "damper": 0, "raw": 1, "filtered": 2, "filt": 2,
-    "fil": 2, "smoothed": 2, "smooth": 2, "avg": 2, "calc": 3, "calculated": 3, "derived": 3, "command": 9, "cmd": 9,
-    "setpoint": 9, "target": 9, "demand": 9, "desired": 9, "reference": 9, "ref": 9, "ch": 0, "channel": 0, "ai": 0,
-    "volts": 8, "voltage": 8, "v": 8,
+    "measured": 0, "meas": 0, "actual": 0, "act": 0, "shock": 0, "damper": 0, "axial": 0, "ch": 0, "channel": 0,
+    "ai": 0, "raw": 1, "filtered": 2, "filt": 2, "fil": 2, "smoothed": 2, "smooth": 2, "avg": 2, "calc": 3,
+    "calculated": 3, "derived": 3, "command": 9, "cmd": 9, "setpoint": 9, "target": 9, "demand": 9, "desired": 9,
+    "reference": 9, "ref": 9, "volts": 8, "voltage": 8, "v": 8,
 }  # fmt: skip
 
 
@@ -103,6 +108,8 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
             continue
         known = unit is not None and is_unit(unit)
         if known and not compatible(unit or "", si):
+            if channel == "temperature":
+                continue
             rank += 100  # for a message about its unit if there is no other column
         ranked.append((rank, i, name))
     ranked.sort()
@@ -115,13 +122,24 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
 def _rank(name: str, channel: str) -> int | None:
     """Return how far a column's name is from a usual name of a channel; None if it is not a name of it."""
     aliases = _ALIASES[channel]
-    if letters_of(name) in aliases:
+    plain_name = _without_accents(name)
+    if "".join(re.findall(r"[^\W\d_]", plain_name)) in aliases:
         return 0
-    words = re.findall(r"[a-z]+", name.lower())
+    words = re.findall(r"[^\W\d_]+", plain_name)
     plain = [word for word in words if word not in _QUALIFIERS]
     if plain and len(plain) < len(words) and "".join(plain) in aliases:
         return 1 + max(_QUALIFIERS[word] for word in words if word in _QUALIFIERS)
     return None
+
+
+def _without_accents(name: str) -> str:
+    """Return a name in lower case without accents: `D\u00e9placement` -> `deplacement`."""
+    letters = unicodedata.normalize("NFKD", name.lower())
+    return unicodedata.normalize("NFKC", "".join(one for one in letters if one not in _ACCENTS))
+
+
+#: Combining grave, acute, circumflex, tilde, diaeresis, ring and cedilla.
+_ACCENTS = "\u0300\u0301\u0302\u0303\u0308\u030a\u0327"
 
 
 def _is_heat(record: RawRecord, name: str) -> bool:

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eightpost.display import Summarized, Summary
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
 from eightpost.rig.dyno_notes import notes_of
+from eightpost.rig.optional_columns import check_one_time, with_optional_temperature
 from eightpost.rig.other_columns import column_reasons, mixed_units
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import PART_RULES
@@ -26,6 +28,10 @@ from eightpost.signals.raw_record import mapped_series
 from eightpost.verdict import Reason
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -39,8 +45,8 @@ CUTOFF = 50.0
 SHORTEST, FEWEST = 0.5, 200
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DynoTest:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DynoTest(Summarized):
     """A dynamometer test that passed all checks.
 
     Attributes:
@@ -78,6 +84,40 @@ class DynoTest:
         """Notes, then the reasons as sentences."""
         return (*self.notes, *(f"{reason.statement}: {reason.figure}; {reason.remedy}" for reason in self.reasons))
 
+    def _summary(self) -> Summary:
+        known = self.conditions
+        stated = [text for text in (known.build, known.clicks, known.run) if text]
+        return Summary.of(
+            "Dynamometer test",
+            ("file", self.source.name if self.source else ""),
+            ("conditions", ", ".join(stated)),
+            *self.series.summary_rows(),
+            ("derived", "; ".join(self.derived)),
+            ("warnings", "; ".join(self.warnings)),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return self.series.to_pandas()
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the channels, in SI, over the coordinate `time` [s].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        return self.series.to_xarray()
+
+    def plot(self) -> Picture:
+        """Return a picture of force over velocity."""
+        from eightpost.report.traces import loop  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return loop(self.series, "velocity", "force", title=self.label)
+
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
         """Return the test with the reasons about a change of the shock or of the motion that this series has.
 
@@ -110,7 +150,7 @@ def read_dyno_test(
     are described in the test's notes.
 
     Args:
-        path: Path of a file in one of the formats of docs/dyno_files.md.
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
         channel_map: Columns by channel, for columns with unusual names.
         units: Units by channel name, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.
@@ -132,7 +172,9 @@ def read_dyno_test(
         WrongSignError: The force or the displacement has the wrong sign.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
-    return reading.test(read_record(path), conditions or DynoConditions())
+    records = [one for one in read_records(path) if _has_channels(dyno_map(one, channel_map))]
+    record = records[0] if len(records) == 1 else read_record(path)
+    return reading.test(record, conditions or DynoConditions())
 
 
 def read_dyno_tests(
@@ -173,7 +215,9 @@ class _Reading:
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
         mapping = dyno_map(record, self.channel_map).flipped(self.flip)
+        record, mapping, left_out = with_optional_temperature(record, mapping, self.channel_map, self.units)
         _check_channels(record, mapping)
+        check_one_time(record, mapping, self.channel_map)
         series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
         _check_record(series, record.origin)
         measured, origin = series.names, record.origin
@@ -185,7 +229,7 @@ class _Reading:
             _check_displacement_sign(series, origin)
         _check_force(series, origin, derived)
         stated, notes = conditions_from(record.preamble)
-        notes += notes_of(series, measured=measured, origin=origin)
+        notes = (*record.notes, *left_out, *notes, *notes_of(series, measured=measured, origin=origin))
         test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
         units = mixed_units(record, mapping, self.units)
         reasons = (
@@ -203,7 +247,7 @@ def _has_channels(mapping: ChannelMap) -> bool:
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
     """Raise MissingChannelError if time, force or a motion channel is missing."""
-    known = ", ".join(record.names)
+    known = "; ".join((", ".join(record.names), *record.notes))
     advice = f"the file has: {known}; name the column in a channel map"
     if mapping.time is None:
         raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="time")

@@ -14,6 +14,7 @@ import numpy as np
 
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.lag import lag_between
+from eightpost.rig.late_force import delay_statement
 from eightpost.rig.plausibility_rules import UNLIKELY_UNITS
 from eightpost.rig.rest_force import rest_force
 from eightpost.signals.timeseries import TimeSeries
@@ -116,16 +117,13 @@ def scale_statement(series: TimeSeries) -> str:
     return (
         f"peak force {force[peak]:.4g} N at {velocity[peak]:.3g} m/s{stroke}: the file does not show whether its units "
         "are right. If this is not your shock, set them in a channel map, such as unit = 'lbf' "
-        "(docs/signs_and_units.md)"
+        "(docs/reference/signs_and_units.md)"
     )
 
 
 def lag_statement(series: TimeSeries) -> str:
-    """Return the lag of force behind velocity, which a record alone does not attribute to the shock."""
+    """Return the lag of force behind velocity, and how much of it the instruments can cause."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
     delay = lag_between(even["force"], even["velocity"], even.sample_rate)
     follows = "follows" if delay >= 0.0 else "leads"
-    return (
-        f"force {follows} velocity by {1e3 * abs(delay):.3g} ms: a delay of the instruments, such as a filter on one "
-        "channel, cannot be distinguished from the lag of the shock, and a fitted lag includes it"
-    )
+    return f"force {follows} velocity by {1e3 * abs(delay):.3g} ms; {delay_statement(series)}; a fitted lag includes it"

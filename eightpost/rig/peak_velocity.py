@@ -160,6 +160,7 @@ def _points_of(records: Sequence[RawRecord], units: Mapping[str, str]) -> Iterat
     """Yield the points of all blocks of a file; the lines above a block may name its setting and its stroke."""
     setting = ""
     for number, record in enumerate(records, 1):
+        record.log_notes()
         clicks = conditions_from(record.preamble)[0].clicks
         stroke = _stroke_above(record)
         named = clicks or (setting if stroke else f"block {number}" if len(records) > 1 else "")

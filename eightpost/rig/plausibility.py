@@ -15,6 +15,7 @@ from eightpost.array_types import Array
 from eightpost.rig.cycles import run_down
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_scale import force_scale_reasons
+from eightpost.rig.late_force import delay_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility_rules import (
     CONTRADICTORY_UNITS,
@@ -31,8 +32,8 @@ from eightpost.verdict import Reason
 
 # ---- Limits ---------------------------------------------------------------------------------------------------------
 
-#: Usual damping rate of a shock [N.s/m]. The measured records of docs/measured_shocks.md and the virtual shocks have
-#: 1300 to 11,000; 1000 lbf per m/s labelled N would be 4.4 times less, inches labelled mm 25.4 times more.
+#: Usual damping rate of a shock [N.s/m]. The measured records of docs/evidence/measured_shocks.md and the virtual
+#: shocks have 1300 to 11,000; 1000 lbf per m/s labelled N would be 4.4 times less, inches labelled mm 25.4 times more.
 LOW_RATE, HIGH_RATE = 1e3, 3e4
 #: The same, if a file has force in newtons beside motion in inches, or the reverse.
 MIXED_LOW, MIXED_HIGH = 2.5e3, 1.2e4
@@ -91,6 +92,7 @@ def record_reasons(
     yield from _rest_reasons(series, origin)
     if not suspicious:
         yield from skew_reasons(series, origin)
+        yield from delay_reasons(series, origin)
 
 
 def part_reasons(series: TimeSeries, *, origin: str, until: float = SEGMENT[1]) -> Iterator[Reason]:

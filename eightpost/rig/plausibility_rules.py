@@ -12,7 +12,7 @@ CONTRADICTORY_UNITS = RULES.add("contradictory units", ABOUT, Grade.NOT_USABLE,
     condition="the slope of displacement and the measured velocity differ by the ratio of two units (25.4, 1000, 10 or "
     "60, within 8 %)",
     why="one of the labels is wrong, so damping and stroke are wrong by the same factor",
-    remedy="correct the label, or override it in a channel map: unit = 'in' (docs/signs_and_units.md)",
+    remedy="correct the label, or override it in a channel map: unit = 'in' (docs/reference/signs_and_units.md)",
 )  # fmt: skip
 UNLIKELY_UNITS = RULES.add("unlikely units", ABOUT, Grade.UNKNOWN,
     condition="the damping rate is outside 1000 to 30,000 N.s/m (2500 to 12,000 if the file has newtons beside inches, "
@@ -65,6 +65,13 @@ SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED,
     why="compressibility, friction and gas make a force late, never early, so the channels were not recorded at the "
     "same times; the lag of the shock is too small by the skew",
     remedy="delay the force by the stated time, or find which channel has a filter or is sampled later",
+)  # fmt: skip
+LATE = RULES.add("late force", ABOUT, Grade.LIMITED,
+    condition="the force follows velocity by more than 3 ms (four standard errors) in the upper one of two bands of "
+    "frequencies, by 0.35 rad or more, and by at least 0.8 times the lag in the lower band",
+    why="the lag of hysteresis and of a gas spring falls with the frequency, and that of a compressible fluid is "
+    "shorter, so the rest is a delay or a filter of the force channel: at wheel hop it turns damping into stiffness",
+    remedy="find the delay or the filter of the force channel, or advance the force, and fit again",
 )  # fmt: skip
 CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     condition="several columns could be the same channel, and one of them was chosen",

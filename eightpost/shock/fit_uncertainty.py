@@ -49,7 +49,7 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
     fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
     if not isinstance(fitted, dict) or not isinstance(band, dict):
         return None
-    own = {name: fitted[name] for name in own_parameters(type(shock.law)) if name in fitted}
+    own = {name: fitted[name] for law in own_parameters(type(shock.law)) for name in fitted if _is_of(name, law)}
     free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
     held = tuple(f"{name} is kept at its fitted value: {_why(own[name])}" for name in own if name not in free)
     scales = dict(_scales(band))
@@ -83,6 +83,11 @@ def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
     rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
     parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
     return ModelUncertainty(parameters=parameters, held=found.held)
+
+
+def _is_of(name: str, parameter: str) -> bool:
+    """Return whether a fitted value is that of a law's parameter, or of one of its elements, such as tau[2]."""
+    return name == parameter or name.startswith(f"{parameter}[")
 
 
 def _why(entry: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ Standard library only: the FMU contains a copy of this file. A law defines how i
 and the static force (`advance_lag`, `advance_piece`) and the weight of the lagged force in the output (`lag_weight`).
 A law with several states also defines their start (`start`) and the force of the valves (`valve_force`).
 
-A law is a single file (docs/add_a_law.md). Besides its class, the file has at module level:
+A law is a single file (docs/development/add_a_law.md). Besides its class, the file has at module level:
 
 - `weight_core(static_force, own) -> alpha` and `advance_core(lagged, piece, own, valve) -> F_lag`: its equations, as
   functions of floats and the tuples below. The class calls them, and a fit compiles the same functions. `own` are the
@@ -88,7 +88,7 @@ def valve_force(valve: Valve, velocity: float) -> float:
 
 
 class Response(NamedTuple):
-    """A shock's outputs at one instant; the names are those of docs/ports.md."""
+    """A shock's outputs at one instant; the names are those of docs/reference/ports.md."""
 
     force: float
     """Force at the port [N], positive in compression."""

@@ -1,4 +1,4 @@
-"""The elements between the valves and the port: motion ratio, scales, gas spring, seal friction (docs/ports.md).
+"""The elements between the valves and the port: motion ratio, gas spring, seal friction (docs/reference/ports.md).
 
 Standard library only: the FMU contains a copy of this file.
 """

@@ -39,7 +39,7 @@ _BLEED_SHARE = 0.25
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
 #: Knee speeds from which a fit starts [m/s]; the best of the fits is kept.
-_KNEES = (0.06, 0.2)
+_KNEES = (0.06, 0.2, 0.35)
 
 #: Number of speeds of a side at which a shape is compared with a curve.
 _COMPARED = 80
@@ -185,7 +185,7 @@ LAG_FULL_FORCE = 44.482216152605
 def curve_parameters(
     curve: StaticCurve, arrays: Sequence[str] = ("knot_velocity", "knot_force", "knot_slope")
 ) -> dict[str, float]:
-    """Return a curve through knots as parameters of a shock FMU by name (docs/ports.md)."""
+    """Return a curve through knots as parameters of a shock FMU by name (docs/reference/ports.md)."""
     found = {f"curve.{name}": getattr(curve, name) for name in ("compression_slope", "rebound_slope")}
     if "knot_velocity" in arrays:
         found |= {f"curve.{name}": getattr(curve, name) for name in ("compression_speed", "rebound_speed")}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.display import Summarized, Summary
 from eightpost.signals.faults import Origin, check_gaps
 from eightpost.signals.formats import read_series, write_series
 
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 _EVEN_SHARE = 0.9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drivefile:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Drivefile(Summarized):
     """A time series as a continuous signal: linear between the samples, constant before the first and after the last.
 
     Attributes:
@@ -63,6 +64,9 @@ class Drivefile:
     def write(self, path: str | Path) -> None:
         """Write the drive file in the format given by the suffix of `path`."""
         write_series(self.series, path)
+
+    def _summary(self) -> Summary:
+        return Summary.of("Drive file", *self.series.summary_rows())
 
     @property
     def names(self) -> tuple[str, ...]:

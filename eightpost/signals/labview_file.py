@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
@@ -47,10 +48,21 @@ def _check_reader(path: str | Path, name: str, purpose: str) -> None:
 
 def _records(path: Path, function: str, kind: str) -> tuple[RawRecord, ...]:
     tables: list[Table] = read_confined(f"eightpost.confined.readers:{function}", path, kind=kind)
-    records = tuple(_record(table, path) for table in tables if table.columns)
-    if not records:
+    tables = [table for table in tables if table.columns]
+    if not tables:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    return records
+    facts = tuple(_fact(*column) for table in tables if _is_settings(table) for column in table.columns)
+    samples = [table for table in tables if not _is_settings(table)] or tables
+    return tuple(_record(table._replace(preamble=(*table.preamble, *facts)), path) for table in samples)
+
+
+def _is_settings(table: Table) -> bool:
+    """Return whether a group has single values: settings of the test, not samples."""
+    return all(len(column) == 1 for _, _, column in table.columns)
+
+
+def _fact(name: str, unit: str, column: NDArray[np.float64]) -> str:
+    return f"{name}: {float(column[0]):.9g} {unit}".strip()
 
 
 def _record(table: Table, path: Path) -> RawRecord:
@@ -66,11 +78,14 @@ def _record(table: Table, path: Path) -> RawRecord:
         columns = [np.asarray(table.start + table.step * np.arange(columns[0].size), dtype=np.float64), *columns]
     times = [i for i, name in enumerate(names) if name.lower() in TIME_NAMES] or [0]
     kept = [i for i, column in enumerate(columns) if column.size == columns[times[0]].size]
+    kept = [i for i in kept if names[i] not in dict(table.others)]
     preamble = tuple((line,) for line in table.preamble)
+    notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in table.others)
     return RawRecord(
         Origin(path),
         tuple(names[i] for i in kept),
         tuple(units[i] for i in kept),
         tuple(columns[i] for i in kept),
         preamble,
+        notes,
     )

@@ -13,6 +13,7 @@ from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 from eightpost.signals.channel_map import TIME_NAMES
 from eightpost.signals.faults import Origin
+from eightpost.signals.mat_structs import opened
 from eightpost.signals.provenance import parse_header, time_series_header
 from eightpost.signals.raw_record import RawRecord, split_header
 
@@ -25,11 +26,12 @@ if TYPE_CHECKING:
 
 
 def read_mat(path: str | Path) -> RawRecord:
-    """Read the vectors of a .mat file, at the top level or in its only struct.
+    """Read the vectors of a .mat file, at the top level or in the only struct that has vectors, at any depth.
 
-    Units are taken from a struct `units` with one field per variable, otherwise from the names (`x_mm`), otherwise from
-    the caller. Scalars, texts and vectors that are not as long as the time vector are ignored. Columns of a matrix are
-    named as in MATLAB, `data(:,2)`, for a channel map.
+    Channels may also be structs with samples and unit (`Force.data`, `Force.unit`), or an array of such structs with
+    their names. Units are taken from a struct `units` with one field per variable, otherwise from the names (`x_mm`),
+    otherwise from the caller. Scalars, texts and vectors that are not as long as the time vector are ignored. Columns
+    of a matrix are named as in MATLAB, `data(:,2)`, for a channel map.
 
     Raises:
         FileFormatError: The file cannot be read (version 7.3 needs h5py), or contains no numeric vector.
@@ -38,10 +40,7 @@ def read_mat(path: str | Path) -> RawRecord:
     content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
     header = parse_header(str(content.pop("eightpost")), path) if "eightpost" in content else {}
     titles = _texts(content.pop("channel_names", {}), "channel_names", path)
-    units = content.pop("units", {})
-    if len(content) == 1 and isinstance(next(iter(content.values())), dict):
-        content = next(iter(content.values()))
-        units = units or content.pop("units", {})
+    content, units = opened(content)
     vectors = _same_length(_vectors(content), path)
     units = header.get("units") or _texts(units, "units", path)
     split = [_named(titles.get(name, name), units) for name in vectors]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -63,6 +63,33 @@ def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str
         if schema is not None:
             table = table.select(schema.names).cast(schema.with_metadata(table.schema.metadata))
     return table
+
+
+def read_columns(path: str | Path, names: Sequence[str] | None) -> pa.Table:
+    """Return some columns of a Parquet file as a table; None for all of them.
+
+    Raises:
+        FileFormatError: The file cannot be read, is not a Parquet file, or lacks a column.
+    """
+    path = Path(path)
+    with _refusing(path, ""):
+        table = pa.parquet.read_table(path, columns=names, use_threads=False, partitioning=None)
+        table.validate(full=True)
+        if names is not None and (missing := set(names) - set(table.column_names)):
+            raise FileFormatError(f"has no column {min(missing)!r}", path=path)
+    return table
+
+
+def parquet_size(path: str | Path, *, advice: str = "") -> tuple[pa.Schema, int]:
+    """Return the schema of a Parquet file with its metadata, and its number of rows.
+
+    Raises:
+        FileFormatError: The file cannot be read, is not a Parquet file, or has too many cells.
+    """
+    path = Path(path)
+    with _refusing(path, advice), pa.parquet.ParquetFile(path) as file:
+        _check_size(path, file.metadata)
+        return file.schema_arrow, int(file.metadata.num_rows)
 
 
 def _read_metadata(path: str | Path) -> dict[bytes, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -29,9 +30,13 @@ if TYPE_CHECKING:
     from eightpost.signals.faults import Origin
 
 
+_LOG = logging.getLogger(__name__)
+
 # ---- Column headers -------------------------------------------------------------------------------------------------
 
-_BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
+_BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]$")
+#: A name and a unit behind a slash, a comma or a colon: `Force / N`, `v/(mm/s)`, `Time, s`.
+_SEPARATED = re.compile(r"^(?P<name>[^/,:]*[^/,:\s])\s*[/,:]\s*(?P<unit>\([^()]+\)|[^()]+)$")
 #: A column of a matrix in MATLAB's notation, `data(:,2)`, which is a name.
 _MATRIX_COLUMN = re.compile(r":,\d+|\d+,:")
 _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
@@ -42,7 +47,8 @@ _SUFFIXES = {
     "m_s": "m/s", "m_s2": "m/s2", "ips": "in/s", "mm": "mm", "cm": "cm", "inch": "in", "N": "N", "kN": "kN",
     "lbf": "lbf", "lbs": "lbf", "lb": "lbf", "Nm": "N.m", "psi": "psi", "bar": "bar", "kPa": "kPa",
     "MPa": "MPa", "Pa": "Pa", "degC": "degC", "degF": "degF", "Hz": "Hz", "rpm": "rpm", "sec": "s",
-    "rad": "rad", "deg": "deg",
+    "rad": "rad", "deg": "deg", "mm_per_sec": "mm/s", "in_per_sec": "in/s", "m_per_sec": "m/s", "mm_sec": "mm/s",
+    "in_sec": "in/s", "msec": "ms",
 }  # fmt: skip
 
 _TIME = {"t", "time", "timestamp"}
@@ -53,18 +59,24 @@ _CAUTIOUS = {
     "s": ("s", _TIME), "ms": ("ms", _TIME), "us": ("us", _TIME), "m": ("m", _LENGTH), "in": ("in", _LENGTH),
     "C": ("degC", _TEMPERATURE), "F": ("degF", _TEMPERATURE), "K": ("K", _TEMPERATURE),
 }  # fmt: skip
+#: The same suffixes in headers of capitals: `TIME_SEC`, `VEL_MM_S`.
+_CAPITALS = {suffix.upper(): unit for suffix, unit in _SUFFIXES.items()}
+_CAUTIOUS_CAPITALS = {suffix.upper(): (unit, words) for suffix, (unit, words) in _CAUTIOUS.items()}
 
 
 def split_header(text: str) -> tuple[str, str | None]:
     """Split a column header into its name and its unit, which is None for a header without a unit.
 
-    Brackets (`velocity [in/s]`, `Force (N)`) contain any unit, known or not. A suffix (`x_mm`, `v_mm_s`, `T_degC`) is a
-    unit only if it is in a list of such suffixes: `lf_force` and `max_s` have no unit.
+    Brackets (`velocity [in/s]`, `Force (N)`) contain any unit, known or not. A text behind a slash, a comma or a colon
+    (`Force / N`, `Time, s`) is a unit only if it is known. A suffix (`x_mm`, `v_mm_s`, `T_degC`, `TIME_SEC`) is a unit
+    only if it is in a list of such suffixes: `lf_force` and `max_s` have no unit.
 
     >>> split_header("Force (N)"), split_header("v_mm_s"), split_header("max_s")
     (('Force', 'N'), ('v', 'mm/s'), ('max_s', None))
     """
     text = text.strip()
+    if separated := _separated(text):
+        return separated
     match = _BRACKETED.match(text)
     if match and not _MATRIX_COLUMN.fullmatch(match["unit"]):
         return match["name"], match["unit"].strip()
@@ -75,10 +87,25 @@ def split_header(text: str) -> tuple[str, str | None]:
     return text, None
 
 
+def _separated(text: str) -> tuple[str, str] | None:
+    """Return the name and the unit of `Force / N`; None if no unit follows the mark, or the name ends in one.
+
+    `Vel mm/s` is not divided: its name would end in a unit.
+    """
+    match = _SEPARATED.match(text)
+    if match is None or (" " in match["name"] and is_unit(match["name"].split()[-1])):
+        return None
+    unit = match["unit"].strip().removeprefix("(").removesuffix(")").strip()
+    return (match["name"], unit) if unit and not is_number(unit) and is_unit(unit) else None
+
+
 def _suffix_unit(stem: str, suffix: str) -> str | None:
     if suffix in _SUFFIXES:
         return _SUFFIXES[suffix]
-    unit, words = _CAUTIOUS.get(suffix, (None, set()))
+    if stem.isupper() and suffix in _CAPITALS:
+        return _CAPITALS[suffix]
+    cautious = _CAUTIOUS | (_CAUTIOUS_CAPITALS if stem.isupper() else {})
+    unit, words = cautious.get(suffix, (None, set()))
     return unit if re.split(r"[\s_.]", stem)[-1].lower() in words else None
 
 
@@ -126,6 +153,7 @@ class RawRecord:
         units: C units as written in the file, None for columns without a unit.
         columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
         preamble: Lines above the table, one tuple of cells per line.
+        notes: Sentences on what was left out while reading.
     """
 
     origin: Origin
@@ -133,6 +161,7 @@ class RawRecord:
     units: tuple[str | None, ...]
     columns: tuple[NDArray[Any], ...]
     preamble: tuple[tuple[str, ...], ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Number repeated names and convert columns of times of day to seconds."""
@@ -146,6 +175,11 @@ class RawRecord:
             counts[name] += 1
             names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
         object.__setattr__(self, "names", tuple(names))
+
+    def log_notes(self) -> None:
+        """Log what was left out, for readers whose result has no notes."""
+        for note in self.notes:
+            _LOG.warning("%s: %s", self.origin.path, note)
 
     def twins(self, source: str) -> tuple[str, ...]:
         """Return the names of further columns that had the same name in the file."""

@@ -25,7 +25,40 @@ def decoded(content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        return _in_shift_jis(content) or content.decode("latin-1")
+
+
+def _in_shift_jis(content: bytes) -> str:
+    """Return a Japanese text; empty if the content has no byte that Latin-1 leaves unused, or is not Shift-JIS."""
+    if not re.search(rb"[\x81-\x9f]", content):
+        return ""
+    try:
+        text = content.decode("cp932")
+    except UnicodeDecodeError:
+        return ""
+    return text if re.search(r"[\u3040-\u30ff\u4e00-\u9fff]{2}", text) else ""
+
+
+# ---- Headers over several lines -------------------------------------------------------------------------------------
+
+_OPEN = re.compile(r'(?:^|[;,\t])\s*"[^"]*$')
+#: Lines in which a header may be, and maximum number of lines of one.
+_HEADER_LINES, _MOST_LINES = 200, 12
+
+
+def with_whole_headers(lines: list[str]) -> list[str]:
+    """Return lines in which a header with line breaks in quoted cells is one line; the others that it had are empty."""
+    found = list(lines)
+    for i in range(min(_HEADER_LINES, len(lines))):
+        if found[i].count('"') % 2 == 0 or not _OPEN.search(found[i]):
+            continue
+        for stop in range(i + 1, min(i + _MOST_LINES, len(lines))):
+            whole = " ".join(found[i : stop + 1])
+            if whole.count('"') % 2 == 0:
+                # The last of its lines, so that a row of units or of numbers follows.
+                found[i : stop + 1] = [*[""] * (stop - i), whole]
+                break
+    return found
 
 
 # ---- Columns separated by spaces ------------------------------------------------------------------------------------
@@ -117,9 +150,18 @@ _DECIMAL_POINT = re.compile(
 )
 
 
+#: A quoted number whose comma is not a thousands separator: `"0,125"`, `"1250,5"`, `"12,50"`.
+_QUOTED_COMMA = re.compile(r'"\s*[+-]?(?:0\d*,\d+|\d{4,},\d+|\d+,(?:\d{1,2}|\d{4,}))(?:[eE][+-]?\d+)?\s*"')
+
+
 def decimal_mark(body: str, delimiter: str) -> str:
-    """Return the decimal mark of a table: a comma, unless commas delimit or group and points are decimals."""
-    if delimiter == "," or "," not in body:
+    """Return the decimal mark of a table: a comma, unless commas delimit or group and points are decimals.
+
+    Where commas delimit, numbers in quotes may have a decimal comma: if one of them is no thousands separator.
+    """
+    if delimiter == ",":
+        return "," if _QUOTED_COMMA.search(body) and "." not in body else "."
+    if "," not in body:
         return "."
     return "." if _DECIMAL_POINT.search(body) else ","
 
@@ -136,6 +178,8 @@ def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64
     if both is not None:
         decimal = max(",.", key=both.rfind)
     group = r"[,'’\s]" if decimal == "." else r"[.'’\s]"
+    if any(re.fullmatch(rf"[+-]?(?:0\d*|\d{{4,}}){group}\d+", text) for text in texts):
+        return None  # a mark after a leading zero or after four digits is a decimal mark
     grouped = re.compile(rf"[+-]?\d{{1,3}}(?:{group}\d{{3}})+(?:\{decimal}\d*)?")
     plain = [re.sub(group, "", text) if grouped.fullmatch(text) else text for text in texts]
     if any(text and not _PLAIN.fullmatch(text) for text in plain):
@@ -147,13 +191,16 @@ def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64
 
 # ---- Times of day and dates -----------------------------------------------------------------------------------------
 
-_CLOCK = re.compile(r"(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
+_CLOCK = re.compile(
+    r"(?:\d{1,2}[./-]\d{1,2}[./-]\d{4}[ T]+(?=\d{1,2}:\d{2}:))?"  # a day, which only matters past midnight
+    r"(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?"
+)
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{1,2}:\d{2}")
 _DAY = 86400.0
 
 
 def seconds_of(text: str) -> float | None:
-    """Return the seconds of `hh:mm:ss.s`, `mm:ss.s` or an ISO date and time; None for other texts."""
+    """Return the seconds of `hh:mm:ss.s`, `mm:ss.s`, an ISO date and time, or `dd.mm.yyyy hh:mm:ss.s`; else None."""
     text = text.strip()
     if match := _CLOCK.fullmatch(text):
         hours, minutes, seconds, half = match.groups()

@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.errors import MissingChannelError
+from eightpost.display import Summarized, Summary, some
+from eightpost.errors import MissingChannelError, suggestion
+from eightpost.labelled import data_frame, dataset
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    import pandas as pd
+    import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
 
@@ -22,8 +26,8 @@ if TYPE_CHECKING:
 JITTER = 0.25
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TimeSeries:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TimeSeries(Summarized):
     """Channels sampled at common times; all checks are done when the object is created.
 
     Attributes:
@@ -96,9 +100,36 @@ class TimeSeries:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            known = ", ".join(self.names) or "none"
-            raise MissingChannelError(f"no such channel; there are: {known}", channel=name)
+            raise MissingChannelError(f"no such channel; {suggestion(str(name), self.names)}", channel=name)
         return self.names.index(name)
+
+    def _summary(self) -> Summary:
+        return Summary.of("TimeSeries", *self.summary_rows())
+
+    def summary_rows(self) -> tuple[tuple[str, str], ...]:
+        """Return the time and the channels as rows of a summary."""
+        first, last = self.time[0], self.time[-1]
+        named = [f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
+        return ("time", f"{first:g} to {last:g} s, {len(self)} samples"), ("channels", some(named))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a DataFrame with a column for each channel, in SI, over the time [s].
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        columns = dict(zip(self.names, self.values, strict=True))
+        return data_frame(columns, self.time, "time", dict(zip(self.names, self.units, strict=True)))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return a Dataset with a variable for each channel, in SI, over the coordinate `time` [s].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        rows = zip(self.names, self.values, self.units, strict=True)
+        variables = {name: (("time",), values, unit) for name, values, unit in rows}
+        return dataset(variables, {"time": (("time",), self.time, "s")})
 
     def unit(self, name: str) -> str:
         """Return the SI unit of the channel `name`."""

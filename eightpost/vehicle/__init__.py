@@ -1,4 +1,4 @@
-"""Linear vehicle models with named channels; docs/ports.md defines names and signs."""
+"""Linear vehicle models with named channels; docs/reference/ports.md defines names and signs."""
 
 from eightpost.corners import CORNERS
 from eightpost.vehicle.bristle import Bristle

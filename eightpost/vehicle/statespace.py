@@ -43,7 +43,7 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """Name and SI unit of one input or output, see docs/ports.md: `Channel("lf.road", "m")`."""
+    """Name and SI unit of one input or output, see docs/reference/ports.md: `Channel("lf.road", "m")`."""
 
     name: str
     unit: str

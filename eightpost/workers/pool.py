@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from multiprocessing import get_context
-from multiprocessing.context import SpawnContext
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
+from eightpost.progress import beat
 from eightpost.workers.process import end_with
 
 # ---- Heartbeats of workers ------------------------------------------------------------------------------------------
@@ -95,7 +96,7 @@ def register_worker(places: Any, processes: Any, counts: Any) -> None:
     _own[:] = [_Slot(places, processes, counts)]
 
 
-def heartbeat(_share: float = 0.0) -> None:
+def heartbeat(_done: float = 0.0, _total: float = 1.0) -> None:
     """Report that this worker is alive; no effect outside a worker."""
     for slot in _own:
         slot.beat(1)
@@ -115,7 +116,7 @@ def working() -> Iterator[None]:
 # ---- The pool -------------------------------------------------------------------------------------------------------
 
 #: Interval at which a worker's heartbeat is checked [s].
-POLL = 0.2
+POLL = 0.1
 
 #: Time that working processes get to finish when their results are not needed any more [s].
 _GRACE = 3.0
@@ -146,6 +147,7 @@ class Pool:
         """Wait for a call; if its worker is not responding, end it. Return whether one was ended."""
         hung = False
         while not wait([future], timeout=POLL).done:
+            beat()
             hung = self.end_unresponsive() or hung
         return hung
 
@@ -160,12 +162,35 @@ class Pool:
         self._heartbeats.end_working(_GRACE)
 
     def _start(self) -> tuple[ProcessPoolExecutor, Heartbeats]:
-        context = get_context("spawn")
+        context = _Context()
         heartbeats = Heartbeats(self.count, context)
         pool = ProcessPoolExecutor(
             self.count, mp_context=context, initializer=_start_worker, initargs=(os.getpid(), *heartbeats.shared)
         )
         return pool, heartbeats
+
+
+class _Worker(SpawnProcess):
+    """Process that does not run the file of the user's program: workers need none of it.
+
+    Without this, a program that starts a study outside `if __name__ == "__main__"` would start it in every worker too.
+    """
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802 -- name of the base class
+        main = vars(sys.modules["__main__"])
+        hidden = {name: main.pop(name, None) for name in ("__file__", "__spec__")}
+        main["__spec__"] = None
+        try:
+            return SpawnProcess._Popen(process_obj)
+        finally:
+            main.update({name: value for name, value in hidden.items() if value is not None})
+
+
+class _Context(SpawnContext):
+    """Context of the workers."""
+
+    Process = _Worker
 
 
 def _start_worker(parent: int, *heartbeats: Any) -> None:

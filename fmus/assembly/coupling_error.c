@@ -6,7 +6,7 @@
 #include "machine.h"
 
 /* The error of a linearly extrapolated value, averaged over a step, is this share of its defect at the end, for a parabola through
- * both ends of the last step and the end of this one (docs/coupling.md). */
+ * both ends of the last step and the end of this one (docs/explanation/coupling.md). */
 static const double MEAN_DEFECT = 5.0 / 12.0;
 
 /* If a force has changed by less than this share of its mean and of 1 N, its error is reported as 0: it would be mostly rounding. */

@@ -1,4 +1,4 @@
-/* Functions that a shock law defines for the port of docs/ports.md (common/shock.c), like ShockLaw in eightpost/shock/law.py. */
+/* Functions that a shock law defines for the port of docs/reference/ports.md (common/shock.c), like ShockLaw in eightpost/shock/law.py. */
 #ifndef EIGHTPOST_SHOCK_H
 #define EIGHTPOST_SHOCK_H
 

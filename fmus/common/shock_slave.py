@@ -1,4 +1,4 @@
-"""Any shock law as a PythonFMU slave with the port of docs/ports.md.
+"""Any shock law as a PythonFMU slave with the port of docs/reference/ports.md.
 
 The builder copies this file to <model>_<digest>.py next to the package <model>_<digest>_law, which contains the same
 law files that the library uses for fits. Absolute names would make two FMUs in one process share code.

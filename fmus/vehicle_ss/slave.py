@@ -15,7 +15,7 @@ friction = import_module(f"{__name__}_law.friction")
 
 
 class VehicleSs(TableSlave):
-    """A state space with named channels; a static offset may be added to an output (docs/ports.md)."""
+    """A state space with named channels; a static offset may be added to an output (docs/reference/ports.md)."""
 
     def __init__(self, **kwargs):
         super().__init__(f"{__name__}.json", **kwargs)

@@ -64,7 +64,11 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
     assert all(least - 1e-9 <= force <= most + 1e-9 for least, force, most in bands)
     for expected in ("Target at lf+rf+lr+rr", "virtual damper", "shapes.html"):
         assert expected in done.output
-    assert (out / "shapes.html").is_file()
+    gain = content["gain"]
+    assert gain["assured"] <= gain["predicted"] + 1e-9 and not gain["includes_car"]  # stated masses: no uncertainty
+    assert "The vehicle states no uncertainty" in done.output and "stated for no measure" in done.output
+    study, aim = (out / name for name in ("report.html", "shapes.html"))
+    assert 'href="shapes.html"' in study.read_text() and 'href="report.html"' in aim.read_text()
 
     assert StudyResult.load(out / "results.parquet").done.all()  # of the bank, for the other commands
     asked = CliRunner().invoke(main, ["whatif", str(out), "--at", "lr", "--rebound", "+1"])

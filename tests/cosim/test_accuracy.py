@@ -1,4 +1,4 @@
-"""The coupled FMUs against independent solutions of the same equations; docs/coupling.md has the table."""
+"""The coupled FMUs against independent solutions of the same equations; docs/explanation/coupling.md has the table."""
 
 import importlib.util
 import sys
@@ -19,7 +19,7 @@ from eightpost.vehicle.kernel import equilibrium
 ROOT = Path(__file__).resolve().parents[2]
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 STEPS = (0.002, 0.001, 0.0005)
-#: Coupling steps of the linear table in docs/coupling.md [s].
+#: Coupling steps of the linear table in docs/explanation/coupling.md [s].
 LINEAR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 
 
@@ -100,7 +100,7 @@ def test_jacobi_is_first_order_with_more_than_five_times_the_error_of_gauss_seid
 
 @pytest.mark.slow
 def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(bench, damped):
-    """docs/import.md: at 1 kHz the error of such a host is several percent."""
+    """docs/how_to/import.md: at 1 kHz the error of such a host is several percent."""
     host = benchmark("plain_host")
     at_1_khz, at_2_khz = (np.array(host.errors(*damped, rate)) for rate in (1000.0, 2000.0))
     assert (at_1_khz > 2.0).all()

@@ -256,7 +256,7 @@ def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_secon
             algorithm=algorithm,
             step=1e-5,
             engine="compiled",
-            progress=lambda _: running.set(),
+            progress=lambda _done, _total: running.set(),
             compared=False,
         )
     seconds = clock.perf_counter() - pressed[0]

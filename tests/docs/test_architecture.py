@@ -11,9 +11,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.slow
 def test_the_page_of_the_architecture_is_that_of_the_code(tmp_path):
-    subprocess.run([sys.executable, str(ROOT / "docs" / "make_architecture.py"), str(tmp_path)], check=True)
+    subprocess.run([sys.executable, str(ROOT / "docs" / "make" / "make_architecture.py"), str(tmp_path)], check=True)
     assert (tmp_path / "architecture.png").stat().st_size > 10_000
     expected = (tmp_path / "architecture.md").read_text(encoding="utf-8")
-    assert (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8") == expected, (
-        "docs/architecture.md is out of date: run python docs/make_architecture.py"
+    assert (ROOT / "docs" / "development" / "architecture.md").read_text(encoding="utf-8") == expected, (
+        "docs/development/architecture.md is out of date: run python docs/make/make_architecture.py"
     )

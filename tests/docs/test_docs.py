@@ -22,13 +22,15 @@ from eightpost.units import convert
 from eightpost.vehicle import QuarterCar, SevenDof
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 CODE = re.compile(r"`((?:eightpost|builder|cosim)\.[\w.]+)`")
+#: Path of a page, a picture or a script of the documentation, as texts name it; not a part of an address.
+PAGE_NAME = re.compile(r"(?<![\w/])docs/[\w/]+\.(?:md|png|py)\b")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 OUTSIDE = "../" + "shared"  # written in two parts, so that this file does not mention it
 
-NAMES = sorted(set(CODE.findall((ROOT / "docs" / "equations.md").read_text(encoding="utf-8"))))
+NAMES = sorted(set(CODE.findall((ROOT / "docs" / "evidence" / "equations.md").read_text(encoding="utf-8"))))
 
 
 def resolve(name: str) -> object:
@@ -49,7 +51,9 @@ def resolve(name: str) -> object:
 
 @pytest.fixture(scope="module")
 def make_tables():
-    spec = importlib.util.spec_from_file_location("eightpost_docs_make_tables", ROOT / "docs" / "make_tables.py")
+    spec = importlib.util.spec_from_file_location(
+        "eightpost_docs_make_tables", ROOT / "docs" / "make" / "make_tables.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -71,20 +75,20 @@ def test_a_name_that_does_not_exist_does_not_resolve():
         resolve("eightpost.shock.lpnl3.Lpnl3")
 
 
-@pytest.mark.parametrize("name", ["ports.md", "verdict.md", "equations.md"])
+@pytest.mark.parametrize("name", ["reference/ports.md", "reference/verdict.md", "evidence/equations.md"])
 def test_the_tables_that_come_from_the_code_are_up_to_date(make_tables, name):
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
-    assert make_tables.rewrite(page) == page, "run: python docs/make_tables.py"
+    assert make_tables.rewrite(page) == page, "run: python docs/make/make_tables.py"
 
 
 def test_the_index_has_a_result_for_every_item_of_the_inventory():
-    results = json.loads((ROOT / "docs" / "reproduced.json").read_text(encoding="utf-8"))["items"]
-    assert list(results) == [item.name for item in inventory()], "run: python docs/make_reproduce.py"
+    results = json.loads((ROOT / "docs" / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
+    assert list(results) == [item.name for item in inventory()], "run: python docs/make/make_reproduce.py"
 
 
 def test_the_page_lists_every_rule_of_a_verdict():
     """The rules are searched in the sources, so that a module missing from the page is found."""
-    page = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "verdict.md").read_text(encoding="utf-8")
     stated = {
         path.relative_to(ROOT)
         for package in ("eightpost", "cosim", "builder")
@@ -99,7 +103,7 @@ def test_the_page_lists_every_rule_of_a_verdict():
 @pytest.mark.parametrize("source", sorted((ROOT / "fmus").glob("*/*.toml")), ids=lambda path: path.parent.name)
 def test_the_page_of_ports_lists_every_variable_with_its_reference(source):
     """The test reads the page, not the output of the script, so that a missing table is found."""
-    page = (ROOT / "docs" / "ports.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "ports.md").read_text(encoding="utf-8")
     for row in tomllib.loads(source.read_text(encoding="utf-8")).get("variable", []):
         first = re.escape(f"| `{row['name']}") + r"(\[1\] to \[\d+\])?` \| " + str(row["reference"])
         assert re.search(rf"^{first}( to \d+)? \| [^|]*\| {re.escape(row.get('unit', ''))} \|", page, re.MULTILINE), row
@@ -113,7 +117,7 @@ def test_every_relative_link_leads_to_a_file(page):
 
 
 def test_the_channel_map_of_the_page_is_read(tmp_path):
-    page = (ROOT / "docs" / "signs_and_units.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "signs_and_units.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "map.toml").write_text(block, encoding="utf-8")
     (tmp_path / "run.csv").write_text("Time;Pot;Load cell 2;v_mm_s\n0,000;1,0;100;5\n0,001;1,1;110;6\n")
@@ -130,7 +134,7 @@ def test_the_headers_of_the_page_are_split_as_it_says():
         "disp_in": ("disp", "in"), "temp_F": ("temp", "degF"), "max_s": ("max_s", None),
         "sensor_in": ("sensor_in", None), "lf_force": ("lf_force", None),
     }  # fmt: skip
-    page = (ROOT / "docs" / "signs_and_units.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "signs_and_units.md").read_text(encoding="utf-8")
     for header, expected in headers.items():
         assert f"`{header}`" in page
         assert split_header(header) == expected
@@ -147,8 +151,24 @@ def test_nothing_in_the_repository_points_outside_it():
     assert outside == []
 
 
+def test_every_page_that_a_text_names_exists():
+    """Help texts, messages and comments name pages by their path from the root, such as docs/reference/ports.md."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    command = ["git", "ls-files", "-z", "*.py", "*.md", "*.toml", "*.c", "*.h", "Makefile"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    named = {
+        (name, path)
+        for name in listed.split("\0")
+        if name and (ROOT / name).is_file()
+        for path in PAGE_NAME.findall((ROOT / name).read_text(encoding="utf-8"))
+    }
+    assert len({path for _, path in named}) > 40
+    assert [f"{name}: {path}" for name, path in sorted(named) if not (ROOT / path).is_file()] == []
+
+
 def test_every_entry_of_a_system_file_is_documented():
-    page = (ROOT / "docs" / "system_file.md").read_text()
+    page = (ROOT / "docs" / "reference" / "system_file.md").read_text()
     for model in (system_file._File, system_file._Component, system_file._Bond, system_file._Scenario):
         for name, field in model.model_fields.items():
             assert re.search(rf"[`\[.]{field.alias or name}\b", page), name
@@ -156,6 +176,6 @@ def test_every_entry_of_a_system_file_is_documented():
 
 @pytest.mark.parametrize("kind", [QuarterCar, SevenDof])
 def test_every_parameter_of_a_vehicle_file_is_documented(kind):
-    page = (ROOT / "docs" / "vehicle_file.md").read_text()
+    page = (ROOT / "docs" / "reference" / "vehicle_file.md").read_text()
     for field in dataclasses.fields(kind):
         assert f"`{field.name}`" in page, field.name

@@ -1,4 +1,4 @@
-"""docs/dropin.md has every line once, and the tests that it names exist."""
+"""docs/reference/dropin.md has every line once, and the tests that it names exist."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "dropin.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "dropin.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`((?:tests|benchmarks)/[\w/]+\.py)(?:::(\w+))?`", PAGE)))
 
 

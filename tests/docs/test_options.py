@@ -11,7 +11,7 @@ from eightpost.__main__ import VERBS, main
 from tests.language import EXPRESSIONS, NO_BEGINNING
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def with_sub_verbs(verb, command):
@@ -127,8 +127,10 @@ def test_a_help_text_is_plain_english(verb):
 
 
 def test_the_page_of_commands_is_up_to_date():
-    spec = importlib.util.spec_from_file_location("eightpost_docs_make_commands", ROOT / "docs" / "make_commands.py")
+    spec = importlib.util.spec_from_file_location(
+        "eightpost_docs_make_commands", ROOT / "docs" / "make" / "make_commands.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert module.page() == page, "run: python docs/make_commands.py"
+    page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    assert module.page() == page, "run: python docs/make/make_commands.py"

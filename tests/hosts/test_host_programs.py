@@ -1,4 +1,4 @@
-"""The programs of examples/hosts have the errors that docs/hosts.md states, and agree with each other."""
+"""The programs of examples/hosts have the errors that docs/how_to/hosts.md states, and agree with each other."""
 
 import importlib
 import math

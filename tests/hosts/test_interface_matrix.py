@@ -57,12 +57,12 @@ def test_a_difference_is_relative_to_the_change_of_each_output_and_refuses_incom
 
 
 def test_the_table_has_every_result_and_no_cell_is_empty():
-    spec = importlib.util.spec_from_file_location("make_hosts", ROOT / "docs" / "make_hosts.py")
+    spec = importlib.util.spec_from_file_location("make_hosts", ROOT / "docs" / "make" / "make_hosts.py")
     make_hosts = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make_hosts)
-    rows = json.loads((ROOT / "docs" / "hosts" / "matrix.json").read_text(encoding="utf-8"))
+    rows = json.loads((ROOT / "docs" / "data" / "hosts" / "matrix.json").read_text(encoding="utf-8"))
     table = make_hosts.matrix_table(rows)
-    assert table in (ROOT / "docs" / "hosts_tools.md").read_text(encoding="utf-8")
+    assert table in (ROOT / "docs" / "evidence" / "hosts_tools.md").read_text(encoding="utf-8")
     assert {tool.name for tool in TOOLS} <= {row["name"] for row in rows}
     assert all(set(row["cells"]) == set(KINDS) for row in rows) and "|  |" not in table
     assert "| not run: FMI 2.0 only |" in table and "| 0 / 0 |" in table

@@ -1,4 +1,4 @@
-"""PathSim hosts our FMUs: its loops have the errors that docs/hosts.md states, and its pitfalls are as described."""
+"""PathSim hosts our FMUs: its loops have the errors that docs/how_to/hosts.md states, and its pitfalls too."""
 
 import math
 

@@ -147,3 +147,47 @@ def test_a_build_of_a_file_that_is_not_given_is_refused(tmp_path):
     shown = CliRunner().invoke(main, ["fit", "missing.csv", "--build", "front", "--build", "other.csv=rear"])
     assert shown.exit_code != 0
     assert "write FILE=NAME with one of the files: missing.csv" in " ".join(shown.output.split())
+
+
+def test_the_recipe_of_the_dissertation_states_the_spread_between_builds_fitted_with_it(tests):
+    spread = fit_shock(tests[:4], "lpf1", recipe="boggs").between_builds
+    assert spread.builds == ("a", "b")
+    for build, force, own in zip("ab", spread.force, (tests[:2], tests[2:4]), strict=True):
+        curve = fit_shock(own, "lpf1", recipe="boggs").shock.law.curve
+        expected = [curve.force(v) for v in spread.velocity.tolist()]
+        assert force == pytest.approx(expected, abs=1e-3 * np.ptp(expected)), build
+
+
+def peak_velocities(folder, build, speeds=(0.05, 0.1, 0.25, 0.5, 0.8)):
+    """Write the table of a build, in which the gas is a point at zero speed in both strokes."""
+    curve, rows = law(*SCALES[build]).curve, [(0.0, 150.0, 150.0)]
+    rows += [(v, curve.force(v) + 150.0, curve.force(-v) + 150.0) for v in speeds]
+    lines = [",".join(f"{value:.6g}" for value in row) for row in rows]
+    path = folder / f"{build}.csv"
+    path.write_text("\n".join(["speed [m/s],compression [N],rebound [N]", *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_peak_velocity_tables_of_several_builds_give_their_mean_and_their_spread(tmp_path):
+    paths = [peak_velocities(tmp_path, build) for build in SCALES]
+    words = [word for path in paths for word in ("--build", f"{path.name}={path.stem}")]
+    done = CliRunner().invoke(main, ["fit", *map(str, paths), *words, "-o", str(tmp_path / "shock.json")])
+    assert done.exit_code == 0, done.output
+    shock = read_shock(tmp_path / "shock.json")
+    for velocity in (0.5, -0.5):
+        forces = [law(*scales).curve.force(velocity) for scales in SCALES.values()]
+        assert shock.law.curve.force(velocity) == pytest.approx(np.mean(forces), rel=1e-4)
+    spread = shock.fit["between_builds"]
+    assert spread["builds"] == list(SCALES) and len(shock.inputs) == len(SCALES)
+    for name, velocity in (("compression_scale", 0.5), ("rebound_scale", -0.5)):
+        forces = np.array([law(*scales).curve.force(velocity) for scales in SCALES.values()])
+        found = spread["parameters"][name]["standard_deviation"]
+        assert found == pytest.approx(forces.std(ddof=1) / abs(forces.mean()), rel=0.02)
+    assert "4 builds (a, b, c, d)" in done.output
+
+
+def test_a_peak_velocity_table_without_its_build_among_others_is_refused(tmp_path):
+    paths = [peak_velocities(tmp_path, build) for build in "abc"]
+    words = ["--build", "a.csv=a", "--build", "b.csv=b", "-o", str(tmp_path / "shock.json")]
+    done = CliRunner().invoke(main, ["fit", *map(str, paths), *words])
+    assert done.exit_code == 2 and "c.csv has no build" in done.output

@@ -78,7 +78,10 @@ class Grey:
     def vehicle(self, _fit: object, _experiment: object) -> str:
         return "grey"
 
-    def vehicle_fit(self, _fit: object, _tests: object, _experiment: object, _started: float) -> VehicleFit:
+    def vehicle_fit(
+        self, _fit: object, _tests: object, _experiment: object, _started: float, *, without_first: object
+    ) -> VehicleFit:
+        assert without_first is self  # the fit of the trial, which needs not be repeated
         return replace(self.fit, recipe="grey-box")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from eightpost.ident.output_error import Record, simulate
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, bristle_of, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
+from eightpost.ident.vehicle.grey_box.uncertainty import sampled_cars
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
 from eightpost.ident.vehicle.recipes.grey_box import GreyBox
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
+from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import LinearStepper, SevenDof, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.friction import PortFriction, advance, named_ports, output
@@ -177,13 +180,17 @@ def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
     assert fit.gate.is_adequate
 
 
+@pytest.fixture(scope="module")
+def identified(experiment, quick):
+    return quick.identify([_test(experiment, 21)], experiment)
+
+
 @pytest.mark.slow
-def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(experiment, quick, tmp_path):
-    fit = quick.identify([_test(experiment, 21)], experiment)
-    assert fit.stable
-    write_fit(tmp_path / "car.json", fit)
+def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(identified, tmp_path):
+    assert identified.stable
+    write_fit(tmp_path / "car.json", identified)
     again = read_fit(tmp_path / "car.json")
-    assert again.parameters == fit.parameters
+    assert again.parameters == identified.parameters
     assert {p.name for p in again.parameters} >= {"lf.spring_rate", "friction_reach"}
     bristle = again.vehicle.friction["lf"].bristle
     assert bristle.force == pytest.approx(60.0, rel=0.2)
@@ -191,10 +198,31 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
 
 
 @pytest.mark.slow
-def test_a_car_with_another_mode_is_flagged(experiment, quick):
-    fit = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
-    assert fit.trust is not None
-    assert "gate" in fit.trust.flags
+def test_a_car_with_another_mode_is_flagged_and_states_larger_errors_where_it_acts(experiment, quick, identified):
+    hidden = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
+    known, found = identified.trust, hidden.trust
+    assert "gate" in found.flags
+    assert set(known.measures) == {*OUTPUTS, TOTAL}
+    assert max(one.common for one in known.measures.values()) < 0.01
+    for name in ("lf.tire_force", "rf.hub_acceleration"):
+        assert found.measures[name].own > 3.0 * known.measures[name].own
+
+
+def test_drawn_cars_have_the_covariance_of_the_fit(experiment):
+    """Only a tire's stiffness is uncertain, by 2 %: drawn cars scatter by what a change of 2 % makes."""
+    table = declared(TRUE, experiment.rig)
+    values = {p.name: p.start for p in table}
+    variance = np.array([(0.02 if p.name == "lf.tire_stiffness" else 0.0) ** 2 for p in table.free])
+    fit = SimpleNamespace(table=table, theta=table.theta(values), covariance=np.diag(variance))
+    drawn = sampled_cars(fit, experiment, 400)
+    known = linear_model(values, experiment)
+    rate = np.array([car.A[8:16, :8] for car in drawn])
+    deviation, changed = (
+        rate.std(axis=0),
+        known.A[8:16, :8]
+        - linear_model(values | {"lf.tire_stiffness": 1.02 * values["lf.tire_stiffness"]}, experiment).A[8:16, :8],
+    )
+    np.testing.assert_allclose(deviation, np.abs(changed), rtol=0.1, atol=1e-9)
 
 
 def _with_hidden_mode(test: TimeSeries) -> TimeSeries:

@@ -22,7 +22,7 @@ FINER = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True)
 class Curve:
-    """f(v) of docs/ports.md: a cubic in the middle, a straight line on each side, blended; two scales.
+    """f(v) of docs/reference/ports.md: a cubic in the middle, a straight line on each side, blended; two scales.
 
     Attributes:
         nose: Slope at 0 [N.s/m].

@@ -178,3 +178,59 @@ def lvm(names, units, columns):
         return path
 
     return write
+
+
+def cells(channel, unit, form=".12g", *, comma=False):
+    """Return a channel in a number format, with a decimal comma if wanted."""
+    found = [format(value, form) for value in values(channel, unit)]
+    return [cell.replace(".", ",") for cell in found] if comma else found
+
+
+def every(form):
+    """Return all columns in a number format."""
+    return [cells(*one, form) for one in SI]
+
+
+def file_with(folder, name, content, encoding="utf-8"):
+    path = folder / name
+    path.write_bytes(content.encode(encoding))
+    return path
+
+
+def sheets(contents, *, merged=()):
+    """Return a writer of a workbook with rows of cells by sheet, and merged ranges of the first sheet."""
+
+    def write(folder):
+        path = folder / "run.xlsx"
+        with xlsxwriter.Workbook(path, {"default_date_format": "hh:mm:ss.000"}) as book:
+            made = [(book.add_worksheet(name), grid) for name, grid in contents.items()]
+            for sheet, grid in made:
+                for i, row in enumerate(grid):
+                    for j, cell in enumerate(row):
+                        if cell is not None:
+                            sheet.write(i, j, cell)
+            for one in merged:
+                made[0][0].merge_range(*one)
+        return path
+
+    return write
+
+
+def grid(factors=(1.0, 1.0, 1.0, 1.0)):
+    return [[factor * value for factor, value in zip(factors, row, strict=True)]
+            for row in zip(*(values(*one) for one in SI), strict=True)]  # fmt: skip
+
+
+def groups(contents):
+    """Return a writer of a .tdms file with (name, unit, samples) by group."""
+
+    def write(folder):
+        path = folder / "run.tdms"
+        with TdmsWriter(path) as writer:
+            writer.write_segment([
+                ChannelObject(group, name, np.asarray(samples), properties={"unit_string": unit} if unit else {})
+                for group, channels in contents.items() for name, unit, samples in channels
+            ])  # fmt: skip
+        return path
+
+    return write

@@ -224,7 +224,7 @@ def test_without_such_a_quantity_the_peak_is_stated_for_comparison(tmp_path):
     result = CliRunner().invoke(main, ["inspect", str(tmp_path / "r.csv")])
     assert "peak force" in result.output
     assert "does not show whether its units are right" in result.output
-    assert "cannot be distinguished from the lag of the shock" in result.output
+    assert "whether the instruments delay the force" in result.output
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,4 +1,4 @@
-"""docs/add_a_law.md followed literally in a copy of the sources: a law is one file and one folder."""
+"""docs/development/add_a_law.md followed literally in a copy of the sources: a law is one file and one folder."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from builder.python_fmu import imported_files
 from eightpost.shock import LAWS
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "add_a_law.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "development" / "add_a_law.md").read_text(encoding="utf-8")
 
 #: `path`: and the block under it.
 FILE = re.compile(r"^`([\w./]+)`:\n\n(`{3,})\w+\n(.*?)^\2$", re.MULTILINE | re.DOTALL)
@@ -120,7 +120,7 @@ def test_the_new_law_is_built_for_both_targets_and_both_are_the_law(copy):
 def test_the_tables_of_the_documentation_include_the_new_law(copy):
     (command,) = (line for block in COMMANDS.findall(PAGE) for line in block.splitlines() if line.startswith("python "))
     run(copy, *command.split()[1:])
-    page = (copy / "docs" / "ports.md").read_text(encoding="utf-8")
+    page = (copy / "docs" / "reference" / "ports.md").read_text(encoding="utf-8")
     assert "### shock_share\n" in page and "| `lag_share` | 21 |" in page
 
 

@@ -236,7 +236,7 @@ def _contradictions(members: Mapping[str, _Member]) -> Iterator[str]:
 
 
 def _port(members: Mapping[str, _Member], velocity: _Member, force: _Member) -> Iterator[str]:
-    """Yield contradictions at a port: motions and force must have opposite causality (docs/ports.md)."""
+    """Yield contradictions at a port: motions and force must have opposite causality (docs/reference/ports.md)."""
     causality, flow = force.variable.causality, _FLOW_OF_FORCE.get(force.variable.causality)
     if flow and force.kind in _FLOWS and force.kind != flow:
         yield f"{force.variable.name} is an {causality}, and so an {flow}, not an {force.kind}"

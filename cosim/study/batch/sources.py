@@ -6,6 +6,7 @@ import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -77,12 +78,19 @@ class Sources:
         if not component.is_ours:
             raise NotInBatchError(f"{path.name} was not built by eightpost")
         try:
-            with zipfile.ZipFile(path) as archive:
-                names = [name for name in archive.namelist() if name.startswith("sources/") and name.endswith(".h")]
-                files = {name.removeprefix("sources/"): archive.read(name).decode() for name in names}
+            state = path.stat()
+            files = _headers(path, state.st_mtime_ns, state.st_size)
         except (OSError, UnicodeDecodeError, zipfile.BadZipFile) as error:
             raise NotInBatchError(f"{path.name} cannot be read: {error}") from error
         found = _KIND.search(files.get("interface.h", ""))
         if found is None:
             raise NotInBatchError(f"{path.name} contains no sources (it is confidential)")
         return cls(found[1], files)
+
+
+@lru_cache(maxsize=128)  # the trials of a search are thousands of shocks with the same few FMUs
+def _headers(path: Path, _changed: int, _size: int) -> Mapping[str, str]:
+    """Return the headers in the sources of an FMU by name; the time of its last change and its size identify it."""
+    with zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if name.startswith("sources/") and name.endswith(".h")]
+        return {name.removeprefix("sources/"): archive.read(name).decode() for name in names}

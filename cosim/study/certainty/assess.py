@@ -100,8 +100,7 @@ def certainty_of(
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
     seen = observations_of(result, sources, known.runs)
     surprises = surprises_of(sources, seen)
-    left = [one.position for one in surprises if not one.used]
-    posterior = Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
+    posterior = _without_surprises(sources, seen, surprises)
     name = criterion or (OBJECTIVE if result.study.objective else result.measures[0].name)
     feasible = feasible_probability(posterior, limits_of(result), result.done)
     chosen = Criterion.of(result, name)
@@ -131,6 +130,18 @@ def certainty_of(
         notes=known.notes,
         remarks=tuple(_remarks(posterior, chosen, drawn, left_out)),
     )
+
+
+def posterior_of(result: StudyResult, known: Knowledge) -> Posterior:
+    """Return the errors of a study's setups, given the rig runs so far."""
+    sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
+    seen = observations_of(result, sources, known.runs)
+    return _without_surprises(sources, seen, surprises_of(sources, seen))
+
+
+def _without_surprises(sources: ErrorSources, seen: Observations, surprises: Sequence[Surprise]) -> Posterior:
+    left = [one.position for one in surprises if not one.used]
+    return Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
 
 
 def observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:

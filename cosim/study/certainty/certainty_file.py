@@ -1,34 +1,23 @@
-"""The file certainty.parquet: one row per setup, and a header in its metadata (docs/certainty.md)."""
+"""The file certainty.parquet: one row per setup, and a header in its metadata (docs/explanation/certainty.md)."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_type_hints
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from pydantic import TypeAdapter
+from pydantic import create_model
 
-from cosim.study.certainty.certainty import (
-    PROBABILITIES,
-    Certainty,
-    ConfirmedRun,
-    Contradiction,
-    Contribution,
-    Effect,
-    Levels,
-    NextTest,
-    TradeOff,
-    VehicleSource,
-)
+from cosim.study.certainty.certainty import PROBABILITIES, Certainty, Levels
+from cosim.study.stored_table import StoredTable, open_table
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
-from eightpost.signals.parquet_file import read_table
 
 #: Version of the files that are written, and the newest version that can be read.
 SCHEMA = 1
@@ -37,6 +26,9 @@ _KEY = b"eightpost"
 
 #: Columns of the criterion.
 _OWN = ("best", "among", "feasible")
+
+#: Fields of a certainty that are columns. All others are entries of the header.
+_COLUMNS = ("setups", "levels", *_OWN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,29 +41,15 @@ class _Measure:
     run_to_run: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Header:
-    """Header of a certainty: everything that is not a column."""
+_TYPES = get_type_hints(Certainty)
+_ENTRIES = {
+    one.name: (_TYPES[one.name], ... if one.default is MISSING else one.default)
+    for one in fields(Certainty)
+    if one.name not in _COLUMNS
+}
 
-    digest: str
-    criterion: str
-    top: int
-    ties: tuple[int, ...]
-    measures: tuple[_Measure, ...]
-    contributions: tuple[Contribution, ...] = ()
-    tests: tuple[NextTest, ...] = ()
-    trade_offs: tuple[TradeOff, ...] = ()
-    effects: tuple[Effect, ...] = ()
-    runs: tuple[ConfirmedRun, ...] = ()
-    contradictions: tuple[Contradiction, ...] = ()
-    draws: int = 0
-    unstated: tuple[str, ...] = ()
-    vehicle: VehicleSource = VehicleSource.MODEL
-    notes: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-
-_HEADER: TypeAdapter[_Header] = TypeAdapter(_Header)
+#: Header of a certainty: everything that is not a column.
+_Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
 
 
 def expected_column(measure: str) -> str:
@@ -116,20 +94,21 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         FileFormatError: The file cannot be read, or belongs to another study.
     """
     path = Path(path)
-    table = read_table(path, advice="run `eightpost study` again, or `eightpost robust`")
+    table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
     content = _content(path, table)
     try:
-        header = _HEADER.validate_python({n: v for n, v in content.items() if n not in ("schema", "schema_version")})
-        if digest is not None and header.digest != digest:
+        header = _Header.model_validate(content)
+        own = {name: getattr(header, name) for name in _ENTRIES}
+        measures: tuple[_Measure, ...] = header.measures
+        if digest is not None and own["digest"] != digest:
             what = "belongs to another study or to other FMUs; run `eightpost study` again"
             raise FileFormatError(what, path=path)
-        own = {name: getattr(header, name) for name in _Header.__dataclass_fields__ if name != "measures"}
         return Certainty(
             setups=np.asarray(table["setup"].to_numpy(), dtype=np.int64),
             best=_values(table, "best"),
             among=_values(table, "among"),
             feasible=_values(table, "feasible"),
-            levels={measure.name: _levels(table, measure) for measure in header.measures},
+            levels={measure.name: _levels(table, measure) for measure in measures},
             **own,
         )
     except (pa.ArrowException, *MALFORMED) as error:
@@ -144,8 +123,9 @@ def _header_of(certainty: Certainty) -> dict[str, Any]:
         _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
         for name, one in certainty.levels.items()
     )
-    own = {name: getattr(certainty, name) for name in _Header.__dataclass_fields__ if name != "measures"}
-    return asdict(_Header(measures=measures, **own))
+    own = {name: getattr(certainty, name) for name in _ENTRIES}
+    found: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
+    return found
 
 
 def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
@@ -153,11 +133,11 @@ def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
     return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
 
 
-def _values(table: pa.Table, name: str) -> Array:
+def _values(table: pa.Table | StoredTable, name: str) -> Array:
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _levels(table: pa.Table, measure: _Measure) -> Levels:
+def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
     return Levels(
         _values(table, expected_column(measure.name)),
         np.stack([_values(table, half_width_column(measure.name, p)) for p in PROBABILITIES]),
@@ -168,7 +148,7 @@ def _levels(table: pa.Table, measure: _Measure) -> Levels:
     )
 
 
-def _content(path: Path, table: pa.Table) -> Mapping[str, Any]:
+def _content(path: Path, table: pa.Table | StoredTable) -> Mapping[str, Any]:
     metadata = table.schema.metadata or {}
     found: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
     if not isinstance(found, dict) or found.get("schema") != "eightpost.certainty":

@@ -132,7 +132,7 @@ def candidates(posterior: Posterior, criterion: Criterion, feasible: Array, top:
         for m in np.flatnonzero(np.any(changes != 0.0, axis=0)).tolist():
             scale = posterior.scales.typical
             apart = changes[rows, m, None] * sources.positions[rows] - changes[leader, m] * sources.positions[leader]
-            square += (sources.own[m] * scale.own[m]) ** 2 * np.sum(apart**2, axis=1)
+            square += (sources.own[m] * scale.own[m]) ** 2 * (apart**2 @ sources.directions[m])
             square += (sources.common[m] * scale.common[m] * (changes[rows, m] - changes[leader, m])) ** 2
         deviation = np.sqrt(square + (np.sqrt(normal[rows]) + np.sqrt(normal[leader])) ** 2)
         above = expected[rows] - expected[leader]

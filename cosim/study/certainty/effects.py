@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -18,9 +18,7 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Study
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
-
-#: Function that receives the number of completed runs and their total number.
-Progress = Callable[[int, int], None]
+from eightpost.progress import Progress
 
 #: Mark of a changed build in the names of the bank.
 _CHANGED = " with another "

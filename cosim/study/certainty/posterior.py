@@ -123,9 +123,11 @@ class Posterior:
         """
         sources, typical = self.sources, self.scales.typical
         rows = np.arange(len(sources.predicted))
-        distance = np.sum(sources.positions**2, axis=1)[:, None]
-        parts = (sources.common * typical.common) ** 2 + (sources.own * typical.own) ** 2 * distance
-        student = np.sum(weights**2 * parts, axis=1)
+        squares, directions = sources.positions**2, sources.directions
+        student = np.zeros(rows.size)
+        for m in _used(weights):  # one by one: the arrays of all measures take much memory for many setups
+            common, own = sources.common[m] * typical.common[m], sources.own[m] * typical.own[m]
+            student += weights[:, m] ** 2 * (common**2 + own**2 * (squares @ directions[m]))
         normal = self._normal(weights, rows)
         if not self.observations.rows.size:
             return np.zeros(rows.size), student, normal
@@ -167,10 +169,12 @@ class Posterior:
     def _normal(self, weights: Array, rows: Integers) -> Array:
         """Return the variance (R,) of the normal part of weighted sums of the errors."""
         sources = self.sources
-        found = np.sum((weights * sources.coupling) ** 2, axis=1)
-        if not sources.parameters:
-            return np.asarray(found)
         used = _used(weights)
+        found = np.zeros(rows.size)
+        for m in used:
+            found += (weights[:, m] * sources.coupling[:, m]) ** 2
+        if not sources.parameters:
+            return found
         for place, m in enumerate(used):
             found += weights[:, m] ** 2 * sources.shock_covariance(rows, m, m)
             for other in used[:place]:
@@ -201,7 +205,8 @@ class Posterior:
         fits, copies = self._changes
         same = seen.measures[:, None] == np.arange(len(sources.names))
         common = same * (sources.common * scales.common) ** 2 + fits @ sources.shared
-        own = (same * (sources.own * scales.own) ** 2)[:, :, None] * sources.positions[seen.rows][:, None]
+        gradient = (sources.own * scales.own)[:, None] ** 2 * sources.directions
+        own = same[:, :, None] * gradient * sources.positions[seen.rows][:, None]
         shocks = np.tensordot(fits, sources.changes, axes=1)
         for corner in range(copies.shape[1]):
             shocks[:, corner] += np.tensordot(copies[:, corner] * sources.copies, sources.changes[:, corner], axes=1)

@@ -2,9 +2,13 @@
 
     e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m, with `z = (x - mean of x)`, `x = ln(measures) / sqrt(Z)`. The common error and the gradient
-`own` (Z,) have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is unknown. All other
-variables are normal. The fit of a build has the same error at every corner, and each copy of it another one.
+for setup k and measure m. The position `z` of a setup has three parts. The first are the outputs, `x - mean of x` with
+`x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
+`ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
+setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
+error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
+unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
+another one.
 """
 
 from __future__ import annotations
@@ -16,18 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.vehicle_errors import (
-    FILE,
-    UNKNOWN,
-    plain_output,
-    stated_uncertainty,
-    vehicle_uncertainties,
-)
+from cosim.study.certainty.positions import Axes, predicted_levels
+from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN, vehicle_uncertainties
 from cosim.study.result import StudyResult, error_column
 from eightpost.array_types import Array, Integers
-
-#: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
-_DISTANCE = ("rms", "joint_rms")
 
 
 class Scales(NamedTuple):
@@ -83,6 +79,13 @@ class ErrorSources:
     copies: Array
     coupling: Array
     run_to_run: Array
+
+    @property
+    def directions(self) -> Array:
+        """Whether each measure's own error depends on each part of the position (M, Z): 1 or 0."""
+        measures = len(self.names)
+        shared = self.positions.shape[1] - measures
+        return np.hstack([np.ones((measures, shared)), np.eye(measures)])
 
     @property
     def parameters(self) -> int:
@@ -141,7 +144,8 @@ class ErrorSources:
         normal = generator.standard_normal
         fit = normal((count, self.parameters))
         common = normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
-        own = normal((count, len(self.names), self.positions.shape[1])) * (self.own * scales.own)[:, None]
+        gradient = (self.own * scales.own)[:, None] * self.directions
+        own = normal((count, *gradient.shape)) * gradient
         shocks = np.zeros((count, *self.changes.shape[1:]))
         for corner in range(corners):
             drawn = fit + self.copies * normal((count, self.parameters)) if np.any(self.copies) else fit
@@ -174,8 +178,9 @@ def error_sources(
     The relative error of a measure that is zero or negative for a setup is not known.
     """
     names = tuple(measure.name for measure in result.measures)
-    predicted = np.stack([result.values(name) for name in names], axis=1)
-    positive = np.array([bool(np.all(predicted[result.done, m] > 0.0)) for m in range(len(names))])
+    predicted, axes = predicted_levels(result), Axes.of(result)
+    positive = axes.positive
+    done = result.done[:, None]
     stated = vehicle_uncertainties(result)
     found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
     bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
@@ -192,34 +197,14 @@ def error_sources(
         common=np.array([0.0 if one is None else one.common for one in found]),
         own=np.array([0.0 if one is None else one.own for one in found]),
         bases=tuple(bases),
-        positions=_positions(result, predicted, positive),
-        builds=_builds(result),
+        positions=np.where(done, axes.position(np.where(done, predicted, 1.0)), 0.0),
+        builds=result.places(list(result.study.bank)),
         shared=shared,
         changes=changes,
         copies=np.array([effect.copies for effect in effects]),
         coupling=_coupling(result, predicted),
         run_to_run=np.array([noise.get(name, np.nan) for name in names]),
     )
-
-
-def _positions(result: StudyResult, predicted: Array, positive: Array) -> Array:
-    """Return the positions of the setups (R, Z): each output counts once, as in the vehicle's own distance."""
-    study = result.study
-    found = stated_uncertainty(result, study.vehicle.fmu)
-    outputs = {} if found is None else found.measures
-    plain = {plain_output(m, study.vehicle.name, outputs): k for k, m in enumerate(study.measures) if positive[k]}
-    kept = [k for output, k in plain.items() if output is not None]
-    if not kept:
-        kept = [k for k, m in enumerate(study.measures) if positive[k] and m.statistic in _DISTANCE and not m.function]
-    x = np.log(np.where(result.done[:, None], predicted[:, kept], 1.0)) / np.sqrt(max(len(kept), 1))
-    middle = x[result.done].mean(axis=0) if result.done.any() else 0.0
-    return np.asarray(np.where(result.done[:, None], x - middle, 0.0))
-
-
-def _builds(result: StudyResult) -> Integers:
-    place = {name: k for k, name in enumerate(result.study.bank)}
-    rows = [[place[build] for build in result.builds(corner)] for corner in result.study.corners]
-    return np.array(rows, dtype=np.int64).T.reshape(len(result), len(result.study.corners))
 
 
 def _effects(result: StudyResult, effects: Sequence[Effect], names: Sequence[str]) -> tuple[Array, Array]:

@@ -14,9 +14,11 @@ import numpy as np
 from scipy.optimize import Bounds, minimize
 from scipy.stats import norm, qmc
 
-from cosim.study.choice.optimise import scores_of
+from cosim.study.certainty.vehicle_draws import DrawnCar
+from cosim.study.choice.optimise import scores_of, violation
 from cosim.study.choice.optimise_genetic import Scores
 from cosim.study.choice.sensitivity import factors_of
+from cosim.study.result import StudyResult
 from cosim.study.running.trials import Trials
 from cosim.study.study import Build, Study
 from eightpost.array_types import Array, Flags
@@ -25,8 +27,15 @@ from eightpost.errors import InputError
 #: Difference of a gradient, as a share of a number's range.
 _DIFFERENCE = 5e-3
 
+#: Probability with which the true objective is below the assured one.
+ASSURED = 0.95
+
 #: Precision of the objective at which a search ends, as a share of its value at the start.
 _PRECISION = 2e-5
+
+#: Change of the objective that counts as 1 in a search, as a share of its value at the start. A search begins with a
+#: step of the gradient's size: a few percent of the range per percent of the objective would end it at once.
+_UNIT = 0.02
 
 
 def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
@@ -169,14 +178,16 @@ class Evaluation(NamedTuple):
     Attributes:
         objective: Robust objective (K,): mean plus weighted scatter; NaN if a run failed.
         violations: Robust violation of each constraint (K, C), as a share of the limit.
-        nominal: Objective of the shocks exactly as planned (K,).
+        nominal: Predicted objective of the shocks exactly as planned (K,).
         scatter: Standard deviation of the objective over the draws (K,); 0 without draws.
+        assured: Objective that is exceeded with a probability of 5 % over the draws (K,).
     """
 
     objective: Array
     violations: Array
     nominal: Array
     scatter: Array
+    assured: Array
 
     @property
     def allowed(self) -> Flags:
@@ -192,35 +203,59 @@ class Problem:
         space: Numbers of the shocks.
         robustness: Draws of the tolerances.
         objective: Measure to minimise; empty: the study's objective.
+        car: Cars that the true one may be; None: the vehicle is taken to be exact.
     """
 
     def __init__(
-        self, trials: Trials, space: ShockSpace, robustness: Robustness = Robustness(), objective: str = ""
+        self,
+        trials: Trials,
+        space: ShockSpace,
+        robustness: Robustness = Robustness(),
+        objective: str = "",
+        car: DrawnCar | None = None,
     ) -> None:
-        self.trials, self.space, self.robustness = trials, space, robustness
+        self.trials, self.space, self.robustness, self.car = trials, space, robustness, car
         self._objectives = (objective,) if objective else ()
         self._factors = robustness.factors(space)
 
     def scores(self, trials: Sequence[Mapping[str, Build]]) -> Scores:
-        """Return objective (K, 1) and violations (K, C) of builds by corner."""
-        result = self.trials.run(trials)
-        return scores_of(result, result.setups, self._objectives)
+        """Return predicted objective (K, 1) and violations (K, C) of builds by corner."""
+        return self._scores(self.trials.run(trials))
 
     def evaluate(self, points: Array) -> Evaluation:
-        """Evaluate points (K, n) in one batch, each with all draws."""
-        values = self.space.values(points)
-        drawn = values[:, None] * self._factors  # (K, 1 + S, groups, numbers)
-        scores = self.scores([self.space.trial(one) for rows in drawn for one in rows])
-        objectives = scores.objectives[:, 0].reshape(drawn.shape[:2])
-        violations = scores.violations.reshape(*drawn.shape[:2], -1)
-        nominal = objectives[:, 0]
-        if self.robustness.draws == 0:
-            return Evaluation(nominal, violations[:, 0], nominal, np.zeros_like(nominal))
+        """Evaluate points (K, n) in one batch, each with all draws of shocks and cars."""
+        objectives, violations, nominal = self._drawn(points)
+        if objectives.shape[1] == 1:
+            return Evaluation(nominal, violations[:, 0], nominal, np.zeros_like(nominal), nominal)
         weight = self.robustness.weight
         mean, scatter = objectives.mean(axis=1), objectives.std(axis=1, ddof=1)
         with np.errstate(invalid="ignore"):  # a failed run violates its constraints infinitely
             robust = violations.mean(axis=1) + weight * np.nan_to_num(violations.std(axis=1, ddof=1))
-        return Evaluation(mean + weight * scatter, robust, nominal, scatter)
+            assured = np.quantile(objectives, ASSURED, axis=1)
+        return Evaluation(mean + weight * scatter, robust, nominal, scatter, assured)
+
+    def drawn(self, points: Array) -> Array:
+        """Return the objective of points (K, n) with every draw of shocks and cars (K, N)."""
+        return self._drawn(points)[0]
+
+    def _drawn(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return objectives (K, N) and violations (K, N, C) with every draw, and the predicted objective (K,)."""
+        values = self.space.values(points)
+        drawn = values[:, None] * self._factors  # (K, 1 + S, groups, numbers)
+        result = self.trials.run([self.space.trial(one) for rows in drawn for one in rows])
+        scores, shape = self._scores(result), drawn.shape[:2]
+        predicted = scores.objectives[:, 0].reshape(shape)
+        if self.car is None:
+            return predicted, scores.violations.reshape(*shape, -1), predicted[:, 0]
+        levels = np.stack([result.values(name) for name in self.car.draws.names], axis=1)  # rows are the trials
+        pairs = zip(self.trials.study.constraints, self.car.limited(levels), strict=True)
+        kept = [violation(one, limit).reshape(shape[0], -1) for limit, one in pairs]
+        objectives = self.car.objectives(levels).reshape(shape[0], -1)
+        none = np.empty((*objectives.shape, 0))
+        return objectives, np.stack(kept, axis=-1) if kept else none, predicted[:, 0]
+
+    def _scores(self, result: StudyResult) -> Scores:
+        return scores_of(result, result.setups, self._objectives)
 
 
 # ---- The search -----------------------------------------------------------------------------------------------------
@@ -235,6 +270,7 @@ class Optimum:
         objective: Robust objective there.
         nominal: Objective of the shocks exactly as planned.
         scatter: Standard deviation of the objective over the draws.
+        assured: Objective that is exceeded with a probability of 5 % over the draws.
         allowed: Whether the point meets all constraints.
         starts: Objective at each start, and at the end of its search.
         runs: Number of setups that were run.
@@ -245,6 +281,7 @@ class Optimum:
     objective: float
     nominal: float
     scatter: float
+    assured: float
     allowed: bool
     starts: tuple[tuple[float, float], ...]
     runs: int
@@ -268,13 +305,17 @@ class _Descent:
         """Search from a point (n,)."""
         self.best = (False, np.inf, start)
         problem: Any = {
-            "fun": lambda point: self._at(point)[0] / self.scale,
-            "jac": lambda point: self._at(point)[2] / self.scale,
+            "fun": lambda point: self._at(point)[0] / (_UNIT * self.scale),
+            "jac": lambda point: self._at(point)[2] / (_UNIT * self.scale),
             "bounds": Bounds(np.zeros(start.size), np.ones(start.size)),
-            "options": {"maxiter": iterations, "ftol": _PRECISION},
+            "options": {"maxiter": iterations, "ftol": _PRECISION / _UNIT},
         }
         if self.problem.trials.study.constraints:
-            limits = {"type": "ineq", "fun": lambda p: -self._at(p)[1][0], "jac": lambda p: -self._at(p)[3]}
+            limits = {
+                "type": "ineq",
+                "fun": lambda p: -self._at(p)[1][0] / _UNIT,  # its precision is that of the objective
+                "jac": lambda p: -self._at(p)[3] / _UNIT,
+            }
             problem["constraints"] = [limits]
         found = minimize(x0=start, method="SLSQP", **problem)
         return str(found.message)
@@ -327,6 +368,7 @@ def search(
         float(found.objective[0]),
         float(found.nominal[0]),
         float(found.scatter[0]),
+        float(found.assured[0]),
         bool(found.allowed[0]),
         pairs,
         problem.trials.count,

@@ -14,7 +14,7 @@ from eightpost.errors import InputError
 #: Share of the random points in a band that must keep the gain, and their number.
 _KEPT, _POINTS = 0.95, 60
 
-#: Sizes of boxes to try, as shares of the range, the largest first.
+#: Sizes of boxes, as shares of the range, the largest first; they are bisected, as a smaller box keeps more.
 _SIZES = (0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.02, 0.01)
 
 
@@ -38,40 +38,45 @@ class Band:
 
 
 def band(problem: Problem, optimum: Optimum, reference: float, *, share: float = 0.8, seed: int = 1) -> Band:
-    """Return the largest box around an optimum in which a share of the nominal gain over a reference is kept.
+    """Return the largest box around an optimum in which a share of the assured gain over a reference is kept.
 
-    A box counts if 95 % of 60 random points in it keep the gain and meet the constraints.
+    The assured gain is exceeded with a probability of 95 % over the draws of the problem, such as the cars that the
+    true one may be. A box counts if 95 % of 60 random points in it keep the share of it, assured likewise, and meet the
+    constraints.
 
     Args:
-        problem: Objective and constraints, without draws: the band shows itself what deviations cost.
+        problem: Objective and constraints, without draws of the shocks: the band shows itself what deviations cost.
         optimum: Result of `search`.
         reference: Nominal objective of the setup that the gain is counted from, such as the best of the bank.
         share: Share of the gain to keep [1].
         seed: Seed of the random points.
 
     Raises:
-        InputError: The optimum is not below the reference.
+        InputError: The assured objective of the optimum is not below the reference.
     """
-    gain = reference - optimum.objective
+    gain = reference - optimum.assured
     if not gain > 0.0:
         raise InputError(
-            f"the optimum {optimum.objective:g} is not below the reference {reference:g}: there is no gain"
+            f"the assured objective {optimum.assured:g} is not below the reference {reference:g}: there is no gain"
         )
     limit = reference - share * gain
     uniform = qmc.Sobol(problem.space.size, rng=seed).random(64)[:_POINTS]
     size, kept, points = 0.0, 0.0, np.empty((0, problem.space.size))
-    for one in _SIZES:
-        tried = np.clip(optimum.point + one * (2.0 * uniform - 1.0), 0.0, 1.0)
+    first, last = 0, len(_SIZES)  # the largest box that keeps it is in _SIZES[first:last], or no box keeps it
+    while first < last:
+        middle = (first + last) // 2
+        tried = np.clip(optimum.point + _SIZES[middle] * (2.0 * uniform - 1.0), 0.0, 1.0)
         good = float(np.mean(_keeps(problem, tried, limit)))
         if good >= _KEPT:
-            size, kept, points = one, good, tried
-            break
+            size, kept, points, last = _SIZES[middle], good, tried, middle
+        else:
+            first = middle + 1
     return Band(share, size, kept, points, _alone(problem, optimum.point, limit))
 
 
 def _keeps(problem: Problem, points: Array, limit: float) -> Flags:
     found = problem.evaluate(points)
-    return np.asarray(found.allowed & (found.objective <= limit), dtype=np.bool_)
+    return np.asarray(found.allowed & (found.assured <= limit), dtype=np.bool_)
 
 
 def _alone(problem: Problem, point: Array, limit: float) -> Array:

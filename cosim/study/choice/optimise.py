@@ -18,6 +18,7 @@ from cosim.study.setup import SetupSpace
 from cosim.study.study import Constraint, Study
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
+from eightpost.progress import Progress
 
 # ---- Pareto front of setups and its hypervolume ---------------------------------------------------------------------
 
@@ -191,9 +192,6 @@ def _first_generation(counts: tuple[int, ...], population: int, start: Integers,
 
 
 # ---- Search of a study's setup space --------------------------------------------------------------------------------
-
-#: Function that receives the number of setups evaluated so far and their maximum number.
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)

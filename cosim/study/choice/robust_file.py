@@ -89,7 +89,7 @@ def _spread(row: Mapping[str, Any]) -> Spread:
     )
 
 
-# ---- Reader of uncertainty files (TOML, docs/study_choice.md) -------------------------------------------------------
+# ---- Reader of uncertainty files (TOML, docs/how_to/study_choice.md) ------------------------------------------------
 
 
 SCHEMA = 1
@@ -148,7 +148,7 @@ def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
         FileFormatError: The file cannot be read, or an entry is unknown, missing or invalid; the message has its line.
     """
     path = Path(path)
-    text = read_text(path, advice="name an uncertainty file (docs/study_choice.md)")
+    text = read_text(path, advice="name an uncertainty file (docs/how_to/study_choice.md)")
     document = parse_model(_File, text, path, SCHEMA)
     try:
         return _uncertainty(document, path.parent, result)

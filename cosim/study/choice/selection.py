@@ -7,10 +7,11 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from cosim.study.certainty import OBJECTIVE, Certainty
 from cosim.study.choice.sensitivity import levels_of
 from cosim.study.result import StudyResult
 from cosim.study.setup import Setup
@@ -22,8 +23,10 @@ from eightpost.files import MALFORMED, atomic_path, read_text
 
 # ---- Selection of low and high setups of each measure for the rig, spread over the bank (7.3, Table 7.5) ------------
 
+#: Low or high in a measure, or a test that the certainty of the study proposes.
+End = Literal["low", "high", "test"]
 
-End = Literal["low", "high"]
+_ENDS: tuple[End, ...] = get_args(End)
 
 #: Factor on the values of a measure that puts each end first.
 ENDS: Mapping[End, float] = {"low": 1.0, "high": -1.0}
@@ -44,10 +47,10 @@ class Selected:
 
     Attributes:
         setup: The setup.
-        measure: Measure for which the setup was selected.
-        end: Whether the setup is low or high in the measure.
+        measure: Measure for which the setup was selected; for a proposed test of the objective, its first measure.
+        end: Whether the setup is low or high in the measure, or a proposed test.
         value: Predicted value [SI].
-        rank: Position from that end; 1 for the extreme setup.
+        rank: Position from that end, for a test from the low end; 1 for the extreme setup.
         marks: Marks of the prediction, such as a tire off the ground.
     """
 
@@ -64,7 +67,8 @@ class Selection:
     """Setups to confirm on the rig, each once.
 
     Attributes:
-        chosen: Setups in the order: low ones of the first measure, its high ones, those of the next measure, and so on.
+        chosen: Setups in the order: proposed tests, low ones of the first measure, its high ones, those of the next
+            measure, and so on.
         closest: Minimum number of corners (or groups of corners that are alike) in which two of them differ.
     """
 
@@ -88,24 +92,35 @@ def select(
     total: int = TOTAL,
     share: Mapping[str, int] | None = None,
     pool: float = POOL,
+    certainty: Certainty | None = None,
 ) -> Selection:
     """Choose setups to confirm on the rig; the same input gives the same setups.
 
-    Setups that failed or break a constraint are excluded.
+    The tests that decide most about the best setup come first, if the certainty of the study is known. Setups that
+    failed or break a constraint are excluded.
 
     Args:
         result: Result of the study.
         measures: Measures to confirm; empty: those of the objective, or all if the study has no objective.
-        total: Total number of setups, divided equally among the ends of all measures; the first ones get the remainder.
-        share: Number of setups at each end by measure (Table 7.5 has 4, 4 and 2); replaces `measures` and `total`.
+        total: Total number of setups. Those that are not proposed tests are divided equally among the ends of all
+            measures; the first ones get the remainder.
+        share: Number of setups at each end by measure (Table 7.5 has 4, 4 and 2); replaces `measures` and `total`;
+            proposed tests come in addition.
         pool: Share of the setups at each end from which to choose [1].
+        certainty: Certainty of the study, whose next tests are selected; None selects none.
 
     Raises:
         InputError: A measure is not in the study, there are fewer setups than requested, or fewer are requested than
             there are ends of measures.
     """
-    counts = share if share is not None else _shares(result, measures, total)
-    rows = np.flatnonzero(result.feasible)
+    rows, tests = np.flatnonzero(result.feasible), list[Selected]()
+    if share is None:
+        names = _names(result, measures, total)
+        tests = _tests(result, rows, certainty, total - 2 * len(names))
+        counts: Mapping[str, int] = _divided(names, total - len(tests))
+    else:
+        counts = share
+        tests = _tests(result, rows, certainty, rows.size - 2 * sum(share.values()))
     if (requested := 2 * sum(counts.values())) > rows.size:
         raise InputError(
             f"{requested} setups cannot be selected, because only {rows.size} ran and meet the constraints"
@@ -113,14 +128,14 @@ def select(
     levels = levels_of(result.study.space, result.setups)
     orders = {(name, end): _order(rows, result.values(name) * sign) for name in counts for end, sign in ENDS.items()}
     found: dict[tuple[str, End], list[int]] = {key: [] for key in orders if counts[key[0]]}
-    taken: list[int] = []
+    taken = [int(np.flatnonzero(result.setups == test.setup.index)[0]) for test in tests]
     for key, own in found.items():
         own.append(int(orders[key][~np.isin(orders[key], taken)][0]))
         taken.append(own[0])
     for key, extreme in found.items():
         extreme.extend(_spread(orders[key], levels, taken, counts[key[0]] - 1, pool))
     chosen = [_selected(result, key, row, orders[key]) for key, group in found.items() for row in group]
-    return selection_of(result, chosen)
+    return selection_of(result, [*tests, *chosen])
 
 
 def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
@@ -131,17 +146,33 @@ def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
     return Selection(tuple(chosen), int(pairs.min()) if pairs.size else 0)
 
 
-def _shares(result: StudyResult, measures: Sequence[str], total: int) -> dict[str, int]:
-    """Return the number of setups at each end by measure."""
+def _tests(result: StudyResult, rows: Integers, certainty: Certainty | None, most: int) -> list[Selected]:
+    """Return at most `most` next tests of a certainty that ran and meet the constraints."""
+    if certainty is None or most <= 0:
+        return []
+    is_sum = certainty.criterion == OBJECTIVE
+    name = result.study.objective[0].measure if is_sum else certainty.criterion
+    order, places = _order(rows, result.values(name)), {int(result.setups[row]): int(row) for row in rows}
+    found = [places[test.setup] for test in certainty.tests if test.setup in places]
+    return [_selected(result, (name, "test"), row, order) for row in found[:most]]
+
+
+def _names(result: StudyResult, measures: Sequence[str], total: int) -> list[str]:
+    """Return the measures to confirm, at both ends each."""
     objective = dict.fromkeys(term.measure for term in result.study.objective)
     names = list(measures or objective or (measure.name for measure in result.measures))
     for name in names:
         result.study.measure(name)
-    each, left = divmod(total // 2, len(names))
-    if each == 0:
+    if total // 2 < len(names):
         raise InputError(
             f"{total} setups are too few for both ends of {len(names)} measures; select {2 * len(names)} or more"
         )
+    return names
+
+
+def _divided(names: Sequence[str], total: int) -> dict[str, int]:
+    """Return the number of setups at each end by measure."""
+    each, left = divmod(total // 2, len(names))
     return {name: each + (place < left) for place, name in enumerate(names)}
 
 
@@ -207,7 +238,7 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
     path = Path(path)
     text = read_text(path)
     try:
-        rows = [row for row in _rows(text) if row["end"] in ENDS]
+        rows = [row for row in _rows(text) if row["end"] in _ENDS]
         return selection_of(result, [_selection_file_selected(row, result) for row in rows])
     except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(
@@ -225,9 +256,8 @@ def _selection_file_selected(row: dict[str, str], result: StudyResult) -> Select
     if (place := result.row(setup.builds)) is None:
         raise InputError(f"setup {setup.index} was not run in the study")
     value = float(result.values(row["measure"])[place])
-    return Selected(
-        setup, row["measure"], "low" if row["end"] == "low" else "high", value, int(row["place"]), row["marks"]
-    )
+    (end,) = (end for end in _ENDS if end == row["end"])
+    return Selected(setup, row["measure"], end, value, int(row["place"]), row["marks"])
 
 
 def _row(number: int, result: StudyResult, setup: int) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.study.certainty.assess import Knowledge
 from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.effects import Progress, UncertainParameter, effects_of, parameter_values, stated_parameters
+from cosim.study.certainty.effects import UncertainParameter, effects_of, parameter_values, stated_parameters
 from cosim.study.certainty.sources import error_sources
 from cosim.study.choice.robust import Draws, Spread, Uncertain
 from cosim.study.result import StudyResult
@@ -18,6 +18,7 @@ from cosim.study.running.workers import Workers
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.model_uncertainty import ParameterUncertainty
+from eightpost.progress import Progress
 
 #: Departure of a parameter's value in the file from that in the study, in standard deviations, that is reported.
 _APART = 1.0

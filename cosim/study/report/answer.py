@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.certainty import Certainty, Contribution, Status, summary
+from cosim.study.certainty import Certainty, Contribution, Status, TradeOff, summary
 from cosim.study.certainty.certainty import TIE
 from cosim.study.report.sheet import Sheet
 from eightpost.array_types import Array, Flags
 from eightpost.report.numbers import percent
 from eightpost.verdict import Grade
 
-#: Number of tied setups that are listed; the others are counted.
-LISTED = 5
+#: Number of tied setups that are listed, and of measures of the trade-off; the others are counted.
+LISTED, TRADES = 5, 8
+
+#: Order of the trade-off, after the measures of the objective: what gets worse comes first.
+_GRADES = ("worse", "even", "better")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,8 @@ class Answer:
         others: Number of tied setups that are not listed.
         sure: Sentence: how sure this is.
         contributions: Contributions to the uncertainty.
-        trade_offs: Other measures of the leading setup.
+        trade_offs: Measures of the leading setup: those of the objective, then what gets worse.
+        unlisted: Sentence about the measures of the trade-off that are not listed.
         tests: Rows of the setups to test next, with what remains of the uncertainty after each.
     """
 
@@ -71,6 +75,7 @@ class Answer:
     sure: str
     contributions: tuple[Contribution, ...] = ()
     trade_offs: tuple[TradeOffLine, ...] = ()
+    unlisted: str = ""
     tests: tuple[tuple[int, str], ...] = ()
 
 
@@ -82,6 +87,7 @@ def answer_of(sheet: Sheet) -> Answer | None:
     if known is None or known.leader is None:
         return _predicted(sheet)
     tied = [row for row in (sheet.row(number) for number in known.ties) if row is not None]
+    lines = tuple(map(_line, _by_weight(sheet, known)))
     return Answer(
         grade=_grade(known),
         which=_which(sheet, known, tied),
@@ -90,7 +96,8 @@ def answer_of(sheet: Sheet) -> Answer | None:
         others=max(0, len(tied) - LISTED),
         sure=_sure(known),
         contributions=known.contributions,
-        trade_offs=tuple(_trade_offs(known)) or _predicted_trade_offs(sheet, tied[0]),
+        trade_offs=lines[:TRADES] or _predicted_trade_offs(sheet, tied[0]),
+        unlisted=_unlisted(lines[TRADES:]),
         tests=tuple(_tests(sheet, known)),
     )
 
@@ -150,11 +157,32 @@ def _sure(known: Certainty) -> str:
     return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger by these."
 
 
-def _trade_offs(known: Certainty) -> Iterator[TradeOffLine]:
-    for one in known.trade_offs:
-        grade = "worse" if one.low > 0.0 else "better" if one.high < 0.0 else "even"
-        interval = f"{_signed(one.low)} to {_signed(one.high)}" if np.isfinite(one.low + one.high) else "unknown"
-        yield TradeOffLine(one.measure, _signed(one.change), interval, grade)
+def _line(one: TradeOff) -> TradeOffLine:
+    interval = f"{_signed(one.low)} to {_signed(one.high)}" if np.isfinite(one.low + one.high) else "unknown"
+    return TradeOffLine(one.measure, _signed(one.change), interval, _grade_of(one))
+
+
+def _grade_of(one: TradeOff) -> str:
+    return "worse" if one.low > 0.0 else "better" if one.high < 0.0 else "even"
+
+
+def _by_weight(sheet: Sheet, known: Certainty) -> list[TradeOff]:
+    """Return the measures of the objective, then the others: the worse ones, those in doubt, the better ones."""
+    weighted = [term.measure for term in sheet.terms]
+
+    def place(one: TradeOff) -> tuple[int, float, float]:
+        if one.measure in weighted:
+            return 0, weighted.index(one.measure), 0.0
+        return 1, _GRADES.index(_grade_of(one)), -abs(one.change)
+
+    return sorted(known.trade_offs, key=place)
+
+
+def _unlisted(lines: tuple[TradeOffLine, ...]) -> str:
+    counts = {grade: sum(line.grade == grade for line in lines) for grade in _GRADES}
+    words = {"worse": "worse", "even": "not surely different", "better": "better"}
+    found = [f"{count} more {'is' if count == 1 else 'are'} {words[grade]}" for grade, count in counts.items() if count]
+    return f"{', '.join(found)}." if found else ""
 
 
 def _predicted_trade_offs(sheet: Sheet, row: int) -> tuple[TradeOffLine, ...]:

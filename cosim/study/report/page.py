@@ -258,6 +258,8 @@ def page(sheet: Sheet, extras: Extras) -> str:
         answer=answer_of(sheet),
         groups=groups,
         shock_pages=extras.shock_pages,
+        aim=extras.aim,
+        links={extras.aim.path: "Curves to aim at"} if extras.aim else {},
         ranks=np.argsort(sheet.order) + 1,
         selection_columns=_selected_for(sheet, extras.selection),
         traced=sorted(extras.traces),

@@ -222,6 +222,23 @@ class Sheet:
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
 
 
+@dataclass(frozen=True, slots=True)
+class AimPage:
+    """Page of the curves to aim at.
+
+    Attributes:
+        path: Path relative to the page of the study.
+        gain: Predicted gain over the best setup of the bank, as a share of its objective [1].
+        assured: Gain that is exceeded with a probability of 95 % over the draws [1].
+        is_sure: Whether the errors of the vehicle are included in it.
+    """
+
+    path: str
+    gain: float
+    assured: float
+    is_sure: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Extras:
     """Optional content of a report.
@@ -232,6 +249,7 @@ class Extras:
         selection: Setups to confirm on the rig.
         curves: Curves of the shocks, by build.
         shock_pages: Pages of the shocks relative to the page, by build.
+        aim: Curves to aim at; None if none were searched.
     """
 
     traces: Mapping[int, TimeSeries] = field(default_factory=dict)
@@ -239,6 +257,7 @@ class Extras:
     selection: Sequence[Selected] = ()
     curves: Mapping[str, ShockCurve] = field(default_factory=dict)
     shock_pages: Mapping[str, str] = field(default_factory=dict)
+    aim: AimPage | None = None
 
 
 def shown_columns(sheet: Sheet) -> tuple[Column, ...]:

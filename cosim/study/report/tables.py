@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,20 +43,18 @@ def write_ranking(sheet: Sheet, path: Path) -> Path:
     return _write(path, _csv_tables_settings(sheet), names, units, _ranking_rows(sheet))
 
 
-def _ranking_rows(sheet: Sheet) -> list[list[Cell]]:
-    """Return one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
-    columns = shown_columns(sheet)
-    return [
-        [
-            place if sheet.done[row] else "",
+def _ranking_rows(sheet: Sheet) -> Iterator[list[Cell]]:
+    """Yield one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
+    columns, done = shown_columns(sheet), sheet.done
+    for place, row in enumerate(sheet.order.tolist(), start=1):
+        yield [
+            place if done[row] else "",
             int(sheet.numbers[row]),
             *(sheet.builds[build] for build in sheet.placed[row]),
             *(_cell(column.scale.us(float(column.values[row]))) for column in columns),
             _cell(float(sheet.coupling_error[row])),
             sheet.remark(row),
         ]
-        for place, row in enumerate(sheet.order.tolist(), start=1)
-    ]
 
 
 def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
@@ -118,6 +118,10 @@ def _safe(row: Sequence[Cell]) -> list[Cell]:
 # ---- Workbook of the ranking, with sheets for the ranking, the units and the provenance -----------------------------
 
 
+#: Largest number of setups in the workbook; the CSV file has all of them.
+MOST_ROWS = 20_000
+
+
 def write_workbook(sheet: Sheet, path: Path) -> Path:
     """Write the workbook; text is never interpreted as a formula.
 
@@ -128,7 +132,8 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
     Returns:
         The file.
     """
-    options = {"strings_to_formulas": False, "strings_to_urls": False}
+    # Rows are written to disk at once, so that the memory does not grow with their number.
+    options = {"strings_to_formulas": False, "strings_to_urls": False, "constant_memory": True}
     try:
         with atomic_path(path) as temporary, xlsxwriter.Workbook(temporary, options) as workbook:
             _ranking(workbook, sheet)
@@ -141,18 +146,18 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
 
 def _ranking(workbook: Any, sheet: Sheet) -> None:
     """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
-    columns, rows = shown_columns(sheet), _ranking_rows(sheet)
+    columns, count = shown_columns(sheet), min(sheet.numbers.size, MOST_ROWS)
     heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
     names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
     page = workbook.add_worksheet("Ranking")
-    _table(workbook, page, names, rows)
     first = 2 + len(sheet.corners)
-    for k, column in enumerate(columns, start=first):
-        page.set_column(k, k, 14, workbook.add_format({"num_format": _digits(column.scale.us(column.extremes[1]))}))
+    digits = {k: _digits(column.scale.us(column.extremes[1])) for k, column in enumerate(columns, start=first)}
+    _table(workbook, page, names, islice(_ranking_rows(sheet), count), digits)
+    for k in digits:
         shades = {"type": "2_color_scale", "min_color": "#FFFFFF", "max_color": "#9CC3E6"}
-        page.conditional_format(1, k, max(1, len(rows)), k, shades)
+        page.conditional_format(1, k, max(1, count), k, shades)
     page.freeze_panes(1, first)
-    page.autofilter(0, 0, max(1, len(rows)), len(names) - 1)
+    page.autofilter(0, 0, max(1, count), len(names) - 1)
     page.set_column(len(names) - 1, len(names) - 1, 40)
 
 
@@ -175,6 +180,9 @@ def _provenance(workbook: Any, sheet: Sheet) -> None:
     source = sheet.background
     words = [("Study", source.title), ("Objective", source.objective or "none"), *source.facts]
     words += [("Constraint", str(bound)) for bound in source.constraints] + [("Note", text) for text in source.notes]
+    if sheet.numbers.size > MOST_ROWS:
+        text = f"the ranking has the best {MOST_ROWS} of {sheet.numbers.size} setups; all of them are in ranking.csv"
+        words.append(("Note", text))
     files = [(o.name, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
     page = workbook.add_worksheet("Provenance")
     _table(workbook, page, ["what", "value or file", "GUID", "SHA-256", "parameters set"], [*words, *files])
@@ -182,9 +190,18 @@ def _provenance(workbook: Any, sheet: Sheet) -> None:
     page.set_column(2, 3, 68)
 
 
-def _table(workbook: Any, page: Any, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+def _table(
+    workbook: Any,
+    page: Any,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[Cell]],
+    digits: Mapping[int, str] = MappingProxyType({}),
+) -> None:
+    """Write a table; `digits` has number formats by column, which must be known before the rows are written."""
     bold = workbook.add_format({"bold": True, "text_wrap": True, "valign": "top", "bottom": 1})
     page.write_row(0, 0, heads, bold)
     page.set_column(0, len(heads) - 1, 14)
+    for k, form in digits.items():
+        page.set_column(k, k, 14, workbook.add_format({"num_format": form}))
     for k, row in enumerate(rows, start=1):
         page.write_row(k, 0, row)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 
 from cosim.report.origin import Origin
 from cosim.study.certainty import OBJECTIVE, Certainty, Levels
@@ -18,13 +19,14 @@ from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.answer import tied_rows
 from cosim.study.report.page import page, write_figures
-from cosim.study.report.sheet import Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
+from cosim.study.report.sheet import AimPage, Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
 from cosim.study.report.shock_pages import ShockCurve
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
-from cosim.study.result import DONE, StudyResult
+from cosim.study.result import StudyResult
+from cosim.study.stored_table import StoredTable
 from cosim.study.study import Build, Parameters, Study, Term, Vehicle
 from cosim.study.verdict import study_verdict
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array
 from eightpost.report.numbers import Display
 from eightpost.report.page import write_page
 from eightpost.signals import TimeSeries
@@ -63,7 +65,7 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         corners=tuple(result.study.corners),
         builds=builds,
         numbers=result.setups,
-        placed=_placed(result, builds),
+        placed=result.places(builds),
         measures=tuple(
             _column(result, measure.name, levels.get(measure.name)) for measure in _by_interest(result.study)
         ),
@@ -95,12 +97,6 @@ def background(result: StudyResult, trace_command: str, certainty: Certainty | N
     )
 
 
-def _placed(result: StudyResult, builds: tuple[str, ...]) -> Integers:
-    places = {build: k for k, build in enumerate(builds)}
-    columns = [[places[build] for build in result.builds(corner)] for corner in result.study.corners]
-    return np.array(columns, dtype=np.int64).T.reshape(len(result), len(columns))
-
-
 def _by_interest(study: Study) -> list[Measure]:
     """Return the measures in display order: objective, constraints, others, and last those that depend on a mean."""
     names = (*(term.measure for term in study.objective), *(bound.measure for bound in study.constraints))
@@ -124,17 +120,19 @@ def _weighted(result: StudyResult, term: Term) -> Weighted:
     return Weighted(term.measure, term.weight, Display.of(own, term.unit or own))
 
 
-def _numbers(table: pa.Table, name: str) -> Array:
+def _numbers(table: pa.Table | StoredTable, name: str) -> Array:
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _texts(table: pa.Table, name: str) -> dict[int, str]:
-    return {row: text for row, text in enumerate(table[name].to_pylist()) if text}
+def _texts(table: pa.Table | StoredTable, name: str) -> dict[int, str]:
+    texts = table[name]
+    given = np.flatnonzero(pa.compute.not_equal(texts, "").fill_null(False))
+    return {row: texts[row].as_py() for row in given.tolist()}
 
 
 def _failures(result: StudyResult) -> dict[int, str]:
-    rows = zip(result.table["status"].to_pylist(), result.table["message"].to_pylist(), strict=True)
-    return {row: message or "it did not finish" for row, (status, message) in enumerate(rows) if status != DONE}
+    messages = result.table["message"]
+    return {row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()}
 
 
 def _bounds(result: StudyResult) -> Iterator[Bound]:
@@ -242,6 +240,7 @@ def write_study_report(
     certainty: Certainty | None = None,
     curves: Mapping[str, ShockCurve] | None = None,
     shock_pages: Mapping[str, str] | None = None,
+    aim: AimPage | None = None,
     trace_command: str = "",
 ) -> ReportPaths:
     """Write all files of a study's report without running a simulation.
@@ -254,11 +253,12 @@ def write_study_report(
         certainty: Certainty of the study.
         curves: Curves of the shocks, by build.
         shock_pages: Pages of the shocks relative to the folder, by build.
+        aim: Page of the curves to aim at.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
     sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
     chosen = selection.chosen if selection else ()
-    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {})
+    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
     return ReportPaths(
         page=write_page(folder / "report.html", page(sheet, extras)),
         workbook=write_workbook(sheet, folder / "ranking.xlsx"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Protocol
@@ -222,6 +223,7 @@ class Batches:
     def __init__(self, models: Models, scheme: str, step: float, mode: str = EXACT) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _shocks(models)
+        self._wiring = _wiring(models)
         fmus, vehicle = models.fmus, study.vehicle
         car = read_car(fmus[str(vehicle.fmu)], vehicle.fmu, vehicle.parameters, len(study.corners))
         try:
@@ -229,6 +231,22 @@ class Batches:
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
         self._drives = {drive.name: _DriveBatch(models, drive, scheme, step, car, found) for drive in study.drives}
+
+    def for_shocks(self, models: Models) -> Batches | None:
+        """Return batches of a study that differs only in its shocks, with the same library and memory.
+
+        Returns:
+            None if its first setup has other FMUs than that of this study, from which the runs were planned.
+
+        Raises:
+            NotInBatchError: No build has a batch.
+        """
+        if _wiring(models) != self._wiring:
+            return None
+        found = copy(self)
+        found._study = models.study
+        found._shocks, found.left_out = _shocks(models)
+        return found
 
     @property
     def lanes(self) -> int:
@@ -260,6 +278,12 @@ class Batches:
         return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
+def _wiring(models: Models) -> tuple[tuple[str, str], ...]:
+    """Return the shock FMU at each corner of a study's first setup, from which the runs are planned."""
+    study = models.study
+    return tuple((corner, str(study.bank[build].fmu)) for corner, build in study.space.setup(0).builds.items())
+
+
 def _shocks(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
     """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch.
 
@@ -269,9 +293,13 @@ def _shocks(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...
     fmus, bank = models.fmus, models.study.bank
     found: dict[str, ShockData | None] = {}
     reasons: dict[str, None] = {}
+    same: dict[Any, ShockData | None] = {}  # corners that are alike have the same shock under different names
     for name, build in bank.items():
+        key = (build.fmu, tuple(build.parameters.items()))
         try:
-            found[name] = _accepted(fmus[str(build.fmu)], build)
+            if key not in same:
+                same[key] = _accepted(fmus[str(build.fmu)], build)
+            found[name] = same[key]
         except NotInBatchError as reason:
             found[name], reasons[f"{name}: {reason}"] = None, None
     if len(reasons) == len(bank):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
 from cosim.study.study import Study
 from eightpost import __version__
+from eightpost.array_types import Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path, json_content, sha256_of
 from eightpost.signals.parquet_file import read_table
@@ -64,26 +66,84 @@ def _without_paths(value: Any, digests: dict[str, str]) -> Any:
     return value
 
 
-# ---- Files of a study's completed chunks; each is complete or does not exist ----------------------------------------
-
-#: Approximate number of chunks of a study, and largest number of setups in one: few are lost if a process is killed.
-_CHUNKS, _LARGEST = 200, 64
+# ---- Chunks of the setups that are left -----------------------------------------------------------------------------
 
 #: Number of setups in a full batch: a chunk has a whole number of them.
 BATCH = 8
 
-_NAME = re.compile(r"chunk_(\d+)\.parquet")
+#: Worker time that a chunk should take [s], and largest number of setups in it: few are lost if a process is killed.
+_SECONDS, _LARGEST = 2.0, 1024
+
+#: Number of chunks that every worker should still get, so that all workers end together, and largest growth of a chunk.
+_SHARE, _GROWTH = 4, 4
 
 
-def cut(study: Study) -> tuple[Chunk, ...]:
-    """Return all setups of a study in chunks; the chunks depend on the study only."""
-    indices = study.space.indices.tolist()
-    size = min(_LARGEST, max(1, -(-len(indices) // (_CHUNKS * BATCH))) * BATCH)
-    return tuple(Chunk(k, tuple(indices[first : first + size])) for k, first in enumerate(range(0, len(indices), size)))
+class Cutter:
+    """Iterator that cuts the setups that are left into chunks, each when a worker is free for it.
+
+    The first chunks are one batch each. Later ones grow until they take some seconds of worker time, and shrink again
+    towards the end. The values of a setup do not depend on its chunk.
+
+    Args:
+        indices: Numbers of all setups of the study (S,).
+        done: Positions of the completed setups among them.
+        workers: Function that returns the number of workers.
+    """
+
+    def __init__(self, indices: Integers, done: Sequence[range], workers: Callable[[], int]) -> None:
+        self._indices, self._workers = indices, workers
+        self._parts = gaps(done, indices.size)
+        self._size, self._cost = BATCH, math.inf
+        self.left = sum(map(len, self._parts))
+        self._uncut = self.left
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return self
+
+    def __next__(self) -> Chunk:
+        """Return the next chunk; its number is the position of its first setup."""
+        if not self._parts:
+            raise StopIteration
+        part, size = self._parts[0], self._next_size()
+        self._parts[:1] = [part[size:]] if len(part) > size else []
+        self._uncut -= len(part[:size])
+        return Chunk(part[0], tuple(self._indices[part[0] : part[:size].stop].tolist()))
+
+    def learn(self, rows: Sequence[Row]) -> None:
+        """Learn from the rows of a completed chunk how long a setup takes."""
+        cost = sum(row["seconds"] for row in rows) / len(rows)
+        self._cost = cost if math.isinf(self._cost) else 0.5 * (self._cost + cost)
+        self.left -= len(rows)
+
+    def _next_size(self) -> int:
+        fair = self._uncut / (_SHARE * max(1, self._workers()))
+        wanted = min(_SECONDS / max(self._cost, 1e-9), fair, _GROWTH * self._size, _LARGEST)
+        self._size = BATCH * max(1, int(wanted) // BATCH)
+        return self._size
+
+
+def gaps(done: Sequence[range], count: int) -> list[range]:
+    """Return the positions below `count` that are in none of the ranges, as ranges in increasing order."""
+    found, first = list[range](), 0
+    for part in (*sorted(done, key=lambda one: one.start), range(count, count)):
+        if min(part.start, count) > first:
+            found.append(range(first, min(part.start, count)))
+        first = max(first, part.stop)
+    return found
+
+
+# ---- Files of a study's completed chunks; each is complete or does not exist ----------------------------------------
+
+#: Number of rows that are held in memory while the chunks are joined: a row group of the result.
+_ROWS = 8192
+
+_NAME = re.compile(r"chunk_(\d+)_(\d+)\.parquet")
 
 
 class ChunkFolder:
     """Folder of the completed chunks of one study, and of its coupling.
+
+    The name of a file states the number of the chunk and its number of setups.
 
     Args:
         folder: Output folder of the study.
@@ -95,16 +155,38 @@ class ChunkFolder:
         self._folder, self._schema = folder / "chunks" / digest[:16], schema
 
     @property
-    def numbers(self) -> frozenset[int]:
-        """Numbers of the completed chunks."""
+    def completed(self) -> tuple[range, ...]:
+        """Completed chunks, each from its number on as many as it has setups, in increasing order."""
         if not self._folder.is_dir():
-            return frozenset()
-        return frozenset(int(found[1]) for path in self._folder.iterdir() if (found := _NAME.fullmatch(path.name)))
+            return ()
+        found = (_NAME.fullmatch(path.name) for path in self._folder.iterdir())
+        pairs = sorted((int(one[1]), int(one[2])) for one in found if one)
+        return tuple(range(first, first + count) for first, count in pairs)
 
     def write(self, chunk: Chunk, rows: Sequence[Row]) -> None:
         """Write the rows of a chunk."""
-        with atomic_path(self._folder / _name(chunk.number)) as temporary:
+        with atomic_path(self._folder / _name(chunk.number, len(rows))) as temporary:
             pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
+
+    def tables(self) -> Iterator[pa.Table]:
+        """Yield the rows of the completed chunks in the order of the chunks, some thousands at a time.
+
+        Only these are in memory. A setup of two chunks, which two processes ran at the same time, is yielded once.
+
+        Raises:
+            FileFormatError: A file is damaged.
+        """
+        held, last = list[pa.Table](), -1
+        for chunk in self.completed:
+            table = self._read(chunk)
+            numbers = table["setup"].to_numpy()
+            held.append(table if numbers.size and numbers[0] > last else table.filter(pa.array(numbers > last)))
+            last = max(last, int(numbers.max(initial=-1)))
+            if sum(map(len, held)) >= _ROWS:
+                yield pa.concat_tables(held)
+                held = []
+        if held:
+            yield pa.concat_tables(held)
 
     def table(self) -> pa.Table:
         """Return all rows of the completed chunks as a table.
@@ -112,7 +194,7 @@ class ChunkFolder:
         Raises:
             FileFormatError: A file is damaged.
         """
-        return pa.concat_tables([self._schema.empty_table(), *map(self._read, sorted(self.numbers))])
+        return pa.concat_tables([self._schema.empty_table(), *map(self._read, self.completed)])
 
     def rows(self) -> list[Row]:
         """Return all rows of the completed chunks, each by column name.
@@ -123,12 +205,15 @@ class ChunkFolder:
         rows: list[Row] = self.table().to_pylist()
         return rows
 
-    def _read(self, number: int) -> pa.Table:
-        path = self._folder / _name(number)
+    def _read(self, chunk: range) -> pa.Table:
+        path = self._folder / _name(chunk.start, len(chunk))
         try:
-            return read_table(path, schema=self._schema).replace_schema_metadata()
+            table = read_table(path, schema=self._schema).replace_schema_metadata()
+            if len(table) != len(chunk):
+                raise FileFormatError(f"has {len(table)} rows, not {len(chunk)} as its name states", path=path)
         except FileFormatError as error:
             raise FileFormatError(f"{error}; delete the file to run its setups again") from error
+        return table
 
     def coupling(self) -> Coupling | None:
         """Return the coupling that was chosen, or None if it was not chosen yet."""
@@ -147,5 +232,5 @@ class ChunkFolder:
             temporary.write_text(json.dumps(asdict(coupling), indent=2) + "\n", encoding="utf-8")
 
 
-def _name(number: int) -> str:
-    return f"chunk_{number:06d}.parquet"
+def _name(number: int, count: int) -> str:
+    return f"chunk_{number:07d}_{count}.parquet"

@@ -1,10 +1,10 @@
-"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/scale.md)."""
+"""Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/how_to/scale.md)."""
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import replace
@@ -16,9 +16,11 @@ from typing import Any
 from cosim.study.running import workers
 from cosim.study.running.chunks import file_digests, file_paths
 from cosim.study.running.evaluator import Coupling, Row
+from cosim.study.running.program import Program, program
 from cosim.study.running.workers import Chunk, failed_row
 from cosim.study.study import Study
-from eightpost.errors import InputError, StepError
+from eightpost import __version__
+from eightpost.errors import InputError, StepError, WorkersLostError
 from eightpost.extras import needs
 from eightpost.files import atomic_path, sha256_of
 
@@ -32,6 +34,14 @@ _SUBMITTED = 2
 #: Interval at which a stop is checked [s].
 _POLL = 0.5
 
+#: Time within which a result is expected, before the workers are counted again [s].
+_FETCH = 3.0
+
+#: Words in the message of an error of a scheduler or worker that lacks this program or has an older version.
+_OURS = ("cosim", "eightpost", "deserializ", "_choose()", "_rows()", "_file()")
+
+_RESUME = "Completed chunks are kept; run the study again to resume"
+
 
 class DaskWorkers:
     """Workers of a Dask cluster. Workers may join and leave: the tasks of a lost worker are given to another one.
@@ -39,34 +49,46 @@ class DaskWorkers:
     Args:
         address: Address of the scheduler, `tcp://host:8786`.
         patience: Timeout for the connection [s].
+        waiting: Time without any worker after which a study ends [s].
+        report: Function that receives messages about the cluster, such as that it has no workers.
 
     Raises:
-        InputError: No scheduler answers, or it has no workers.
+        InputError: No scheduler answers.
+        WorkersLostError: The scheduler has no workers, and none joins.
     """
 
-    def __init__(self, address: str, *, patience: float = 10.0) -> None:
+    def __init__(
+        self,
+        address: str,
+        *,
+        patience: float = 30.0,
+        waiting: float = workers.PATIENCE,
+        report: Callable[[str], None] = lambda _text: None,
+    ) -> None:
         try:
             self._client = Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {address}: no Dask scheduler answers: {error}") from error
-        self._address = address
+        self._address, self._waiting, self._report = address, waiting, report
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
-        if not self.count:
+        self._told: set[str] = set()
+        self._alone_since: float | None = None
+        self.count = 0
+        try:
+            while not self._presence():
+                time.sleep(_POLL)
+        except WorkersLostError:
             self.close()
-            raise InputError(f"--scheduler {address}: the scheduler has no workers; start some (dask worker {address})")
-
-    @property
-    def count(self) -> int:
-        """Number of threads of the current workers; workers may join and leave."""
-        return sum(self._client.nthreads().values())
+            raise
 
     def choose(self, study: Study) -> Coupling:
         """Choose the coupling of a study on a worker.
 
         Raises:
-            StepError: No setup could be run, an FMU crashed, or the scheduler has ended.
+            StepError: No setup could be run, an FMU crashed, or the cluster was lost.
         """
-        future = self._submit(_choose, *self._parcel(study))
+        text, files = self._parcel(study)
+        future = self._submit(_choose, text, files, program())
         try:
             coupling: Coupling = self._result(future)
         except KilledWorker as error:
@@ -74,16 +96,17 @@ class DaskWorkers:
         return coupling
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True.
 
         Raises:
-            StepError: The scheduler has ended.
+            WorkersLostError: The scheduler has ended, there were no workers for a long time, or a worker has another
+                version of the program.
         """
         waiting, running = iter(chunks), dict[Any, Chunk]()
         while True:
-            stopped, count = stop(), self._count_now()
+            stopped, count = stop(), self._presence()
             room = 0 if stopped else count * _SUBMITTED - len(running)
             for chunk in islice(waiting, max(0, room)):
                 running[self._rows_of(study, coupling, chunk.indices)] = chunk
@@ -99,22 +122,46 @@ class DaskWorkers:
         self._client.close()
 
     def _count_now(self) -> int:
-        """Return the number of threads of the current workers.
+        """Return the number of threads of the current workers; workers may join and leave.
 
         Raises:
-            StepError: The scheduler has ended.
+            WorkersLostError: The scheduler has ended.
         """
         try:
-            return self.count
+            return sum(self._client.nthreads().values())
         except (OSError, TimeoutError) as error:
             raise self._lost(error) from error
+
+    def _presence(self) -> int:
+        """Return the number of threads of the current workers; report if no worker is connected.
+
+        Raises:
+            WorkersLostError: The scheduler has ended, or there were no workers for a long time.
+        """
+        count, now = self._count_now(), time.monotonic()
+        if count:
+            if self._alone_since is not None:
+                self._report(f"{self._address}: {count} workers have joined")
+            self.count, self._alone_since = count, None
+        elif self._alone_since is None:
+            self._alone_since = now
+            self._report(
+                f"{self._address}: there are no workers; waiting {self._waiting:g} s for some (dask worker "
+                f"{self._address})"
+            )
+        elif now - self._alone_since > self._waiting:
+            raise WorkersLostError(
+                f"--scheduler {self._address}: there were no workers for {self._waiting:g} s. {_RESUME} when there are "
+                f"workers (dask worker {self._address})"
+            )
+        return count
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
         return self._client.submit(function, *arguments, pure=False)
 
     def _rows_of(self, study: Study, coupling: Coupling, indices: Sequence[int]) -> Any:
         text, files = self._parcel(study)
-        return self._submit(_rows, text, files, coupling, indices)
+        return self._submit(_rows, text, files, program(), coupling, indices)
 
     def _finished(self, running: Collection[Any]) -> list[Any]:
         """Wait briefly for a task to finish; return the finished ones."""
@@ -126,28 +173,51 @@ class DaskWorkers:
 
     def _result(self, future: Any) -> Any:
         try:
-            return future.result()
+            # A finished task runs again if the only worker that has its result dies before the result is fetched.
+            while (answer := self._answer(future)) is None:
+                self._presence()
+            return answer
         except (CancelledError, OSError) as error:
             raise self._lost(error) from error
+        except (ImportError, AttributeError, TypeError, RuntimeError) as error:
+            if not any(word in str(error) for word in _OURS):
+                raise
+            raise WorkersLostError(
+                f"--scheduler {self._address}: the scheduler or a worker cannot run this study "
+                f"({type(error).__name__}: {error}): install eightpost {__version__} there, as here. {_RESUME}"
+            ) from error
+
+    def _answer(self, future: Any) -> Any:
+        """Return the result of a task; None if it does not come within some seconds."""
+        try:
+            return future.result(timeout=_FETCH)
+        except TimeoutError:
+            return None
 
     def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
         """Return the rows of a chunk; if several workers died of it, run its setups again one by one."""
         try:
-            return list(self._result(future))
+            return self._heard(self._result(future))
         except KilledWorker:
             return [self._alone(study, coupling, index) for index in chunk.indices]
 
     def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
         try:
-            row: Row = self._result(self._rows_of(study, coupling, (index,)))[0]
+            return self._heard(self._result(self._rows_of(study, coupling, (index,))))[0]
         except KilledWorker:
             return failed_row(study, index)
-        return row
 
-    def _lost(self, error: BaseException) -> StepError:
-        return StepError(
-            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}). Completed chunks are "
-            "kept; run the study again to resume"
+    def _heard(self, answer: tuple[list[Row], str]) -> list[Row]:
+        """Return the rows of an answer, and report what its worker says, each message once."""
+        rows, text = answer
+        if text and text not in self._told:
+            self._told.add(text)
+            self._report(text)
+        return rows
+
+    def _lost(self, error: BaseException) -> WorkersLostError:
+        return WorkersLostError(
+            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}). {_RESUME}"
         )
 
     def _parcel(self, study: Study) -> tuple[str, Mapping[str, Any]]:
@@ -169,12 +239,39 @@ def _file(content: bytes) -> bytes:
     return content
 
 
-def _choose(study: str, files: Mapping[str, bytes]) -> Coupling:
+def _choose(study: str, files: Mapping[str, bytes], expected: Program) -> Coupling:
+    _check_program(expected)
     return workers.choose(unpack(study, files))
 
 
-def _rows(study: str, files: Mapping[str, bytes], coupling: Coupling, indices: Sequence[int]) -> list[Row]:
-    return workers.rows(unpack(study, files), coupling, indices)
+def _rows(
+    study: str, files: Mapping[str, bytes], expected: Program, coupling: Coupling, indices: Sequence[int]
+) -> tuple[list[Row], str]:
+    """Run setups by number; return their rows and a message about this worker, which is empty in most cases."""
+    _check_program(expected)
+    here = unpack(study, files)
+    rows = workers.rows(here, coupling, indices)
+    found = []
+    if reason := workers.batch_refusal(here, coupling):
+        found.append(f"runs its setups through the FMUs, whose measures may differ in the last digits: {reason}")
+    if others := program().other_libraries(expected):
+        found.append(f"has {others}, so the last digits of measures may differ")
+    return rows, f"worker {_place()} {'; it '.join(found)}" if found else ""
+
+
+def _check_program(expected: Program) -> None:
+    if difference := program().difference(expected):
+        raise WorkersLostError(
+            f"worker {_place()} has {difference}, as where the study was started: install the same one on it, or stop "
+            f"it. {_RESUME}"
+        )
+
+
+def _place() -> str:
+    try:
+        return str(get_worker().address)
+    except ValueError:
+        return "here"
 
 
 @cache

@@ -97,7 +97,8 @@ class Evaluator:
         self._vehicle = FmuComponent(vehicle.fmu, vehicle.name)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[tuple[str, float, str], Batches | None] = {}
+        self._batches: dict[tuple[str, float, str], Batches | str] = {}
+        self._earlier: Mapping[tuple[str, float, str], Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
@@ -109,7 +110,7 @@ class Evaluator:
         if replace(own, **shocks) != study:
             return None
         found = copy(self)
-        found.study, found._batches = study, {}
+        found.study, found._batches, found._earlier = study, {}, {**self._earlier, **self._batches}
         return found
 
     def system(self, setup: Setup) -> System:
@@ -175,12 +176,24 @@ class Evaluator:
 
     def batches(self, coupling: Coupling) -> Batches | None:
         """Return the batches of the study at a coupling; None if it cannot run as a batch."""
+        found = self._batches_or_reason(coupling)
+        return None if isinstance(found, str) else found
+
+    def batch_refusal(self, coupling: Coupling) -> str:
+        """Return why setups run through the FMUs although the coupling asks for batches; empty if they do not."""
+        found = self._batches_or_reason(coupling) if coupling.batch else ""
+        return found if isinstance(found, str) else ""
+
+    def _batches_or_reason(self, coupling: Coupling) -> Batches | str:
         key = (coupling.scheme, coupling.step, coupling.batch)
         if key not in self._batches:
+            earlier = self._earlier.get(key)
             try:
-                self._batches[key] = Batches(self, *key)
-            except (NotInBatchError, EightpostError):  # the rows state the reason
-                self._batches[key] = None
+                self._batches[key] = (earlier.for_shocks(self) if isinstance(earlier, Batches) else None) or Batches(
+                    self, *key
+                )
+            except (NotInBatchError, EightpostError) as reason:
+                self._batches[key] = str(reason) or type(reason).__name__
         return self._batches[key]
 
     def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
@@ -303,7 +316,7 @@ class Evaluator:
 
 
 def ports(vehicle: Component) -> tuple[str, ...]:
-    """Return the corners at which a vehicle has a port (docs/ports.md); `corner` for a quarter car."""
+    """Return the corners at which a vehicle has a port (docs/reference/ports.md); `corner` for a quarter car."""
     names = vehicle.variables
     found = [
         name.removesuffix(".velocity")
@@ -323,7 +336,8 @@ def _port_of(vehicle: Component, name: str, corner: str) -> str:
     known = ports(vehicle)
     if corner not in known:
         raise InputError(
-            f"{vehicle.source} has no port {corner!r}; its ports: {', '.join(known) or 'none (docs/ports.md)'}"
+            f"{vehicle.source} has no port {corner!r}; "
+            f"its ports: {', '.join(known) or 'none (docs/reference/ports.md)'}"
         )
     return f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
 

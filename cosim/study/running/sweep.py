@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event
@@ -12,8 +12,8 @@ from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure, own_function
-from cosim.study.result import Provenance, StudyResult, in_order, result_table, study_schema
-from cosim.study.running.chunks import BATCH, ChunkFolder, cut, file_digests, study_digest
+from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
 from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.setup import Setup
@@ -21,8 +21,9 @@ from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
 from cosim.systems.system import System
 from eightpost import units
-from eightpost.errors import InputError
+from eightpost.errors import InputError, WorkersLostError
 from eightpost.files import check_output_folder
+from eightpost.progress import Progress, beats
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
 
@@ -42,7 +43,7 @@ def _check_study(evaluator: Evaluator) -> None:
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
     _check_ports(study, system)
-    for setup in _every_build(study, first):
+    for setup in beats(_every_build(study, first)):
         evaluator.system(setup)
     found = evaluator.measure_units
     for measure in study.measures:
@@ -118,9 +119,6 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
 
 # ---- Exhaustive study -----------------------------------------------------------------------------------------------
 
-#: Function that receives the number of completed setups and their total number.
-Progress = Callable[[int, int], None]
-
 
 class Sweep:
     """A checked study that is ready to run.
@@ -146,7 +144,6 @@ class Sweep:
         self._schema = study_schema(study, self._units)
         self._above_band: dict[str, AboveBand] | None = None
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
-        self.chunks = cut(study)
 
     @property
     def path(self) -> Path:
@@ -156,8 +153,7 @@ class Sweep:
     @property
     def left(self) -> int:
         """Number of setups that are not completed."""
-        done = self._kept.numbers
-        return sum(len(chunk.indices) for chunk in self.chunks if chunk.number not in done)
+        return sum(map(len, gaps(self._kept.completed, len(self.study.space))))
 
     def coupling(self, workers: Workers) -> Coupling:
         """Return the coupling that was chosen before, or choose it.
@@ -171,31 +167,53 @@ class Sweep:
             self._kept.keep_coupling(found)
         return found
 
-    def run(self, workers: Workers, coupling: Coupling, progress: Progress = lambda _done, _all: None) -> StudyResult:
+    def run(self, workers: Workers, coupling: Coupling, progress: Progress | None = None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
+
+        If the workers are lost, the result is partial, too.
 
         Args:
             workers: Workers that run the setups.
             coupling: Coupling of the setups.
-            progress: Called after every chunk.
-        """
-        done, total = self._kept.numbers, len(self.study.space)
-        left = [chunk for chunk in self.chunks if chunk.number not in done]
-        count = total - self.left
-        progress(count, total)
-        stop = Event()
-        with interrupts_deferred(stop.set):
-            for chunk, rows in workers.rows(self.study, coupling, left, stop.is_set):
-                self._kept.write(chunk, rows)
-                count += len(rows)
-                progress(count, total)
-        result = self._result(coupling, partial=count < total)
-        result.save(self.path)
-        return result
+            progress: Callback that receives the number of completed setups and their total number, several times per
+                second.
 
-    def _result(self, coupling: Coupling, *, partial: bool) -> StudyResult:
-        table = in_order(self._kept.table())
-        return StudyResult(self.study, table, self._provenance(coupling), partial)
+        Raises:
+            WorkersLostError: The workers have ended; the partial result was written.
+        """
+        indices = self.study.space.indices
+        chunks = Cutter(indices, self._kept.completed, lambda: workers.count)
+        stop = Event()
+
+        def tell() -> None:
+            if progress:
+                progress(indices.size - chunks.left, indices.size)
+
+        def stopped() -> bool:
+            tell()  # the workers ask several times per second
+            return stop.is_set()
+
+        tell()
+        try:
+            with interrupts_deferred(stop.set):
+                for chunk, rows in workers.rows(self.study, coupling, chunks, stopped):
+                    self._kept.write(chunk, rows)
+                    chunks.learn(rows)
+                    tell()
+        except WorkersLostError:
+            self.collect(coupling, partial=chunks.left > 0)
+            raise
+        return self.collect(coupling, partial=chunks.left > 0)
+
+    def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
+        """Join the completed chunks to the result file, some thousands of rows at a time, and return the result.
+
+        Args:
+            coupling: Coupling of the setups.
+            partial: Whether setups are missing.
+        """
+        made_by = self._provenance(coupling)
+        return StudyResult.join(self.path, self.study, self._kept.tables(), made_by, partial=partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:
         kept = json.loads(json.dumps(asdict(coupling)))  # in the form that a file has
@@ -206,16 +224,14 @@ class Sweep:
                           models=self._models, above_band=self._above_band)  # fmt: skip
 
 
-def run_study(
-    study: Study, folder: str | Path, workers: Workers, progress: Progress = lambda _done, _all: None
-) -> StudyResult:
+def run_study(study: Study, folder: str | Path, workers: Workers, progress: Progress | None = None) -> StudyResult:
     """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
 
     Args:
         study: Study to run.
         folder: Output folder; a study that is run again with the same folder resumes where it stopped.
         workers: Workers that run the setups.
-        progress: Function that receives the number of completed setups and their total number.
+        progress: Callback that receives the number of completed setups and their total number.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.
@@ -245,7 +261,7 @@ class Requested(Sweep):
     def __init__(self, study: Study, folder: str | Path) -> None:
         super().__init__(study, folder)
         self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
-        self._batches = max(self._requested.numbers, default=-1) + 1
+        self._batches = max((one.start for one in self._requested.completed), default=-1) + 1
         self._rows = {int(row["setup"]): row for kept in (self._kept, self._requested) for row in kept.rows()}
 
     def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:

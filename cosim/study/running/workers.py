@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -55,6 +55,11 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
         return evaluator.rows([evaluator.study.space.setup(index) for index in indices], coupling)
 
 
+def batch_refusal(study: str, coupling: Coupling) -> str:
+    """Return why this process runs setups through the FMUs although the coupling asks for batches; else empty."""
+    return _evaluator_for(study).batch_refusal(coupling)
+
+
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------
 
 #: Number of chunks submitted per worker, so that no worker is idle.
@@ -95,9 +100,9 @@ class Workers(Protocol):
         """Choose the coupling of a study."""
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
-        """Run chunks and yield their rows as they complete, in any order; start none after `stop` returns True."""
+        """Run chunks and yield their rows as they complete, in any order; take none after `stop` returns True."""
 
     def close(self) -> None:
         """End the workers."""
@@ -135,7 +140,7 @@ class ProcessWorkers:
             ) from None
 
     def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
+        self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
         text, waiting = study.to_json(), iter(chunks)

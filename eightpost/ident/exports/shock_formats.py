@@ -1,4 +1,4 @@
-"""Tables of static curves in the formats of other tools; docs/exports.md states where each format is from."""
+"""Tables of static curves in the formats of other tools; docs/how_to/exports.md states where each format is from."""
 
 from __future__ import annotations
 

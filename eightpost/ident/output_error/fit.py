@@ -20,6 +20,7 @@ from eightpost.ident.output_error.gate import Gate, Tolerance, residual_gate
 from eightpost.ident.output_error.model import Model, Record
 from eightpost.ident.output_error.parameters import ParameterTable
 from eightpost.ident.output_error.problem import Problem
+from eightpost.progress import parts
 
 #: Expected residual of the first pass, and smallest of the second, over the RMS of each output [1].
 _FIRST, _LEAST = 0.02, 1e-4
@@ -177,7 +178,7 @@ class OutputError:
         problem = Problem(model, table, records, self.band, noise, self.difference)
         theta = table.inside(table.theta(start))
         theta = self._multiple_shooting(problem, theta)
-        for number in range(1 if self.noise else self.passes):
+        for number in parts(range(1 if self.noise else self.passes)):
             if number:
                 left = np.sqrt(_powers(records, _errors(problem, theta), self.band))
                 problem = replace(problem, noise=np.maximum(left, _LEAST * sizes))

@@ -20,6 +20,7 @@ from eightpost.ident.output_error.band import Band
 from eightpost.ident.output_error.model import Model, Record
 from eightpost.ident.output_error.parameters import ParameterTable
 from eightpost.ident.threads import for_each
+from eightpost.progress import beat
 from eightpost.workers.process import usable_processors
 
 #: Value that replaces residuals of simulations that diverged, relative to the expected noise.
@@ -114,6 +115,7 @@ class Problem:
 
     def residual(self, z: Array) -> Array:
         """Return the residuals for unknowns z."""
+        beat()
         theta = z[: len(self.table.free)]
         outputs, ends = self._simulate([(part, *self._batch(part, z)) for part in self._parts])
         found = [self._real(lines) for lines in self._lines(outputs)]
@@ -135,6 +137,7 @@ class Problem:
 
     def jacobian(self, z: Array) -> Array:
         """Return the derivatives of the residuals by the unknowns."""
+        beat()
         jobs = [(part, *self._batch(part, z, perturbed=True)) for part in self._parts]
         outputs, ends = self._simulate(jobs)
         rows = [self._real(lines) for lines in self._slope_lines(outputs)]

@@ -1,32 +1,29 @@
 """Spread between the builds of a shock whose records are fitted together.
 
-Every build is fitted alone with the law and the kind of curve of the common fit. The standard deviation of the builds'
-curves at a velocity, without the error of their fits, is the build-to-build uncertainty of the common curve:
+Every build is fitted alone with the law, the recipe and the kind of curve of the common fit. The standard deviation of
+the builds' curves at a velocity, without the error of their fits, is the build-to-build uncertainty of the common
+curve:
 
     s(v)^2 = max(variance of f_b(v) over the builds b - mean of the squared standard errors of f_b(v), 0)
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
-from eightpost.ident.shock.curve import CurveKind
-from eightpost.ident.shock.curve_choice import CurveChooser
-from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import standard_error
 from eightpost.ident.shock.verdict import parameters_of
 
 #: Number of velocities at which the spread is stated.
-_POINTS = 61
+POINTS = 61
 
 #: Sides of a curve: sign of the velocity by the name of the FMU's parameter that scales the side.
 _SIDES = {"compression_scale": 1.0, "rebound_scale": -1.0}
@@ -69,7 +66,7 @@ class BuildSpread:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the spread as JSON values; docs/law_choice.md describes the keys."""
+        """Return the spread as JSON values; docs/explanation/law_choice.md describes the keys."""
         return {
             "builds": list(self.builds),
             "runs": list(self.runs),
@@ -98,16 +95,14 @@ def _deviation(values: Array) -> float:
 
 
 def build_spread(
-    runs: Runs, common: Solution, law: str, choices: Choices, curve: CurveKind
+    runs: Runs, common: Solution, fit_alone: Callable[[Runs], Solution]
 ) -> tuple[BuildSpread | None, tuple[str, ...]]:
     """Return the spread between the builds of runs that were fitted together, and notes.
 
     Args:
         runs: Runs of all builds.
         common: Common fit.
-        law: Law of the common fit.
-        choices: Options of the common fit.
-        curve: Kind of the curve of the common fit.
+        fit_alone: Function that fits the runs of one build like the common fit.
 
     Returns:
         The spread, None if the runs are of one build, or if fewer than two builds can be fitted alone.
@@ -117,8 +112,7 @@ def build_spread(
     for build in runs.builds:
         own = Runs.of([p for p in runs.prepared if p.build == build])
         try:
-            fitted, _ = CurveChooser(own, replace(choices, curve=curve))(law)
-            found[build] = fitted.fit.solution()
+            found[build] = fit_alone(own)
         except (EightpostError, ValueError) as error:  # laws and fits reject data by a ValueError
             notes.append(f"build {build} is not part of the spread between builds: {error}")
     if len(found) < 2:
@@ -140,20 +134,30 @@ def _spread(found: dict[str, Solution], common: Solution, notes: tuple[str, ...]
         velocity,
         force,
         np.sqrt(np.maximum(variance, 0.0)),
-        {name: _scales(force, middle, sign * velocity > 0.0) for name, sign in _SIDES.items()},
+        side_scales(force, middle, velocity),
         {name: (np.array([one[name].value for one in known]), known[0][name].unit) for name in shared},
         notes,
     )
 
 
-def _scales(force: Array, common: Array, side: NDArray[np.bool_]) -> Array:
-    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) on one side."""
-    return np.asarray(force[:, side] @ common[side] / (common[side] @ common[side]))
+def side_scales(force: Array, common: Array, velocity: Array) -> dict[str, Array]:
+    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) of builds, by its side.
+
+    Args:
+        force: Force of each build (B, M) [N].
+        common: Force of the common curve (M,) [N].
+        velocity: Velocities (M,) [m/s].
+    """
+    found = {}
+    for name, sign in _SIDES.items():
+        side = sign * velocity > 0.0
+        found[name] = np.asarray(force[:, side] @ common[side] / (common[side] @ common[side]))
+    return found
 
 
 def _shared_velocities(solutions: Sequence[Solution]) -> Array:
     inside = [one.model.runs.velocity[one.model.runs.inside] for one in solutions]
-    return np.linspace(max(float(v.min()) for v in inside), min(float(v.max()) for v in inside), _POINTS)
+    return np.linspace(max(float(v.min()) for v in inside), min(float(v.max()) for v in inside), POINTS)
 
 
 def _curve(solution: Solution, velocity: Array) -> tuple[Array, Array]:

@@ -61,8 +61,8 @@ UNEVEN = RULES.add("uneven record", ABOUT, Grade.LIMITED,
 )  # fmt: skip
 ONE_SPEED_ONLY = RULES.add("single speed", ABOUT, Grade.LIMITED,
     condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
-    why="at one speed, lag, friction and a spring have the same effect on the loop: laws that agree here disagree by "
-    "tens of percent at another speed (docs/measured_shocks.md)",
+    why="at one speed, lag, friction and a spring have the same effect on the loop: the error at a faster or a slower "
+    "speed is unknown, and laws that agree here disagree by tens of percent there (docs/explanation/law_choice.md)",
     remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
 )  # fmt: skip
 FEW_CYCLES = RULES.add("few cycles", ABOUT, Grade.LIMITED,
@@ -139,7 +139,8 @@ def _test_reasons(runs: Runs, origin: str) -> Iterator[Reason]:
     sines = [p.single_frequency for p in runs.prepared]
     if runs.has_one_speed:
         figure = f"sine of {sines[0]:.3g} Hz, peak speed {max(speeds):.3g} m/s"
-        yield ONE_SPEED_ONLY.reason("the test has a single speed", figure=figure, origin=origin)
+        statement = "the test has a single speed; the error at other speeds is unknown"
+        yield ONE_SPEED_ONLY.reason(statement, figure=figure, origin=origin)
     cycles = sum(_cycles(p.record["velocity"][p.inside]) for p in runs.prepared)
     if cycles < FEWEST_CYCLES * BLOCKS:
         figure = f"{cycles} cycles in all; {FEWEST_CYCLES * BLOCKS} are needed"

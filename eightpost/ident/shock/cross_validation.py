@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.runs import Runs
+from eightpost.progress import beats
 
 #: Number of contiguous blocks of a record, of which each is left out once.
 BLOCKS = 4
@@ -213,7 +214,7 @@ class CrossValidation:
 
     def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
         """Return each part with the force (R,) [N] of a fit without it."""
-        return [(part, self.fit.refitted_rows(self.fit.runs.weights * part.kept)) for part in left_out]
+        return [(part, self.fit.refitted_rows(self.fit.runs.weights * part.kept)) for part in beats(left_out)]
 
     def _errors(self, predicted: Iterable[tuple[LeftOut, Array]], counted: Array) -> HeldOut:
         pieces: list[float] = []

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from eightpost.ident.shock.between_builds import BuildSpread, build_spread
 from eightpost.ident.shock.boggs import Boggs
 from eightpost.ident.shock.curve import CurveKind, Shape
-from eightpost.ident.shock.curve_choice import fit_with_best_curve
+from eightpost.ident.shock.curve_choice import CurveChooser, fit_with_best_curve
 from eightpost.ident.shock.law_choice import LawChoice, best_law
 from eightpost.ident.shock.law_fit import models_for
 from eightpost.ident.shock.options import AUTO, Choices, CurveChoice, GasTreatment, LawName, RecipeName
@@ -95,15 +95,19 @@ def _between_builds(runs: Runs, solved: _Solved, choices: Choices) -> tuple[Buil
     """Return the spread between the builds of the runs, and notes; None for the runs of one build."""
     if len(runs.builds) < 2:
         return None, ()
-    if choices.recipe == "boggs":
-        return None, ("the spread between builds is stated with the recipe 'joint' only",)
-    return build_spread(runs, solved.solution, solved.law, choices, solved.curve)
+
+    def fit_alone(own: Runs) -> Solution:
+        if choices.recipe == "boggs":
+            return Boggs().fit(models_for(own, solved.law, choices)[0])
+        return CurveChooser(own, replace(choices, curve=solved.curve))(solved.law)[0].fit.solution()
+
+    return build_spread(runs, solved.solution, fit_alone)
 
 
 def _solved(runs: Runs, law: str, choices: Choices) -> _Solved:
     if choices.recipe == "boggs":
         models, notes = models_for(runs, law, choices)
-        return _Solved(Boggs().fit(models), tuple(notes))
+        return _Solved(Boggs().fit(models), tuple(notes), law=law)
     if law == AUTO:
         choice, fitted, curve = best_law(runs, choices)
     else:

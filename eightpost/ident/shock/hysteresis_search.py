@@ -22,6 +22,7 @@ from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity, knots_
 from eightpost.ident.shock.knots import RIDGE
 from eightpost.ident.shock.lagged_states import States
 from eightpost.ident.shock.runs import Runs
+from eightpost.progress import beats
 from eightpost.shock.curve import KNOTS
 
 #: Lowest rate of a thinned record [Hz].
@@ -271,7 +272,7 @@ def minimum_from(problem: SearchProblem[_Point], start: Array, *, tolerance: flo
     """
     low, high = problem.bounds()
     here, damping, rise = problem.at(np.clip(start, low, high)), _DAMPING, _CHANGE
-    for count in range(2, evaluations + 1):
+    for count in beats(range(2, evaluations + 1)):
         after = np.clip(here.parameters + _step(here, low, high, damping), low, high)
         if np.abs(after - here.parameters).max() < _SMALL:
             return Found(here, True, f"No further step is better. {count} evaluations.")

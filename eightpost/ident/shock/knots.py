@@ -12,7 +12,8 @@ from eightpost.shock.curve import KNOTS
 
 #: Number of cells on each side; `StaticCurve` has 12, into which these are subdivided without a change of the curve.
 #: With 12 the held-out errors are 1.4 % smaller, but a narrow cell at zero velocity and the gas force have almost the
-#: same effect, and the preload of a shock that LPNL2 does not describe exactly is wrong by 80 N (docs/static_curve.md).
+#: same effect, and the preload of a shock that LPNL2 does not describe exactly is wrong by 80 N
+#: (docs/explanation/static_curve.md).
 CELLS = 6
 
 #: Exponent of the knots' spacing: knots at V (j / cells)^1.8 are dense at low speed, where the curve bends most.
@@ -21,7 +22,7 @@ _SPACING = 1.8
 #: Penalties on slope times V, as shares of the RMS force error: on its size, on its changes from knot to knot, and on
 #: the change of its bend at the beginning of the last cell of each side, which has few samples and determines the slope
 #: beyond. The first two determine cells without data and have almost no effect on others. Without the third, the error
-#: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/static_curve.md).
+#: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/explanation/static_curve.md).
 RIDGE, CHANGE, END_BEND = 1e-4, 3e-4, 3e-2
 
 

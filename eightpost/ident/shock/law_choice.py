@@ -22,6 +22,7 @@ from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.options import AUTO, Choices
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
+from eightpost.progress import parts, portion
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, law_title, own_parameters, step_cost
 
@@ -200,13 +201,15 @@ def best_law(
     Raises:
         ParameterError: No law could be fitted.
     """
-    fits, troubles = _fits(runs, choices, laws)
+    with portion(0.0, 0.6):
+        fits, troubles = _fits(runs, choices, laws)
     if not fits:
         whys = "; ".join(f"{law_title(law)}: {why}" for law, why in troubles.items())
         raise ParameterError(f"no law could be fitted to this record ({whys}); check the record (eightpost inspect)")
     # A sample that any law explains is no outlier; such a sample must not count in favour of the others.
     counted = np.max([found.fit.runs.weights for found, _ in fits.values()], axis=0)
-    scores = list(_scores(fits.values(), counted))
+    with portion(0.6, 1.0):
+        scores = list(_scores(fits.values(), counted))
     scores += [_excluded(law, why) for law, why in troubles.items()]
     choice = chosen_law(scores)
     found, curve = fits[choice.law]
@@ -218,7 +221,7 @@ def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, 
     fits: dict[str, _Fitted] = {}
     troubles: dict[str, str] = {}
     fit_with_curve = CurveChooser(runs, choices)
-    for law in laws:
+    for law in parts(laws):
         try:
             fits[law] = fit_with_curve(law)
         except ValueError as error:  # raised by laws and fits that reject the data
@@ -229,7 +232,7 @@ def _fits(runs: Runs, choices: Choices, laws: Iterable[str]) -> tuple[dict[str, 
 def _scores(fits: Iterable[_Fitted], counted: Array) -> Iterator[LawScore]:
     """Yield the score of each law; one with the same fit as a simpler law is not cross-validated."""
     known: list[LawScore] = []
-    for found, curve in sorted(fits, key=lambda one: len(own_parameters(LAWS[one[0].fit.law]))):
+    for found, curve in parts(sorted(fits, key=lambda one: len(own_parameters(LAWS[one[0].fit.law])))):
         plain = replace(_without_errors(found.fit, counted), curve=curve)
         simpler = [one for one in known if one.own_parameters < plain.own_parameters]
         equal = [one for one in simpler if _is_same_fit(plain.fit_percent, one.fit_percent)]

@@ -114,10 +114,16 @@ def tables_in(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelo
     Raises:
         InputError: A peak-velocity file is given together with other files.
     """
-    tables = [path for path in files if path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])]
+    tables = [path for path in files if is_table(path)]
     if tables and len(files) > 1:
-        raise InputError(f"{tables[0]} is a peak-velocity table: fit it alone")
+        what = "fit it alone, or give each table its build (--build FILE=NAME)"
+        raise InputError(f"{tables[0]} is a peak-velocity table: {what}")
     return read_peak_velocity(tables[0], units=units) if tables else ()
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a file is a peak-velocity table."""
+    return path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])
 
 
 def fit_tables(

@@ -16,7 +16,7 @@ from eightpost.ident.shock.law_choice import LawChoice, LawScore
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.verdict import Parameter, in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
-from eightpost.report.pictures import Axes, new_figure, panels_of, save
+from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import Shock, StaticCurve, law_title
 from eightpost.units import convert
@@ -121,11 +121,15 @@ def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], 
         fits: One fit, or several of one record, with a panel each.
         path: File to write; an existing file is replaced only when the new one is complete.
     """
-    shown = list(fits) if isinstance(fits, (tuple, list)) else [fits]
-    figure = new_figure(7.2 * len(shown), 6.4)
-    for axes, fit in zip(panels_of(figure, len(shown), len(shown), sharex=True, sharey=True), shown, strict=True):
+    save(force_velocity(list(fits) if isinstance(fits, (tuple, list)) else [fits]), path, format="png")
+
+
+def force_velocity(fits: Sequence[ShockFit]) -> Figure:
+    """Return the figure of `plot_force_velocity`."""
+    figure = new_figure(7.2 * len(fits), 6.4)
+    for axes, fit in zip(panels_of(figure, len(fits), len(fits), sharex=True, sharey=True), fits, strict=True):
         _panel(axes, fit)
-    save(figure, path, format="png")
+    return figure
 
 
 def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: str | Path) -> None:

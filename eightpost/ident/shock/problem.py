@@ -14,6 +14,7 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.curve import CurveConstraint, slope_constraint
 from eightpost.ident.shock.force import ForceModel, linear_solution
 from eightpost.ident.shock.uncertainty import covariances
+from eightpost.progress import beat
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------
 
@@ -177,6 +178,7 @@ class Problem:
 
     def residual(self, parameters: Array) -> Array:
         """Return the weighted force error and the penalties (R + P,) [N]."""
+        beat()
         runs, penalty = self.model.runs, self.model.penalty
         error = np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target)
         return np.concatenate([error, penalty @ parameters[: self.model.curve_count]])

@@ -5,11 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.display import Summarized, Summary
+from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.choice_verdict import choice_reasons
 from eightpost.ident.shock.curve import fitted_curve
@@ -21,10 +24,17 @@ from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
 from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
+from eightpost.labelled import data_frame, dataset
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Port, Shock, ShockLaw
+from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 # ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------
 
@@ -146,8 +156,8 @@ def _frequency_range(prepared: Prepared) -> list[float]:
 _BAND = 61
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShockFit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ShockFit(Summarized):
     """A fitted shock and the quality of the fit.
 
     Attributes:
@@ -191,7 +201,7 @@ class ShockFit:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the shock can be used, and why (docs/verdict.md)."""
+        """Whether the shock can be used, and why (docs/reference/verdict.md)."""
         assert self.shock.validity is not None  # set by `result_of`
         return self.shock.validity.verdict
 
@@ -204,10 +214,69 @@ class ShockFit:
         """Return a parameter by its name.
 
         Raises:
-            KeyError: The fit has no parameter of that name.
+            ParameterError: The fit has no parameter of that name.
         """
         found = {parameter.name: parameter for parameter in self.parameters}
+        if name not in found:
+            raise ParameterError(f"the fit has no parameter {name!r}; {suggestion(name, found)}")
         return found[name]
+
+    def _summary(self) -> Summary:
+        return Summary.of(
+            f"Fit of {self.shock.name}: {law_title(self.shock.law_name)}",
+            ("verdict", self.verdict.headline),
+            ("reason", str(self.verdict.decisive[0]) if self.verdict.reasons else ""),
+            ("residual", f"{self.rms:.3g} N RMS, {self.percent:.2g} % of the force's standard deviation"),
+            ("search", "" if self.converged else f"did not converge: {self.status}"),
+            ("parameters", ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in self.parameters)),
+            ("changes", f"{len(self.changes)}; see .changes" if self.changes else ""),
+            ("warnings", "; ".join(self.warnings)),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the parameters, one row each: value, unit, ends of the 95 % interval.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        ends = [parameter.interval or (np.nan, np.nan) for parameter in self.parameters]
+        columns = {
+            "value": [parameter.value for parameter in self.parameters],
+            "unit": [parameter.unit for parameter in self.parameters],
+            "low": [low for low, _ in ends],
+            "high": [high for _, high in ends],
+        }
+        return data_frame(columns, [parameter.name for parameter in self.parameters], "parameter")
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return measured and fitted force over `time`, and the static curve with its 95 % band over `speed`.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        along, measured, band = ("time",), self.measured, self.band
+        variables = {
+            "velocity": (along, measured["velocity"], "m/s"),
+            "measured_force": (along, measured["force"], "N"),
+            "fitted_force": (along, self.predicted["force"], "N"),
+            "gas_force": (along, self.predicted["gas_force"], "N"),
+            "curve": (("speed",), band.force, "N"),
+            "curve_half_width": (("speed",), band.half_width, "N"),
+        }
+        coordinates = {"time": (along, measured.time, "s"), "speed": (("speed",), band.velocity, "m/s")}
+        return dataset(variables, coordinates, {"shock": self.shock.name, "law": self.shock.law_name})
+
+    def plot(self) -> Picture:
+        """Return a picture of force over velocity: measured, fitted, static curve with its 95 % band."""
+        from eightpost.ident.shock.plots import force_velocity  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import Picture  # noqa: PLC0415
+
+        return Picture(force_velocity([self]))
+
+    def write(self, path: str | Path) -> Path:
+        """Write the shock file (.json) that `build` makes an FMU of, and return its path."""
+        write_shock(self.shock, path)
+        return Path(path)
 
 
 @dataclass(frozen=True, slots=True)

@@ -241,24 +241,24 @@ MISFIT = RULES.add("large misfit of the fit", ABOUT, Grade.NOT_USABLE,
 )  # fmt: skip
 DOUBTFUL_FIT = RULES.add("notable misfit of the fit", ABOUT, Grade.LIMITED,
     condition=f"RMS of the residual above {GOOD_FIT:g} %",
-    why="a law that suits its record has a residual of a few percent (docs/measured_shocks.md)",
+    why="a law that suits its record has a residual of a few percent (docs/evidence/measured_shocks.md)",
     remedy="compare the laws on this record, and check the record (eightpost inspect)",
 )  # fmt: skip
 GOOD = RULES.add("small misfit of the fit", ABOUT, Grade.USABLE,
     condition=f"RMS of the residual at most {GOOD_FIT:g} %",
-    why="this is usual for laws that suit their record (docs/measured_shocks.md)",
+    why="this is usual for laws that suit their record (docs/evidence/measured_shocks.md)",
 )  # fmt: skip
 INSTRUMENT_LAG = RULES.add("lag of the instrument", ABOUT, Grade.NOT_USABLE,
     condition=f"force lags or leads velocity by more than {LARGEST_LAG:g} times the lag that a shock itself can have "
     "(10 ms, in slow tests that of a gas spring)",
     why="a delay of 20 ms shifts the phase of the force by 86 degrees at 12 Hz, the frequency of wheel hop: damping in "
     "the car becomes stiffness in the model",
-    remedy="align the channels of the dynamometer (docs/dyno_files.md), measure again and fit again",
+    remedy="align the channels of the dynamometer (docs/reference/dyno_files.md), measure again and fit again",
 )  # fmt: skip
 SOME_LAG = RULES.add("lag or lead that a shock does not have", ABOUT, Grade.LIMITED,
     condition="force lags velocity by more than a shock itself can, or leads it by more than 2 ms",
     why="channels sampled at different times or a filter on one of them: the fitted lag includes it",
-    remedy="align the channels of the dynamometer (docs/dyno_files.md) and fit again",
+    remedy="align the channels of the dynamometer (docs/reference/dyno_files.md) and fit again",
 )  # fmt: skip
 AT_BOUND = RULES.add("parameter at its bound", ABOUT, Grade.LIMITED,
     condition="a fitted parameter is within 1 % of a bound",

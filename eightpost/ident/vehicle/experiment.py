@@ -90,7 +90,7 @@ def experiment_of(
     """Return the experiment for records with the given channels: a quarter car, a seven-DOF car or an 8-post rig.
 
     Args:
-        names: Names of the channels that all records have, as in docs/rig.md.
+        names: Names of the channels that all records have, as in docs/explanation/rig.md.
         baseline_damping: Baseline damping C-bar [N.s/m] by port.
         name: Name of the vehicle.
         sources: SHA-256 digests of the files, by name.

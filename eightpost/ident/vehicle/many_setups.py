@@ -26,6 +26,7 @@ Whole = NDArray[np.intp]
 
 
 # ---- Compiled loop of `many_setups`, which simulates one setup over all samples of a drive --------------------------
+# Loops over elements in place of whole arrays: numba compiles those for seconds each.
 
 _MAX_ITERATIONS = 60
 #: Change of the forces [N] at which the iteration has converged.
@@ -51,6 +52,25 @@ def _add_inputs(x: Any, weight: Any, change: Any) -> None:
     for m in range(x.size):
         for j in range(change.size):
             x[m] += weight[m, j] * change[j]
+
+
+@_compiled
+def _add_response(C: Any, rows: Any, weight: Any, j: int, gain: Any) -> None:
+    """Add the response of the outputs of the given rows to input j to column j of a gain."""
+    for i in range(rows.size):
+        for m in range(weight.shape[0]):
+            gain[i, j] += (C[rows[i], m] * weight[m, j]).real
+
+
+@_compiled
+def _outputs(C: Any, D: Any, x: Any, change: Any, y: Any) -> None:
+    """Write the outputs due to modes and force differences to y."""
+    for i in range(y.size):
+        y[i] = 0.0
+        for j in range(change.size):
+            y[i] += D[i, j] * change[j]
+        for m in range(x.size):
+            y[i] += (C[i, m] * x[m]).real
 
 
 @_compiled
@@ -86,7 +106,8 @@ def _solve_forces(model: Any, laws: Any, friction: Any, ports: Any, step: float)
             error = max(error, abs(force[i] - change[i]))
             change[i] = force[i] if iteration < _MAX_ITERATIONS // 2 else 0.5 * (force[i] + change[i])
         if error <= _CLOSE:
-            states[:], bend[:], before[:] = after, bent, v
+            for i in range(count):
+                states[i, 0], states[i, 1], bend[i], before[i] = after[i, 0], after[i, 1], bent[i], v[i]
             return True
     return False
 
@@ -111,16 +132,17 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
     """
     decay, held, ramp, C, D, damping = modes
     (velocities, displacements), (laws, friction) = rows, shocks
-    count, everything = damping.size, np.arange(C.shape[0])
+    count = damping.size
     x, gain = np.zeros(decay.size, dtype=np.complex128), np.zeros((count, count))
-    free, place = np.zeros(count), np.zeros(count)
+    free, place, y = np.zeros(count), np.zeros(count), np.zeros(C.shape[0])
     change, last, states, before = np.zeros(count), np.zeros(count), np.zeros((count, 2)), np.zeros(count)
     bend = np.zeros(count)
     for j in range(count):
-        _add_outputs(C, velocities, ramp[:, j].copy(), gain[:, j])
+        _add_response(C, velocities, ramp, j, gain)
     for k in range(driven.shape[1]):
         if k:
-            x *= decay
+            for m in range(x.size):
+                x[m] *= decay[m]
             _add_inputs(x, held, change)
         for i in range(count):
             free[i] = driven[velocities[i], k]
@@ -134,9 +156,9 @@ def _compiled_march(modes: Any, rows: Any, driven: Any, shocks: Any, step: float
         if k:
             _add_inputs(x, ramp, change)
         if k % every == 0:
-            y = driven[:, k] + D @ change
-            _add_outputs(C, everything, x, y)
-            out[:, k // every] = y
+            _outputs(C, D, x, change, y)
+            for i in range(y.size):
+                out[i, k // every] = driven[i, k] + y[i]
     return -1
 
 

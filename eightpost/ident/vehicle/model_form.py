@@ -20,6 +20,7 @@ from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.ident.vehicle.residual_noise import HIGHEST, residual_noise, spectral_power
 from eightpost.ident.vehicle.trust import OutputTrust
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 
@@ -58,9 +59,9 @@ class Shares(NamedTuple):
     own: float
 
 
-#: Shares in the band of the model and above it, and of the standard deviation due to noise
-#: (docs/vehicle_uncertainty.md).
-_INSIDE, _ABOVE, _NOISE = Shares(0.36, 0.8), Shares(0.045, 0.23), Shares(1.9, 2.1)
+#: Shares in the band of the model and above it, of the standard deviation due to noise, and smallest errors
+#: (docs/explanation/vehicle_uncertainty.md).
+_INSIDE, _ABOVE, _NOISE, _LEAST = Shares(0.36, 0.68), Shares(0.045, 0.09), Shares(1.9, 2.25), Shares(0.0, 7e-4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +73,14 @@ class ModelForm:
         inside: Parts of the residual in the band of the model that appear as errors of measures.
         above: The same above the band, where the model is extrapolated.
         noise: The same for the standard deviation due to noise, which is that of the tests' drive and linear dampers.
+        least: Errors without any residual, of integration steps and laws at the ports.
     """
 
     loop: ClosedLoop = field(default_factory=ClosedLoop)
     inside: Shares = _INSIDE
     above: Shares = _ABOVE
     noise: Shares = _NOISE
+    least: Shares = _LEAST
 
     def uncertainty(
         self,
@@ -107,7 +110,7 @@ class ModelForm:
         names = measure_names(vehicle.state_space.output_names)
         left = () if refit is None else removable_tests(tests, experiment.ports)
         found = []
-        for k, test in enumerate(tests):
+        for k, test in parts(list(enumerate(tests))):
             others = [i for i in range(len(tests)) if i != k]
             residual = self._bounded(refit(others), test, band[1]) if refit is not None and k in left else None
             residual = residual or self._bounded(vehicle, test, band[1])
@@ -160,8 +163,8 @@ class ModelForm:
         """
         extrapolated = above / math.sqrt(share) if share >= _TOO_LITTLE else 1.0
         common, own = (
-            math.hypot(a * inside, b * extrapolated * math.sqrt(share), n * noise)
-            for a, b, n in zip(self.inside, self.above, self.noise, strict=True)
+            math.hypot(a * inside, b * extrapolated * math.sqrt(share), n * noise, least)
+            for a, b, n, least in zip(self.inside, self.above, self.noise, self.least, strict=True)
         )
         beyond = Shares(self.above.common * extrapolated, self.above.own * extrapolated)
         return MeasureUncertainty(common, own, beyond.common, beyond.own, share)
@@ -187,6 +190,8 @@ def removable_tests(tests: Sequence[TimeSeries], ports: Sequence[str]) -> tuple[
 
     With linear dampers, the effect of a port's force cannot be separated from tests that all have the same shock there.
     """
+    if len(tests) < 2:
+        return ()
     slopes = np.array([[port_slope(test, port) for port in ports] for test in tests])
     others = [np.delete(slopes, k, axis=0) for k in range(len(tests))]
     return tuple(k for k, rest in enumerate(others) if np.all(np.ptp(rest, axis=0) > _OTHER * np.abs(rest).min(axis=0)))

@@ -30,6 +30,11 @@ def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, pat
         output: Name of the output to plot.
         path: Path of the PNG. The file is replaced completely or not at all.
     """
+    save(magnitudes(responses, output), path, format="png")
+
+
+def magnitudes(responses: Mapping[str, FrequencyResponse], output: str) -> Figure:
+    """Return the figure of `plot_magnitudes`."""
     first = next(iter(responses.values()))
     inputs = first.input_names
     columns = min(_COLUMNS, len(inputs))
@@ -39,7 +44,7 @@ def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, pat
         _panel(axes, responses, output, name)
     if len(responses) > 1:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(responses))
-    save(figure, path, format="png")
+    return figure
 
 
 def _panel(axes: Axes, responses: Mapping[str, FrequencyResponse], output: str, source: str) -> None:

@@ -13,6 +13,11 @@ from eightpost.measure_uncertainty import MeasureUncertainty
 #: Flag of a vehicle that cannot be simulated, so that no setup can be predicted.
 UNUSABLE = "unusable"
 
+#: Its sentence on a vehicle that cannot be simulated with the shocks of its own tests.
+NOT_SIMULATED = (
+    "A test could not be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
+)
+
 #: Number of standard deviations above which a force is significant [1].
 SIGNIFICANT = 4.0
 
@@ -104,7 +109,7 @@ class Trust:
         flags: Sentences on effects in the car that a linear model does not have, by `friction`, `springs`, `lift-off`,
             `misfit` and `unexplained`; and why it cannot be simulated, by `UNUSABLE`.
         orders: Choice of the number of states.
-        samples: Number of models with resampled noise that the standard deviations come from.
+        samples: Number of models with resampled noise or drawn parameters that give the standard deviations.
         measures: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire
             forces; empty if it was not estimated.
     """

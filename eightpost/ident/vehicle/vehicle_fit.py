@@ -6,15 +6,26 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from eightpost import __version__
-from eightpost.errors import FileFormatError
+from eightpost.display import Summarized, Summary, some
+from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
-from eightpost.ident.response import FrequencyResponse, read_response, write_response
+from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
+from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
+from eightpost.verdict import Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 #: Schema version of the files that are written, and the newest one that can be read.
 SCHEMA = 1
@@ -31,8 +42,8 @@ class FittedParameter(NamedTuple):
     at_bound: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VehicleFit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class VehicleFit(Summarized):
     """An identified vehicle and the quality of its fit.
 
     Attributes:
@@ -72,6 +83,94 @@ class VehicleFit:
     def states(self) -> int:
         """Number of states of the model."""
         return len(self.vehicle.state_space.A)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the vehicle can be used, and why (docs/reference/verdict.md)."""
+        if self.vehicle.validity is not None:
+            return self.vehicle.validity.verdict
+        from eightpost.ident.vehicle.verdict import fit_verdict  # noqa: PLC0415 -- it judges fits: this module is below
+
+        return fit_verdict(self)
+
+    def _summary(self) -> Summary:
+        worst = max(self.residual, key=lambda name: self.residual[name], default="")
+        frequency = self.response.frequency
+        inputs, outputs = self.response.input_names, self.response.output_names
+        return Summary.of(
+            f"Identified vehicle {self.vehicle.name}, recipe {self.recipe}",
+            ("verdict", self.verdict.headline),
+            ("reason", str(self.verdict.decisive[0]) if self.verdict.reasons else ""),
+            ("model", f"{self.states} states, {'stable' if self.stable else 'not stable'}"),
+            ("response", f"{frequency[0]:.3g} to {frequency[-1]:.3g} Hz"),
+            ("misfit", f"up to {100.0 * self.residual[worst]:.2g} % ({worst})" if worst else ""),
+            ("inputs", some(inputs)),
+            ("outputs", some(outputs)),
+            ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the outputs, one row each: misfit [1], and if known the uncertainties of `OutputTrust` [1].
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        names, trusted = list(self.residual), {} if self.trust is None else self.trust.outputs
+        columns: dict[str, list[float]] = {"misfit": [self.residual[name] for name in names]}
+        for figure in ("response", "measure") if trusted else ():
+            columns[f"{figure}_deviation"] = [
+                getattr(trusted[name], figure) if name in trusted else np.nan for name in names
+            ]
+        return data_frame(columns, names, "output", dict.fromkeys(columns, "1"))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the frequency responses of estimate and model over output, input and frequency [Hz].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        response = self.response
+        model = response_of(self.vehicle.state_space.select(outputs=response.output_names), response.frequency)
+        paths, channels = ("output", "input", "frequency"), (response.outputs, response.inputs)
+        variables: dict[str, Labelled] = {"estimate": (paths, response.H, ""), "model": (paths, model.H, "")}
+        if response.coherence is not None:
+            variables["coherence"] = (("output", "frequency"), response.coherence, "1")
+        coordinates: dict[str, Labelled] = {
+            "output": (("output",), list(response.output_names), ""),
+            "input": (("input",), list(response.input_names), ""),
+            "frequency": (("frequency",), response.frequency, "Hz"),
+        }
+        for dimension, known in zip(("output", "input"), channels, strict=True):
+            coordinates[f"{dimension}_unit"] = ((dimension,), [channel.unit for channel in known], "")
+        return dataset(variables, coordinates, {"vehicle": self.vehicle.name, "recipe": self.recipe})
+
+    def plot(self, output: str | None = None) -> Picture:
+        """Return a picture of the responses of one output to all inputs: estimate and model.
+
+        Args:
+            output: Name of the output; default: the one with the largest misfit.
+
+        Raises:
+            ParameterError: There is no such output.
+        """
+        from eightpost.ident.vehicle.plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import Picture  # noqa: PLC0415
+
+        shown = output or max(self.residual, key=lambda name: self.residual[name])
+        if shown not in self.response.output_names:
+            advice = suggestion(shown, self.response.output_names)
+            raise ParameterError(f"{self.vehicle.name} has no output {shown!r}; {advice}")
+        estimate = self.response.select(outputs=[shown])
+        model = response_of(self.vehicle.state_space.select(outputs=[shown]), estimate.frequency)
+        return Picture(magnitudes({"estimate": estimate, "model": model}, shown))
+
+    def write(self, path: str | Path) -> Path:
+        """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it.
+
+        Returns:
+            Path of the vehicle file.
+        """
+        return write_fit(path, self)[0]
 
 
 def _response_path(path: str | Path) -> Path:

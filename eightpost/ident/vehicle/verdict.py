@@ -8,7 +8,7 @@ from dataclasses import replace
 from eightpost.corners import CORNERS, channel
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.measure_uncertainty import MeasureUncertainty, separation
 from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity
@@ -47,14 +47,14 @@ def trust_table(trust: Trust) -> Table:
         outputs = [one for name, one in trust.outputs.items() if name.rpartition(".")[2] == quantity]
         rows.append((quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures)))
     title = (
-        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} models with "
-        "resampled noise"
+        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} drawn models"
     )
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
-#: Distance of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures.
-TENTH = 0.1
+#: Separation of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
+#: measure itself.
+TENTH = separation(0.1, 0.1)
 
 
 def measure_table(trust: Trust) -> Table:

@@ -1,4 +1,4 @@
-"""Shocks of Tables 3.1 and 7.3, assembled from calibrated parts (see docs/dynamometer.md)."""
+"""Shocks of Tables 3.1 and 7.3, assembled from calibrated parts (see docs/explanation/dynamometer.md)."""
 
 from __future__ import annotations
 

@@ -244,7 +244,8 @@ def _shaped_noise(generator: np.random.Generator, count: int, table: Sequence[tu
 #: Root mean square of the four roads of a lap [m]: 0.64 of the 0.11 in of the identification drive. Laps are smoother
 #: than identification tests: Table 7.4 has 0.2 to 0.28 g at the front hubs and 0.32 to 0.47 g at the rear hubs, which
 #: this car has at 0.03 in; at 0.07 in it has 0.5 to 0.76 g and 0.69 to 1.1 g. The smoother the lap, the larger is the
-#: influence of friction (figures in docs/rig.md); at 0.07 in a linear model has the error found with our prototypes.
+#: influence of friction (figures in docs/explanation/rig.md); at 0.07 in a linear model has the error found with our
+#: prototypes.
 LAP_ROAD = convert(0.07, "in", "m")
 
 #: Ratio of the loads of a lap to those of `Track`, which are those of the identification drive. With half the loads,

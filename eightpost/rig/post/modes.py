@@ -1,7 +1,7 @@
 """Heave, pitch, roll and warp of the four aeroloaders (Eq 6.1 and 6.2).
 
 The modes of force have the signs of the modes of displacement: heave up, pitch nose down, roll left side up. Aeroloader
-forces are positive down (docs/ports.md), so downforce is a negative heave force.
+forces are positive down (docs/reference/ports.md), so downforce is a negative heave force.
 """
 
 from __future__ import annotations

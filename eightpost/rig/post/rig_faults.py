@@ -134,8 +134,8 @@ class _Record:
     def refuse_reversed(self, channel: str, why: str) -> None:
         """Raise WrongSignError."""
         what = (
-            f"{why}, so one of these channels has the wrong sign (docs/ports.md); set gain = -1 in the channel map for "
-            f"the wrong one, or pass --flip {channel}"
+            f"{why}, so one of these channels has the wrong sign (docs/reference/ports.md); set gain = -1 "
+            f"in the channel map for the wrong one, or pass --flip {channel}"
         )
         raise self.origin.header_fault(WrongSignError, what, channel=channel)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eightpost.corners import CORNERS, channel
+from eightpost.display import Summarized, Summary
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
@@ -22,11 +23,15 @@ from eightpost.signals.parquet_file import parquet_header, write_parquet
 from eightpost.signals.raw_record import find_time, mapped_series
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ---- Names and units of the rig's channels (Table 6.1; docs/rig.md) -------------------------------------------------
+# ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
 
 _AT_CORNERS = {
     "road": "m",
@@ -106,9 +111,9 @@ class RigConditions:
         return RigConditions(**{n: v if v not in empty else getattr(known, n) for n, v in own.items()})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigTest:
-    """A rig test with the channel names of docs/rig.md.
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigTest(Summarized):
+    """A rig test with the channel names of docs/explanation/rig.md.
 
     Attributes:
         series: Channels in SI.
@@ -128,6 +133,50 @@ class RigTest:
     def corners(self) -> tuple[str, ...]:
         """Names of the corners: one empty name for a quarter car, otherwise lf, rf, lr, rr."""
         return _corners_of(self.series)
+
+    def _summary(self) -> Summary:
+        return Summary.of(
+            "Rig test",
+            ("file", self.source.name if self.source else ""),
+            ("drive file", self.conditions.drivefile),
+            ("shocks", ", ".join(self.conditions.shocks)),
+            ("corners", ", ".join(self.corners)),
+            *self.series.summary_rows(),
+            ("derived", "; ".join(self.derived)),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return self.series.to_pandas()
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the channels, in SI, over the coordinate `time` [s].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        return self.series.to_xarray()
+
+    def plot(
+        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
+    ) -> Picture:
+        """Return a picture of channels over time.
+
+        Args:
+            channels: Names of the channels; default: the first twelve.
+            start: Start of the shown part [s].
+            stop: End of the shown part [s].
+
+        Raises:
+            MissingChannelError: The test has no such channel.
+        """
+        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return picture(self.series, channels, start=start, stop=stop, title=self.source.name if self.source else "")
 
     def write(self, path: str | Path) -> None:
         """Write a .parquet file (single precision, SI), or a .csv (SI, units in the header).
@@ -184,6 +233,7 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
+    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)

@@ -32,7 +32,7 @@ def names_after(page):
 
 
 def test_the_documented_code_writes_a_package(dist):
-    names = names_after("ssp.md")
+    names = names_after("how_to/ssp.md")
     assert names["open_inputs"] == ("car.road",)
     case = read_case(dist / "corner.ssp")
     assert (case.name, case.scenario.stop, case.step) == ("corner", 10.0, 1e-3)
@@ -43,7 +43,7 @@ def test_the_documented_code_writes_a_package(dist):
 
 def test_the_documented_code_assembles_an_fmu(dist, toolchain, monkeypatch):
     monkeypatch.setattr("builder.assembly.assembled_fmu.find_toolchain", lambda: toolchain)
-    path = names_after("assembly.md")["assembled"].path
+    path = names_after("how_to/assembly.md")["assembled"].path
     assert path == Path("dist/corner.fmu") and fmu_identifier(path.stem) == "corner"
     assert FmuComponent(path, "corner").variables["shock.coupling_error"].causality == "output"
 

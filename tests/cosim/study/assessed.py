@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cosim.study.certainty import ConfirmedRun, Effect
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from eightpost.measure_uncertainty import MeasureUncertainty
@@ -14,6 +15,19 @@ from eightpost.validity import Validity
 from eightpost.verdict import Verdict
 
 from .constructed import Response, result
+
+#: Half-width of the Monte Carlo error of a probability from 4096 draws in 64 groups.
+NOISE = 0.03
+
+
+def lag(build: str, change: float, copies: float = 0.0, corner: str = "rr", measure: str = "a") -> Effect:
+    """Return the effect of a parameter of a build on one measure at one corner."""
+    return Effect(build, "lag", 1.0, copies, {}, {corner: {build: {measure: change}}})
+
+
+def run(setup: int, **values: float) -> ConfirmedRun:
+    """Return a rig run of a setup with measured levels."""
+    return ConfirmedRun(f"run_{setup}.csv", setup, "lap", f"{setup}", values)
 
 
 def stating(found: StudyResult, stated: dict[str, tuple[float, float]]) -> StudyResult:

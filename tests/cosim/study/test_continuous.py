@@ -38,7 +38,7 @@ class Analytic:
         self.trials.count += len(points)
         values = self.function(points)
         kept = self.constraint(points)[:, None] if self.constraint else np.empty((len(points), 0))
-        return Evaluation(values, kept, values, np.zeros(len(points)))
+        return Evaluation(values, kept, values, np.zeros(len(points)), values)
 
 
 @settings(max_examples=20)
@@ -47,6 +47,12 @@ def test_the_minimum_of_a_bowl_is_found_also_at_the_edge_of_the_range(center):
     bowl = Analytic(lambda points: 5.0 + ((points - center) ** 2 @ np.array([1.0, 2.0, 3.0, 4.0])))
     found = search(bowl, [np.full(4, 0.5)])
     assert found.allowed and found.objective == pytest.approx(5.0, abs=2e-3)
+
+
+def test_a_flat_bowl_whose_gain_is_a_small_share_of_the_objective_is_searched_too():
+    bowl = Analytic(lambda points: 400.0 + ((points - 0.9) ** 2).sum(axis=1))
+    found = search(bowl, [np.full(4, 0.4)])
+    assert found.objective - 400.0 < 0.05  # of a gain of 1, which is 0.25 % of the objective
 
 
 def test_a_constraint_holds_at_the_optimum():

@@ -12,15 +12,16 @@ import pytest
 from cosim.study.running.chunks import file_digests, study_digest
 from cosim.study.running.sweep import Sweep, run_study
 from eightpost.corners import CORNERS
-from eightpost.errors import InputError, StepError
+from eightpost.errors import InputError, StepError, WorkersLostError
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
 import dask  # noqa: E402 -- after the skip
 
-from cosim.study import Measure, Study  # noqa: E402
+from cosim.study import Measure, Study, StudyResult  # noqa: E402
 from cosim.study.running import dask_workers  # noqa: E402
 from cosim.study.running.evaluator import Coupling  # noqa: E402
+from cosim.study.running.program import program  # noqa: E402
 
 #: A measure that ends its worker in the one setup where it is large.
 DEADLY = """
@@ -134,6 +135,28 @@ def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here
             Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.close())
     finally:
         workers.close()
+
+
+def test_without_workers_the_study_says_so_and_ends_with_its_partial_table(eight_setups, tmp_path, cluster, here):
+    heard = []
+    workers = dask_workers.DaskWorkers(cluster.scheduler_address, waiting=0.5, report=heard.append)
+    coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
+    try:
+        with pytest.raises(WorkersLostError, match=r"there were no workers for 0.5 s.*run the study again to resume"):
+            Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.scale(0))
+    finally:
+        workers.close()
+    assert len(heard) == 1 and "there are no workers; waiting 0.5 s for some" in heard[0]
+    assert StudyResult.load(tmp_path / "results.parquet").partial
+
+
+def test_a_program_differs_in_its_version_its_sources_or_its_libraries():
+    own = program()
+    assert own.difference(own) == "" and own.other_libraries(own) == ""
+    assert "eightpost 0.0.1, but" in replace(own, version="0.0.1").difference(own)
+    assert "with other sources" in replace(own, code="0").difference(own)
+    other = replace(own, libraries={**own.libraries, "numpy": "1.0"})
+    assert other.difference(own) == "" and other.other_libraries(own).startswith("numpy 1.0 instead of ")
 
 
 def test_a_scheduler_that_does_not_answer_is_reported():

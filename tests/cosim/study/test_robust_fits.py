@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cosim.study.choice.robust import Uncertain
-from eightpost.shock import read_shock
+from eightpost.shock import Hysteresis, read_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
+from tests.shock.example_curve import knot_curve
 
 BANK = Path(__file__).resolve().parents[3] / "examples" / "bank"
 
@@ -36,6 +38,17 @@ def test_parameters_vary_by_their_standard_errors(free):
     errors = [fitted[name]["standard_error"] for name in found.names[:3]]
     np.testing.assert_allclose(np.sqrt(found.covariance.diagonal()[:3]), errors)
     assert found.held == ()
+
+
+def test_every_element_of_a_fitted_parameter_varies_under_the_name_of_its_fmu_variable():
+    """The time constants of Hysteresis are elements of one parameter."""
+    shock = read_shock(BANK / "C_C.json")
+    entry = {"value": 0.01, "standard_error": 0.001, "bounds": [3e-4, 0.2], "at_bound": "", "unit": "s"}
+    fitted = {**{f"time_constant[{k}]": entry for k in (1, 2, 3)}, "gas_preload": entry}
+    law = Hysteresis(knot_curve(), (0.0,) * 25, (0.01,) * 3)
+    found = fitted_parameters(replace(shock, law=law, fit={**shock.fit, "parameters": fitted}))
+    assert found.names[:3] == ("time_constant[1]", "time_constant[2]", "time_constant[3]")
+    assert "gas_preload" not in found.names  # of the port: the vehicle moves about rest
 
 
 def test_a_parameter_at_a_bound_is_held_and_reported():

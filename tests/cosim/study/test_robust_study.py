@@ -147,7 +147,7 @@ def test_a_comparison_without_repeated_runs_is_refused(tmp_path):
 
 
 def test_the_file_of_the_documentation_is_read(tmp_path):
-    page = (Path(__file__).resolve().parents[3] / "docs" / "study_choice.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[3] / "docs" / "how_to" / "study_choice.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "uncertain.toml").write_text(block)
     found = read_uncertainty(tmp_path / "uncertain.toml", result({"front ride height, RMS": front}))

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from cosim.study.certainty import Certainty, NextTest
+from cosim.study.certainty.assess import certainty_of
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
 from cosim.study.folder import chosen_so_far
+from cosim.study.result import StudyResult
 from cosim.study.study import Term
 from eightpost.errors import InputError
 
@@ -52,6 +56,31 @@ def test_twenty_setups_are_divided_as_in_table_7_5():
         len([s for s in selection.of(m) if s.end == e]) for m in ("front", "rear", "accel") for e in ("low", "high")
     ]
     assert counts == [4, 4, 4, 4, 2, 2]
+
+
+def _certain(study: StudyResult) -> Certainty:
+    """Return a certainty that proposes setups 1200 and 5; setup 9999 was not run."""
+    found = certainty_of(study)
+    return replace(found, tests=tuple(NextTest(setup, 0.5) for setup in (1200, 9999, 5)))
+
+
+def test_the_tests_that_the_certainty_proposes_come_first_and_count_towards_the_total(tmp_path):
+    selection = select(STUDY, ["front", "rear"], total=18, certainty=_certain(STUDY))
+    assert [(s.setup.index, s.measure, s.end) for s in selection.chosen[:2]] == [
+        (1200, "front", "test"),
+        (5, "front", "test"),
+    ]
+    assert len({selected.setup.index for selected in selection.chosen}) == 18
+    assert [s.end for s in selection.chosen[2:]] == 4 * ["low"] + 4 * ["high"] + 4 * ["low"] + 4 * ["high"]
+    write_selection(selection, STUDY, tmp_path / "selection.csv")
+    assert read_selection(tmp_path / "selection.csv", STUDY) == selection
+
+
+def test_proposed_tests_never_displace_both_ends_of_the_measures_and_come_in_addition_to_counts():
+    ends = select(STUDY, ["front", "rear"], total=4, certainty=_certain(STUDY))
+    assert ends == select(STUDY, ["front", "rear"], total=4)
+    counted = select(STUDY, share={"front": 2}, certainty=_certain(STUDY))
+    assert [s.end for s in counted.chosen] == ["test", "test", "low", "low", "high", "high"]
 
 
 def test_setups_chosen_for_an_end_are_near_that_end():

@@ -120,7 +120,7 @@ def test_a_late_logger_is_a_warning(good: TimeSeries, tmp_path: Path) -> None:
     code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
     assert code == 1, said
     assert re.search(r"warning lf\.displacement is (20\.0|19\.9)\d ms ahead of the accelerometers", said)
-    assert "delays (docs/rig_data.md)" in said
+    assert "delays (docs/how_to/rig_data.md)" in said
 
 
 def test_a_teams_file_is_recognised_as_rig_data_by_its_map(good: TimeSeries, tmp_path: Path) -> None:

@@ -271,7 +271,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "rig_data.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "how_to" / "rig_data.md").read_text()
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     how = read_preparation(written(tmp_path, block))
     assert (how.decimation.rate, how.pot_cutoff, how.settling, how.same_start) == (125.0, 50.0, 2.0, "lf.road")

@@ -1,4 +1,4 @@
-"""The law `hysteresis` over settings: both curves depend on the clicks, the lag and the stop do not."""
+"""The law `hysteresis` over settings: both curves depend on the clicks, the stop does not, and the lag if needed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.settings.lagged import JointProjection
+from eightpost.ident.shock.settings.joint_projection import JointProjection
 from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
@@ -25,8 +25,8 @@ CLICKS = (0.0, 10.0, 20.0, 28.0)
 STOP = {"stop_stiffness": 1e5, "stop_yield": 4e-4, "stop_time": 2e-2}
 
 
-def true_law(clicks, stop=None):
-    """Clicks from hard soften rebound, and more so the part that lags."""
+def true_law(clicks, stop=None, growth=0.0):
+    """Clicks from hard soften rebound, and more so the part that lags; its time constants may grow with them."""
     slope = 1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)
     open_ = 1.0 - (1.0 - clicks / 28.0) ** 2
     slope = slope * np.where(SHARES < 0.0, 1.0 - 0.5 * open_, 1.0)
@@ -35,7 +35,8 @@ def true_law(clicks, stop=None):
     force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
     curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
     port = Port(gas_preload=150.0, gas_stiffness=900.0)
-    return Hysteresis(curve, tuple(lagged.tolist()), (6e-3, 4e-3, 8e-3), **(stop or {}), port=port)
+    taus = tuple(tau * (1.0 + growth * clicks / 28.0) for tau in (6e-3, 4e-3, 8e-3))
+    return Hysteresis(curve, tuple(lagged.tolist()), taus, **(stop or {}), port=port)
 
 
 @lru_cache
@@ -48,17 +49,17 @@ def motion(seed):
 
 
 @lru_cache
-def record(clicks, seed, stop=False):
+def record(clicks, seed, stop=False, growth=0.0):
     fine = motion(seed)
-    force = simulate(true_law(clicks, STOP if stop else None), fine)[:: round(FINE / RATE)]
+    force = simulate(true_law(clicks, STOP if stop else None, growth), fine)[:: round(FINE / RATE)]
     kept = fine.at(slice(None, None, round(FINE / RATE)))
     noise = 3.0 * np.random.default_rng(seed).standard_normal(force.size)
     return DynoTest(kept.with_channel("force", "N", force + noise))
 
 
-def table(clicks, stop=False):
+def table(clicks, stop=False, growth=0.0):
     axis = Axis("rebound", clicks, clicks[len(clicks) // 2], counted="from full hard", lowest=0.0, highest=28.0)
-    tests = tuple((record(value, k, stop),) for k, value in enumerate(clicks))
+    tests = tuple((record(value, k, stop, growth),) for k, value in enumerate(clicks))
     files = tuple(Path(f"rebound_{value:g}.csv") for value in clicks)
     return SettingsTable("shock", "hysteresis", "estimate", (axis,), tuple((c,) for c in clicks), tests, files)
 
@@ -127,3 +128,18 @@ def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(
     for number, step in enumerate(1e-4 * np.eye(at.size)):
         slope = (problem.at(at + step).cost - problem.at(at - step).cost) / 2e-4
         assert slope == pytest.approx(-2.0 * right[number], rel=0.02, abs=1e-3 * problem.at(at).cost)
+
+
+def test_time_constants_that_grow_with_the_clicks_are_found_and_interpolated():
+    fit = fit_settings(table((0.0, 14.0, 28.0), growth=1.0))
+    assert fit.settings.parameters == ("lagged_slope", "time_constant")
+    assert any("time constants depend on the setting" in note for note in fit.joint.notes)
+    for clicks, factor in ((0.0, 1.0), (7.0, 1.25), (28.0, 2.0)):
+        found = fit.shock.at(clicks={"rebound": clicks}).law
+        assert found.time_constant[1] == pytest.approx(factor * 4e-3, rel=0.1)
+    runs = prepare_runs([record(7.0, 7, growth=1.0)])
+    assert held_out_percent(fit.shock.at(clicks={"rebound": 7.0}).law, runs) < 1.0
+
+
+def test_time_constants_are_common_unless_left_out_parts_need_others(fit):
+    assert any("time constants are the same at all settings" in note for note in fit.joint.notes)

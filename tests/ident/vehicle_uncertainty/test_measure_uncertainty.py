@@ -14,8 +14,12 @@ from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
 from eightpost.measure_uncertainty import (
     DEGREES,
+    LOCAL,
+    REACH,
     MeasureUncertainty,
     SetupErrors,
+    local_features,
+    separation,
     setup_distance,
     student_probability,
     student_quantile,
@@ -33,6 +37,9 @@ def test_intervals_contain_the_prediction_and_grow_with_level_and_distance(commo
     assert low * high == pytest.approx(predicted**2)
     wider = one.interval(predicted, 0.95, distance=distance)
     farther = one.interval(predicted, 0.8, distance=distance + 0.1)
+    assert one.interval(predicted, 0.8, distance=0.3, change=-0.4) == pytest.approx(
+        MeasureUncertainty(common, own * separation(0.3, 0.4)).interval(predicted, 0.8, change=1.0)
+    )
     assert wider[0] < low
     assert high < wider[1]
     assert farther[0] < low
@@ -43,7 +50,7 @@ def test_intervals_contain_the_prediction_and_grow_with_level_and_distance(commo
 def test_an_interval_contains_errors_of_its_distribution_as_often_as_it_says(level):
     generator, one = np.random.default_rng(1), MeasureUncertainty(0.03, 0.4)
     distance, count = 0.1, 20_000
-    scale = math.hypot(one.common, one.own * distance)
+    scale = math.hypot(one.common, one.own * separation(distance, 0.0))
     true = 5.0 / np.exp(scale * generator.standard_t(DEGREES, count))
     low, high = one.interval(5.0, level, distance=distance)
     assert np.mean((low <= true) & (true <= high)) == pytest.approx(level, abs=4.0 * math.sqrt(level / count))
@@ -62,7 +69,38 @@ def test_setups_with_equal_predictions_are_a_draw():
     one = MeasureUncertainty(0.01, 0.2)
     assert one.probability_below(3.0, 3.0, distance=0.1) == pytest.approx(0.5)
     assert one.probability_below(3.0, 3.0, distance=0.0) == 0.5
-    assert one.probability_below(2.0, 3.0, distance=0.0) == 1.0
+    assert MeasureUncertainty(0.01, 0.0).probability_below(2.0, 3.0, distance=0.0) == 1.0
+
+
+@given(own=sizes, change=st.floats(0.001, 0.5), distance=st.floats(0.0, 0.5))
+def test_the_order_of_setups_is_less_sure_if_other_measures_differ_but_never_sure_by_the_measures_own_change(
+    own, change, distance
+):
+    """Without any other difference, the order is that of a slope error `own` against a slope of 1."""
+    one = MeasureUncertainty(0.0, own)
+    below = one.probability_below(1.0, math.exp(change), distance=distance)
+    assert below <= student_probability(1.0 / own) + 1e-12
+    assert below == pytest.approx(student.cdf(change / (own * separation(distance, change)), DEGREES))
+
+
+@given(change=st.floats(0.0, 0.5), distance=st.floats(0.0, 0.5))
+def test_the_separation_grows_faster_near_by_than_far_away(change, distance):
+    apart = separation(distance, change)
+    assert math.hypot(distance, change) <= apart <= math.sqrt(distance**2 + change**2 + 2.0 * LOCAL**2) + 1e-12
+    assert separation(1e-4, 0.0) == pytest.approx(1e-4 * math.hypot(1.0, LOCAL / REACH), rel=1e-4)
+
+
+@pytest.mark.parametrize("measures", [1, 4, 15, 40])
+def test_products_of_local_features_are_the_covariance_of_the_local_part(measures):
+    """The separation without distance and change is that of the features."""
+    generator = np.random.default_rng(measures)
+    positions = 0.05 * generator.standard_normal((30, measures)) / math.sqrt(measures)
+    features = local_features(positions)
+    apart2 = np.sum((positions[:, None] - positions) ** 2, axis=2)
+    np.testing.assert_allclose(features @ features.T, LOCAL**2 * np.exp(-0.5 * apart2 / REACH**2), atol=0.4 * LOCAL**2)
+    near = positions + 1e-3 / math.sqrt(measures)
+    moved = np.linalg.norm(local_features(near) - features, axis=1)
+    np.testing.assert_allclose(moved, 1e-3 * LOCAL / REACH, rtol=0.25 if measures < 32 else 0.5)
 
 
 def test_the_distance_of_two_setups_is_the_rms_of_their_logarithmic_differences():
@@ -129,7 +167,8 @@ def test_drawn_errors_of_two_setups_differ_as_much_as_every_pair_states(pair):
     drawn = SetupErrors.of(TABLE, STATED).draw("a", 40_000, np.random.default_rng(3))
     change = drawn[:, pair[0]] - drawn[:, pair[1]]
     distance = setup_distance(row(pair[0]), row(pair[1]))
-    assert interquartile(change) == pytest.approx(0.3 * distance, rel=0.03)
+    apart = separation(distance, math.log(TABLE["a"][pair[0]] / TABLE["a"][pair[1]]))
+    assert interquartile(change) == pytest.approx(0.3 * apart, rel=0.03)
     below = np.mean(np.log(TABLE["a"][pair[0]]) - drawn[:, pair[0]] < np.log(TABLE["a"][pair[1]]) - drawn[:, pair[1]])
     stated = STATED["a"].probability_below(TABLE["a"][pair[0]], TABLE["a"][pair[1]], distance=distance)
     assert below == pytest.approx(stated, abs=0.01)

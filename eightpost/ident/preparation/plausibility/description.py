@@ -51,7 +51,8 @@ def _of_delay(fault: Fault) -> Finding:
     size, spread = 1e3 * abs(fault.value), 2e3 * fault.deviation
     text = f"{_subject(fault)} {_verb(fault)} {size:.1f} ms (+-{spread:.1f} ms) {late} by {fault.law}{_rivals(fault)}"
     remedy = (
-        f"if its logger or filter explains that, give a delay of {fault.value:.5f} s in [delays] (docs/rig_data.md)"
+        f"if its logger or filter explains that, give a delay of {fault.value:.5f} s in [delays] "
+        "(docs/how_to/rig_data.md)"
     )
     return Finding(WRONG_DELAY, fault.channels, text, remedy)
 

@@ -10,16 +10,16 @@ RULES = Rules()
 
 WRONG_SCALE = RULES.add("a channel has the wrong scale", ABOUT, Grade.NOT_USABLE,
     condition="the gain of one channel, or of one quantity at all corners, explains why laws of mechanics are violated "
-    "by more than their tolerance and four standard deviations (docs/rig_data.md)",
+    "by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
     why="responses with this channel are wrong by the same factor, and shock forces that do not match the tire forces "
     "become false stiffness and damping",
     remedy="check its calibration and its unit",
 )  # fmt: skip
 WRONG_DELAY = RULES.add("a channel is out of step", ABOUT, Grade.NOT_USABLE,
     condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are "
-    "violated by more than their tolerance and four standard deviations (docs/rig_data.md)",
+    "violated by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
     why="a delay of 5 ms is a phase of 27 degrees at 15 Hz",
-    remedy="correct it with delays (docs/rig_data.md)",
+    remedy="correct it with delays (docs/how_to/rig_data.md)",
 )  # fmt: skip
 SWAPPED = RULES.add("channels of two corners are swapped", ABOUT, Grade.NOT_USABLE,
     condition="potentiometers match the accelerometers of each other's corner better than those of their own",

@@ -34,6 +34,9 @@ _OVER_SETTINGS = tuple(
     if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or fit_form(law) == LAGGED_VELOCITY
 )
 
+#: Name of the time constants of the law `hysteresis`, which change by one factor.
+LAG = "time_constant"
+
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
 
@@ -214,10 +217,12 @@ class JointFit:
         return quantile(model.runs) * errors
 
     @property
-    def separate(self) -> tuple[FitParameter, ...]:
-        """The law's own parameters that differ from setting to setting."""
+    def separate(self) -> tuple[str, ...]:
+        """Names of the law's own parameters that differ from setting to setting."""
         kind = self.model.dynamics.kind
-        return () if self.model.is_shared or kind is None else _positive(kind)
+        if self.model.is_shared:
+            return ()
+        return (LAG,) if self.model.local or kind is None else tuple(parameter.name for parameter in _positive(kind))
 
     def _part(self, number: int) -> tuple[Array, Array, Array]:
         return self.model.models[number].split(self.x[self.model.places[number]])

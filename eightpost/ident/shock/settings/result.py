@@ -76,7 +76,7 @@ class SettingsFit:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the shock can be used, and why (docs/verdict.md)."""
+        """Whether the shock can be used, and why (docs/reference/verdict.md)."""
         assert self.shock.validity is not None
         return self.shock.validity.verdict
 
@@ -150,14 +150,21 @@ def _fits(
 
 def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
     """Return the names of the varying parameters and the values (G, P) of each setting, as in `Settings.terms`."""
-    names = tuple(parameter.name for parameter in joint.separate)
+    names = joint.separate
     laws = [joint.law(number) for number in range(len(groups))]
-    own = np.log([[getattr(law, name) for name in names] for law in laws]).reshape(len(groups), len(names))
+    own = np.array([[_logarithm(getattr(law, name)) for name in names] for law in laws]).reshape(
+        len(groups), len(names)
+    )
     slopes = np.array([joint.slopes(number) for number in range(len(groups))])
     lagged = [found for number in range(len(groups)) if (found := joint.lagged_slopes(number)) is not None]
     preload = _preload(axes, groups, np.array([law.port.gas_preload for law in laws]))
     names = (LAGGED_SLOPE, *names) if lagged else names
     return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), own, preload[:, None]])
+
+
+def _logarithm(value: float | tuple[float, ...]) -> float:
+    """Return the mean logarithm of a parameter; the parts of a tuple change by one factor."""
+    return float(np.mean(np.log(value)))
 
 
 def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
@@ -199,7 +206,7 @@ def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis
     own = [number for number, group in enumerate(groups) if group.setting == reference]
     law = joint.law(own[0] if own else 0)
     if not own:
-        law = _law_with_slopes(law, effects.reference)
+        law = _law_with(law, joint.separate, effects.reference)
     return replace(law, port=replace(law.port, gas_preload=float(effects.reference[-1])))
 
 
@@ -312,7 +319,7 @@ def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array
     except InputError:  # the others alone do not separate the effects
         return None
     others = _others(axes, groups, kept, shock.settings.parameters, effects)
-    law = _law_with_slopes(shock.law, effects.reference)
+    law = _law_with(shock.law, shock.settings.factors, effects.reference)
     return held_out_percent(others.law_at(law, groups[number].setting), joint.model.models[number].runs)
 
 
@@ -324,20 +331,29 @@ def _others(
     return Settings(tuple(axes), parameters, terms, tested, tuple((0.0,) * KNOTS for _ in tested))
 
 
-def _law_with_slopes(law: ShockLaw, values: Array) -> ShockLaw:
-    """Return a law whose curve, and its lagged part if it has one, have other slopes at the knots.
+def _law_with(law: ShockLaw, names: Sequence[str], values: Array) -> ShockLaw:
+    """Return a law with other slopes at the knots, also of its lagged part if it has one, and other own parameters.
 
     Args:
         law: Law with the knots.
-        values: Slopes (25,) [N.s/m], followed by those of the lagged part, as in `Settings.terms`.
+        names: Names of the parameters that change by a factor.
+        values: Slopes (25,) [N.s/m], followed by those of the lagged part, the mean logarithms of the parameters and
+            the gas preload, as in `_values`.
     """
     velocity, slopes = np.array(law.curve.knot_velocity), np.maximum(values[:KNOTS], 0.0)
     force = _knot_forces(velocity, slopes[None])[0]
     curve = StaticCurve.through_knots(law.curve.knot_velocity, tuple(force.tolist()), tuple(slopes.tolist()))
-    if not hasattr(law, LAGGED_SLOPE):
-        return replace(law, curve=curve)
-    lagged: Any = {LAGGED_SLOPE: tuple(np.clip(values[KNOTS : 2 * KNOTS], 0.0, slopes).tolist())}
-    return replace(law, curve=curve, **lagged)
+    own: dict[str, Any] = {
+        name: _scaled(getattr(law, name), float(np.exp(value - _logarithm(getattr(law, name)))))
+        for name, value in zip(names, values[-1 - len(names) : -1], strict=True)
+    }
+    if hasattr(law, LAGGED_SLOPE):
+        own[LAGGED_SLOPE] = tuple(np.clip(values[KNOTS : 2 * KNOTS], 0.0, slopes).tolist())
+    return replace(law, curve=curve, **own)
+
+
+def _scaled(value: float | tuple[float, ...], factor: float) -> float | tuple[float, ...]:
+    return tuple(part * factor for part in value) if isinstance(value, tuple) else value * factor
 
 
 def held_out_percent(law: ShockLaw, runs: Runs) -> float:

@@ -1,4 +1,4 @@
-"""Tables of dynamometer files with the setting of each (TOML, docs/settings.md)."""
+"""Tables of dynamometer files with the setting of each (TOML, docs/how_to/settings.md)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCHEMA = 1
 ALIKE = 3.0
 
 _WORDS = {
-    "extra_forbidden": "is not an entry of a table of settings (docs/settings.md lists the entries)",
+    "extra_forbidden": "is not an entry of a table of settings (docs/how_to/settings.md lists the entries)",
     "missing": "is missing",
 }
 

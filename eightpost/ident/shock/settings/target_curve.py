@@ -56,6 +56,7 @@ def read_target(path: str | Path) -> TargetCurve:
         velocity = np.linspace(-curve.rebound_speed, curve.compression_speed, _POINTS)
         return TargetCurve(path.name, velocity, curve_forces(curve, velocity))
     record = read_record(path)
+    record.log_notes()
     found = {}
     for wanted, (names, unit) in _COLUMNS.items():
         places = [i for i, name in enumerate(record.names) if letters_of(name) in names]

@@ -138,13 +138,7 @@ def output_trust(
             output.
     """
     models = sampled_models(found, samples)
-    frequency = np.geomspace(*found.band, _FREQUENCIES)
-    whole = np.abs(found.model.frequency_response(frequency))
-    response = _relative(response_deviation(models, frequency), whole)
-    drive = Excitation.of(tests[0], experiment.rig, found.band)
-    sizes = drive.rms(found.model, experiment.baseline_damping)
-    scatter = spread(models, lambda model: drive.rms(model, experiment.baseline_damping))
-    measure = (scatter / np.maximum(sizes, 1e-300)).max(axis=0)
+    response, measure = relative_deviations(found.model, models, tests[0], experiment, found.band)
     trusts = {}
     for k, name in enumerate(found.model.output_names):
         misfit = _misfit(found, name)
@@ -154,6 +148,30 @@ def output_trust(
             float(response[k] * times), float(measure[k] * times), misfit, None if left is None else float(left**0.5)
         )
     return trusts
+
+
+def relative_deviations(
+    model: StateSpace,
+    models: tuple[StateSpace, ...],
+    test: TimeSeries,
+    experiment: Experiment,
+    band: tuple[float, float],
+) -> tuple[Array, Array]:
+    """Return the relative standard deviations over sampled models of each output's responses (p,) and RMS (p,).
+
+    Args:
+        model: Model.
+        models: Models that noise could have given instead.
+        test: Test that drives the setups.
+        experiment: Rig inputs and baseline damping.
+        band: Lowest and highest frequency of the fit [Hz].
+    """
+    frequency = np.geomspace(*band, _FREQUENCIES)
+    response = _relative(response_deviation(models, frequency), np.abs(model.frequency_response(frequency)))
+    drive = Excitation.of(test, experiment.rig, band)
+    sizes = drive.rms(model, experiment.baseline_damping)
+    scatter = spread(models, lambda one: drive.rms(one, experiment.baseline_damping))
+    return response, np.asarray((scatter / np.maximum(sizes, 1e-300)).max(axis=0))
 
 
 def _misfit(found: CommonPoleModel, name: str) -> float:

@@ -63,7 +63,7 @@ class Auto:
         if choice.recipe == "grey-box" and grey is not None:
             begun = process_time()
             whole = self.grey_box.explain(tests, experiment, start=grey.values)
-            fit = self.grey_box.vehicle_fit(whole, tests, experiment, begun)
+            fit = self.grey_box.vehicle_fit(whole, tests, experiment, begun, without_first=grey)
         else:
             fit = self.common_poles.identify(tests, experiment)
         return _chosen(fit, choice, started)

@@ -27,9 +27,10 @@ from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
-from eightpost.ident.vehicle.trust import UNUSABLE, ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.progress import portion
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
@@ -38,11 +39,6 @@ _SHARES = (1.0, 0.65)
 
 #: Flag of a vehicle that fails in its own simulation, as all simpler ones did.
 _NONE_USABLE = "No model could be used; the first one was kept."
-
-#: Flag of a vehicle that cannot be simulated with the shocks of its own tests.
-_NOT_SIMULATED = (
-    "A test could not be simulated with its own shocks in the loop, so the accuracy of predicted measures is not known."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +79,10 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        car, failed, usable = self._usable_car(tests, experiment)
-        return self._identification(car, tests, experiment, (started, failed, usable))
+        with portion(0.0, 0.5):
+            car, failed, usable = self._usable_car(tests, experiment)
+        with portion(0.5, 1.0):
+            return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle without its uncertainty, which takes less time.
@@ -158,15 +156,17 @@ class CommonPoles:
         """
         found, laws, friction = car.found, car.laws, car.laws.friction
         started, failed, usable = before
-        outputs = self._outputs(found, tests, experiment, friction)
-        measures = self._measures(car, tests, experiment, outputs)
+        with portion(0.0, 0.5):
+            outputs = self._outputs(found, tests, experiment, friction)
+        with portion(0.5, 0.9):
+            measures = self._measures(car, tests, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
         if not usable:
             flags[UNUSABLE] = _NONE_USABLE
         elif outputs and self.model_form is not None and not measures:
-            flags[UNUSABLE] = _NOT_SIMULATED
+            flags[UNUSABLE] = NOT_SIMULATED
         unused = friction is not None and not friction.acts
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",

@@ -27,18 +27,24 @@ from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
+from eightpost.ident.vehicle.grey_box.uncertainty import output_trust
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
+from eightpost.ident.vehicle.model_form import ModelForm, Shares
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
+
+#: Smallest errors of measures: tires in the file are linear, which the residual of the tests hardly shows.
+_LEAST = Shares(1e-3, 2e-3)
 
 #: Smallest mean tire force that is a static load [N]; records of changes from the mean have none.
 _LOADED = 200.0
@@ -56,6 +62,8 @@ class GreyBox:
         priors: Values that the team knows, by parameter: value and relative standard deviation, e.g.
             `{"lf.spring_rate": (2.2e5, 0.02)}`.
         estimate: Method of estimating the response, which is reported and not fitted.
+        samples: Number of models with drawn parameters that the standard deviations due to noise come from.
+        model_form: Settings of the uncertainty of measures on other drives; None gives none.
     """
 
     band: Band = field(default_factory=lambda: Band(0.3, 24.0, "hann"))
@@ -64,6 +72,8 @@ class GreyBox:
     limits: Tolerance = field(default_factory=lambda: Tolerance(explained=0.02, residual=0.05))
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
+    samples: int = 8
+    model_form: ModelForm | None = field(default_factory=lambda: ModelForm(least=_LEAST))
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`.
@@ -76,7 +86,13 @@ class GreyBox:
         return self.vehicle_fit(self.explain(tests, experiment), tests, experiment, started)
 
     def vehicle_fit(
-        self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment, started: float
+        self,
+        fit: OutputErrorFit,
+        tests: Sequence[TimeSeries],
+        experiment: Experiment,
+        started: float,
+        *,
+        without_first: OutputErrorFit | None = None,
     ) -> VehicleFit:
         """Return the vehicle of a fit.
 
@@ -85,18 +101,24 @@ class GreyBox:
             tests: Records of the fit.
             experiment: Inputs, shock forces and outputs of the tests.
             started: Processor time at the start of the identification [s].
+            without_first: Fit to all tests but the first one, if there is one already.
         """
         lawful = self._with_laws_of_the_file(fit, tests, experiment)
         vehicle = self.vehicle(lawful, experiment)
         stability = closed_loop_stability(vehicle)
-        springs = _springs(fit, tests)
+        springs, band = _springs(fit, tests), (self.band.low, self.band.high)
+        response = self._response(tests, experiment, vehicle.friction)
+        outputs = output_trust(lawful, tests[0], experiment, response, band, samples=self.samples)
+        measures = self._measures(vehicle, (fit, without_first), tests, experiment, outputs)
         flags = {} if fit.gate.is_adequate else {"gate": fit.gate.summary()}
+        if self.model_form is not None and not measures:
+            flags[UNUSABLE] = NOT_SIMULATED
         sentence = nonlinear_spring_sentence(springs, held=MODELLED)
         held = {} if sentence is None else {"port springs": sentence}
         return VehicleFit(
             vehicle,
             "grey-box",
-            self._response(tests, experiment, vehicle.friction),
+            response,
             lawful.residual,
             (
                 *_notes(fit, lawful),
@@ -107,10 +129,36 @@ class GreyBox:
             ),
             process_time() - started,
             stability.stable,
-            ranges_of(tests, experiment, (self.band.low, self.band.high)).as_mapping(),
-            Trust({}, _forces(fit), springs, flags | held),
+            ranges_of(tests, experiment, band).as_mapping(),
+            Trust(outputs, _forces(fit), springs, flags | held, None, self.samples, measures),
             _parameters(fit),
         )
+
+    def _measures(
+        self,
+        vehicle: IdentifiedVehicle,
+        fits: tuple[OutputErrorFit, OutputErrorFit | None],
+        tests: Sequence[TimeSeries],
+        experiment: Experiment,
+        outputs: Mapping[str, OutputTrust],
+    ) -> dict[str, MeasureUncertainty]:
+        """Return the uncertainty of measures on other drives, from the vehicle and from one without the first test.
+
+        A car has far fewer parameters than the records have data, so that one left-out test is enough. `fits` has the
+        fit to all tests, and that without the first one if it exists.
+        """
+        if self.model_form is None:
+            return {}
+
+        def refit(kept: Sequence[int]) -> IdentifiedVehicle:
+            if 0 in kept:
+                return vehicle
+            rest, (fit, without) = [tests[k] for k in kept], fits
+            found = without or self.explain(rest, experiment, start=fit.values)
+            return self.vehicle(self._with_laws_of_the_file(found, rest, experiment), experiment)
+
+        band = (self.band.low, self.band.high)
+        return self.model_form.uncertainty(vehicle, tests, experiment, band, refit=refit, outputs=outputs)
 
     def vehicle(self, fit: OutputErrorFit, experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle of a fit: a linear model with the bristles and port springs of the car."""

@@ -1,15 +1,17 @@
 """The answer at the top of a study's page: it is never more certain than what is known."""
 
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cosim.study.certainty import Contradiction, Contribution, Status
+from cosim.study.certainty import Contradiction, Contribution, Status, TradeOff
+from cosim.study.folder import aim_so_far
 from cosim.study.report.answer import answer_of, tied_rows
 from cosim.study.report.page import page
-from cosim.study.report.sheet import Extras
+from cosim.study.report.sheet import AimPage, Extras
 from cosim.study.report.write import sheet_of
 from eightpost.verdict import Grade
 
@@ -67,6 +69,39 @@ def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_
 def test_a_trade_off_is_better_or_worse_only_if_its_interval_excludes_zero(few, certain):
     grades = {one.measure: one.grade for one in _answer(few, certain(few)).trade_offs}
     assert grades == {HUB: "worse", FRONT: "even"}
+
+
+def test_the_objective_comes_first_then_what_gets_worse_and_the_rest_is_counted(few, certain):
+    names = [m.name for m in few.study.measures] + [f"other {k}" for k in range(6)]
+    changes = (-0.03, -0.02, 0.01, 0.04, 0.0, -0.01, *(-0.05,) * 6)
+    lines = tuple(TradeOff(n, c, c - 0.005, c + 0.005, 0.0) for n, c in zip(names, changes, strict=True))
+    answer = _answer(few, certain(few, trade_offs=lines))
+    assert [one.measure for one in answer.trade_offs[:2]] == [term.measure for term in few.study.objective]
+    assert [one.grade for one in answer.trade_offs[2:5]] == ["worse", "worse", "even"]
+    assert answer.trade_offs[2].change.startswith("+4") and len(answer.trade_offs) == 8
+    assert answer.unlisted == "4 more are better."
+
+
+def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(few, certain):
+    sheet = sheet_of(few, certainty=certain(few))
+    assert "eightpost shapes searches" in _text(page(sheet, Extras()))
+    sure = page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, True)))
+    assert 'href="shapes.html"' in sure and "gain 2.1" in _text(sure) and "at least 1.2" in _text(sure)
+    doubtful = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, -0.002, True))))
+    assert "less than 95 % probable" in doubtful
+    unstated = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, False))))
+    assert "errors of the vehicle are not included" in unstated
+
+
+def test_curves_of_another_study_are_not_linked(few, tmp_path):
+    (tmp_path / "shapes.html").write_text("")
+    content = {"digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
+               "gain": {"predicted": 1.0, "assured": 0.5, "includes_car": True}}  # fmt: skip
+    (tmp_path / "shapes.json").write_text(json.dumps(content))
+    assert aim_so_far(few, tmp_path) == AimPage("shapes.html", 0.02, 0.01, True)
+    for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, []):
+        (tmp_path / "shapes.json").write_text(json.dumps(wrong))
+        assert aim_so_far(few, tmp_path) is None
 
 
 def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):

@@ -1,0 +1,117 @@
+"""Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
+
+The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
+the modules that define them, the items in docs/evidence/equations.md from the inventory of `eightpost reproduce` and
+the results of its last full run, docs/data/reproduced.json (`python docs/make/make_reproduce.py`).
+"""
+
+import importlib
+import json
+import re
+import tomllib
+from pathlib import Path
+
+from eightpost.reproduce import inventory
+
+DOCS = Path(__file__).resolve().parents[1]
+FMUS = DOCS.parent / "fmus"
+
+#: Pages that have generated tables.
+PAGES = ("reference/ports.md", "reference/verdict.md", "evidence/equations.md")
+
+#: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
+SOURCES = {
+    "shock": FMUS / "common" / "shock.toml",
+    "vehicle_ss": FMUS / "vehicle_ss" / "interface.toml",
+    "assembly": FMUS / "assembly" / "interface.toml",
+}
+
+_REGION = re.compile(
+    r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
+)
+_HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
+
+
+def rewrite(page: str) -> str:
+    """Return the page with every marked region replaced by the table of its interface."""
+    return _REGION.sub(lambda match: match["start"] + _region(match["kind"], match["name"]) + match["end"], page)
+
+
+def _region(kind: str, name: str) -> str:
+    if kind == "rules":
+        return rules(name)
+    if kind == "items":
+        return items(int(name))
+    return laws() if name == "laws" else table(SOURCES[name])
+
+
+def rules(module: str) -> str:
+    """Return the table of the rules that a module defines."""
+    rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
+    head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
+    return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
+
+
+def items(chapter: int) -> str:
+    """Return the table of a chapter's numbered items with the results of the last full run."""
+    results = json.loads((DOCS / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
+    head = "| item | content | section | result | difference |\n" + "|---" * 5 + "|\n"
+    rows = [
+        (item.label, item.title, item.section, *results[item.name])
+        for item in inventory()
+        if item.chapter == chapter and item.is_computed
+    ]
+    rest = [item for item in inventory() if item.chapter == chapter and not item.is_computed]
+    others = "; ".join(f"{item.label}: {item.reason.partition(';')[0]}" for item in rest)
+    table = head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
+    return f"{table}\nNothing to compute: {others}.\n" if rest else table
+
+
+def laws() -> str:
+    """Return every law's interface: its description, and the variables that it adds to those of all shocks."""
+    return "".join(map(_law, sorted(FMUS.glob("shock_*/interface.toml"))))
+
+
+def _law(source: Path) -> str:
+    interface, kind = tomllib.loads(source.read_text(encoding="utf-8")), source.parent.name
+    text = f"### {kind}\n\n{interface['description']}: [equations and limits](../../fmus/{kind}/README.md).\n\n"
+    return text + (f"{table(source)}\n" if "variable" in interface else "It has no further variables.\n\n")
+
+
+def table(source: Path) -> str:
+    """Return the table of the rows of one file as Markdown."""
+    rows = tomllib.loads(source.read_text(encoding="utf-8"))["variable"]
+    return _HEADER + "".join(f"| {' | '.join(_cells(row))} |\n" for row in rows)
+
+
+def _cells(row: dict) -> list[str]:
+    size = row.get("size", 4 if "<corner>" in row["name"] else 1)
+    name = f"{row['name']}[1] to [{size}]" if "size" in row and "<mode>" not in row["name"] else row["name"]
+    first = row["reference"]
+    reference = str(first) if size == 1 else f"{first} to {first + size - 1}"
+    causality = ", ".join(row[key] for key in ("type", "causality", "variability") if key in row)
+    description = row["description"].replace("|", r"\|")
+    units = [row.get("unit", ""), row.get("display", "")]
+    return [f"`{name}`", reference, causality, *units, _start(row), _range(row), description]
+
+
+def _start(row: dict) -> str:
+    if "start" not in row:
+        return "0" if row["causality"] == "input" else ""
+    start = row["start"]
+    if isinstance(start, str):
+        return "shock file"
+    return str(start).lower() if isinstance(start, bool) else f"{start:g}"
+
+
+def _range(row: dict) -> str:
+    low, high = row.get("min"), row.get("max")
+    if low is None and high is None:
+        return ""
+    return f"{low:g} to {high:g}" if high is not None else f"from {low:g}"
+
+
+if __name__ == "__main__":
+    for name in PAGES:
+        path = DOCS / name
+        path.write_text(rewrite(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,253 @@
+"""Reading of every kind of file that the project works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
+
+from eightpost.api.arguments import existing, toml_kind
+from eightpost.errors import InputError, suggestion
+
+if TYPE_CHECKING:
+    from cosim.results.result import SavedRun
+    from cosim.session.case import Case
+    from cosim.study import StudyResult
+    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.rig import DynoTest, PeakVelocityTable
+    from eightpost.rig.post import RigTest
+    from eightpost.shock import Shock
+    from eightpost.signals import ChannelMap, Drivefile
+    from eightpost.vehicle import Vehicle
+
+    Readable: TypeAlias = (
+        DynoTest
+        | PeakVelocityTable
+        | RigTest
+        | Drivefile
+        | Shock
+        | Vehicle
+        | VehicleFit
+        | Case
+        | StudyResult
+        | SavedRun
+    )
+
+Kind = Literal["dyno", "rig", "drive", "peak velocity", "shock", "vehicle", "system", "study result", "run"]
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+#: Kinds of records, which are read with a channel map and units.
+_RECORDS = ("dyno", "rig", "drive", "peak velocity")
+
+
+def examples() -> Path:
+    """Return the folder of the shipped examples: records, a car, a bank of shocks, a system and a study.
+
+    Example:
+        >>> ep.read(ep.examples() / "data" / "dyno_A.csv").stroke
+    """
+    from eightpost.examples_folder import examples_folder
+
+    return examples_folder()
+
+
+@overload
+def read(
+    path: str | Path,
+    kind: Literal["dyno"],
+    *,
+    channel_map: ChannelMap | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+) -> DynoTest: ...
+@overload
+def read(
+    path: str | Path,
+    kind: Literal["rig"],
+    *,
+    channel_map: ChannelMap | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+) -> RigTest: ...
+@overload
+def read(
+    path: str | Path,
+    kind: Literal["drive"],
+    *,
+    channel_map: ChannelMap | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Drivefile: ...
+@overload
+def read(
+    path: str | Path, kind: Literal["peak velocity"], *, units: Mapping[str, str] | None = None
+) -> PeakVelocityTable: ...
+@overload
+def read(path: str | Path, kind: Literal["shock"]) -> Shock: ...
+@overload
+def read(path: str | Path, kind: Literal["vehicle"]) -> Vehicle | VehicleFit: ...
+@overload
+def read(path: str | Path, kind: Literal["system"]) -> Case: ...
+@overload
+def read(path: str | Path, kind: Literal["study result"]) -> StudyResult: ...
+@overload
+def read(path: str | Path, kind: Literal["run"]) -> SavedRun: ...
+@overload
+def read(
+    path: str | Path,
+    kind: None = None,
+    *,
+    channel_map: ChannelMap | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+) -> Readable: ...
+def read(
+    path: str | Path,
+    kind: Kind | None = None,
+    *,
+    channel_map: ChannelMap | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+) -> Readable:
+    """Read a file; its content decides what it is.
+
+    Records: a dynamometer test, a rig test (it has wheelloaders and tire forces), a drive file (wheelloaders only) or a
+    peak-velocity table. Files of the project: a shock, a vehicle (with its fit, if that is beside it), a system, the
+    results.parquet of a study, and the folder of a run.
+
+    Args:
+        path: Path of the file, or of the folder of a run.
+        kind: Kind of the content; default: found in the file. A type checker then knows what is returned.
+        channel_map: Columns by channel, or the file with them, for records with other column names.
+        units: Units by channel, for columns without a unit in the header of a record.
+        flip: Channels of a record whose sign is changed.
+
+    Raises:
+        InputError: The file does not exist, cannot be read, is not of that kind, or is not a record but an option of
+            records is given.
+        DataError: A record has a fault; the message states file, line, channel and what to do.
+
+    Example:
+        >>> test = ep.read("run7.csv", "dyno", units={"force": "lbf"})
+        >>> test.plot()
+    """
+    path = existing(path)
+    if kind is not None and kind not in KINDS:
+        raise InputError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
+    found = kind or _kind_of(path, _map(channel_map))
+    if found not in _RECORDS:
+        if channel_map is not None or units or tuple(flip):
+            raise InputError(f"{path}: channel_map, units and flip belong to records, and this file is a {found}")
+        return _document(path, found)
+    return _record(path, found, _map(channel_map), dict(units or {}), tuple(flip))
+
+
+def _map(given: ChannelMap | str | Path | None) -> ChannelMap | None:
+    from eightpost.signals import ChannelMap
+
+    return ChannelMap.read(given) if isinstance(given, str | Path) else given
+
+
+def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
+    if path.is_dir():
+        return "run"
+    suffix = path.suffix.lower()
+    if suffix in (".ssp", ".ssd"):
+        return "system"
+    if suffix == ".toml":
+        return _toml_kind(path)
+    if suffix == ".json":
+        from eightpost.files import document_kind
+
+        return "shock" if document_kind(path) == "shock" else "vehicle"
+    if suffix == ".parquet" and _is_study_result(path):
+        return "study result"
+    return record_kind(path, channel_map)
+
+
+def _toml_kind(path: Path) -> Kind:
+    if (kind := toml_kind(path)) == "study":
+        raise InputError(f"{path} defines a study; run it: study({str(path)!r}, folder)")
+    return "system" if kind == "system" else "vehicle"
+
+
+def _is_study_result(path: Path) -> bool:
+    from pyarrow.parquet import read_schema
+
+    from eightpost.errors import EightpostError
+
+    try:
+        return b'"eightpost.study"' in (read_schema(path).metadata or {}).get(b"eightpost", b"")
+    except (OSError, ValueError, EightpostError):
+        return False  # the reader of records reports the error
+
+
+def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
+    """Return the kind of a record, by the names of its channels.
+
+    Args:
+        path: File of the record.
+        channel_map: Columns by channel.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    from eightpost.rig.peak_velocity import is_peak_velocity
+    from eightpost.signals import read_records
+
+    record = read_records(path)[0]
+    names = {name.rpartition(".")[2] for name in (*record.names, *(channel_map.channels if channel_map else ()))}
+    if "road" in names:
+        return "rig" if "tire_force" in names else "drive"
+    return "peak velocity" if is_peak_velocity(record) else "dyno"
+
+
+def _record(
+    path: Path, kind: str, channel_map: ChannelMap | None, units: dict[str, str], flip: tuple[str, ...]
+) -> Readable:
+    from eightpost.rig import read_dyno_test, read_peak_velocity
+    from eightpost.rig.post import read_rig_test
+    from eightpost.signals import Drivefile
+
+    if kind == "rig":
+        return read_rig_test(path, channel_map=channel_map, units=units, flip=flip)
+    if kind == "dyno":
+        return read_dyno_test(path, channel_map=channel_map, units=units, flip=flip)
+    if flip:
+        raise InputError(f"{path}: flip changes the signs of a dyno or rig test, and this file is a {kind} file")
+    if kind == "drive":
+        return Drivefile.read(path, channel_map=channel_map, units=units)
+    tables = read_peak_velocity(path, units=units)
+    if len(tables) > 1:
+        settings = ", ".join(table.clicks or "?" for table in tables)
+        raise InputError(
+            f"{path}: the file has {len(tables)} tables ({settings}); read them with eightpost.rig.read_peak_velocity"
+        )
+    return tables[0]
+
+
+def _document(path: Path, kind: str) -> Readable:
+    if kind == "shock":
+        from eightpost.shock import read_shock
+
+        return read_shock(path)
+    if kind == "vehicle":
+        return _vehicle(path)
+    if kind == "system":
+        from cosim.system_file import read_case
+
+        return read_case(path)
+    if kind == "study result":
+        from cosim.study import StudyResult
+
+        return StudyResult.load(path)
+    from cosim.results.result import SavedRun
+
+    return SavedRun.load(path)
+
+
+def _vehicle(path: Path) -> Vehicle | VehicleFit:
+    from eightpost.ident.vehicle.vehicle_fit import fit_path, read_fit
+    from eightpost.vehicle import read_vehicle
+
+    return read_fit(path) if path.suffix == ".json" and fit_path(path).is_file() else read_vehicle(path)

@@ -1,0 +1,271 @@
+"""Fit of shocks, simulation of their force, and FMUs of shocks and vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias, cast, overload
+
+from eightpost.api.arguments import a, existing
+from eightpost.errors import InputError
+
+if TYPE_CHECKING:
+    from builder.build import Built
+    from eightpost.ident import ShockFit
+    from eightpost.ident.shock.curve import Shape
+    from eightpost.ident.shock.options import CurveChoice, GasTreatment, LawName, RecipeName
+    from eightpost.ident.shock.robust import Robust
+    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.progress import Progress
+    from eightpost.rig import DynoTest
+    from eightpost.rig.post import RigTest
+    from eightpost.shock import Shock, ShockLaw
+    from eightpost.signals import TimeSeries
+    from eightpost.vehicle import IdentifiedVehicle
+
+    Tests: TypeAlias = str | Path | DynoTest | Sequence[str | Path | DynoTest]
+    Source: TypeAlias = str | Path | Shock | ShockFit | VehicleFit | IdentifiedVehicle
+
+
+def fit(
+    tests: Tests,
+    law: LawName = "auto",
+    *,
+    gas: GasTreatment = "estimate",
+    name: str | None = None,
+    recipe: RecipeName = "joint",
+    curve: CurveChoice = "auto",
+    shape: Shape = "auto",
+    order: int | None = None,
+    robust: Robust = "auto",
+    segment: tuple[float, float] | None = None,
+    cutoff: float | None = None,
+    transition_speed: float | None = None,
+    progress: Progress | None = None,
+) -> ShockFit:
+    """Fit a shock law to dynamometer tests.
+
+    Args:
+        tests: A test or its file, or several of one shock, which are fitted together.
+        law: Name of the law, or `auto` for a choice by cross-validation.
+        gas: Treatment of the gas force: `estimate`, `included` (the static load of the car counts it) or `subtracted`.
+        name: Name of the shock; default: the build, else the name of the file.
+        recipe: `joint` or `boggs`.
+        curve: Kind of the static curve: `auto`, `polynomial` or `knots`.
+        shape: Constraint on the curve: `auto`, `free`, `monotone` or `passive`.
+        order: Order of the inner polynomial.
+        robust: Weighting of outliers: `auto`, `none`, `huber` or `tukey`.
+        segment: Start and end of the fitted part of each record [s].
+        cutoff: Cut-off frequency of the low-pass [Hz].
+        transition_speed: Velocity at which the inner polynomial ends [m/s].
+        progress: Callback that receives the amount of work done and the total.
+
+    Returns:
+        The fit: `.shock`, `.verdict`, `.parameter(name)`, `.to_pandas()` (parameters), `.plot()`, `.write(path)`.
+
+    Raises:
+        ParameterError: The law or an option is unknown, or does not suit the record.
+        DataError: A record has a fault.
+
+    Example:
+        >>> fit = ep.fit("dyno.csv", "lpf1", gas="included")
+        >>> fit.plot()
+        >>> fit.write("shock.json")
+    """
+    from eightpost.ident import fit_shock
+    from eightpost.progress import reported_to
+
+    given = tests if isinstance(tests, Sequence) and not isinstance(tests, str) else [tests]
+    if not given:
+        raise InputError("fit needs at least one dynamometer test; the list is empty")
+    with reported_to(progress):
+        return fit_shock(
+            [test for one in given for test in _tests(one)],
+            law,
+            recipe=recipe,
+            gas=gas,
+            shape=shape,
+            order=order,
+            robust=robust,
+            curve=curve,
+            name=name,
+            segment=segment,
+            cutoff=cutoff,
+            transition_speed=transition_speed,
+        )
+
+
+def _tests(given: str | Path | DynoTest) -> Sequence[DynoTest]:
+    from eightpost.rig import DynoTest, read_dyno_tests
+
+    if isinstance(given, DynoTest):
+        return (given,)
+    if isinstance(given, str | Path):
+        return read_dyno_tests(existing(given))
+    raise InputError(f"fit takes dynamometer tests and their files, not {a(given)}")
+
+
+@overload
+def simulate(model: Shock | ShockFit | ShockLaw, record: TimeSeries | DynoTest | RigTest) -> TimeSeries: ...
+@overload
+def simulate(
+    model: VehicleFit | IdentifiedVehicle,
+    record: TimeSeries | RigTest,
+    shocks: Mapping[str, Shock | ShockFit | ShockLaw] | Shock | ShockFit | ShockLaw,
+) -> TimeSeries: ...
+def simulate(
+    model: Shock | ShockFit | ShockLaw | VehicleFit | IdentifiedVehicle,
+    record: TimeSeries | DynoTest | RigTest,
+    shocks: Mapping[str, Shock | ShockFit | ShockLaw] | Shock | ShockFit | ShockLaw | None = None,
+) -> TimeSeries:
+    """Simulate a shock over a record, or an identified vehicle with shocks at its ports, without FMUs.
+
+    Args:
+        model: Shock, or identified vehicle.
+        record: Record of the motion. A shock needs `velocity` [m/s], and `displacement` [m] if the gas spring counts; a
+            vehicle needs its roads and loads without means.
+        shocks: Shock of every port of the vehicle by its name ("lf"), or one for all.
+
+    Returns:
+        For a shock: the channel `force` [N]; for a vehicle: its outputs.
+
+    Raises:
+        MissingChannelError: The record lacks a channel.
+        InputError: The model is neither, or a port of the vehicle has no shock.
+
+    Example:
+        >>> force = ep.simulate(ep.fit("dyno.csv"), ep.read("other.csv", "dyno"))["force"]
+    """
+    from eightpost.ident import ShockFit
+    from eightpost.ident import simulate as force_of
+    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.shock import Shock, ShockLaw
+    from eightpost.signals import TimeSeries
+    from eightpost.vehicle import IdentifiedVehicle
+
+    series = record if isinstance(record, TimeSeries) else getattr(record, "series", None)
+    if not isinstance(series, TimeSeries):
+        raise InputError(f"simulate takes a TimeSeries or a test as its record, not {a(record)}")
+    if isinstance(model, Shock | ShockFit | ShockLaw):
+        if shocks is not None:
+            raise InputError("shocks belong to a vehicle, and the model is a shock; omit them")
+        return TimeSeries.from_channels(series.time, {"force": ("N", force_of(_law(model), series))})
+    if isinstance(model, VehicleFit | IdentifiedVehicle):
+        return _with_shocks(model.vehicle if isinstance(model, VehicleFit) else model, series, shocks)
+    raise InputError(f"simulate takes a shock or an identified vehicle, not {a(model)}")
+
+
+def _with_shocks(vehicle: IdentifiedVehicle, series: TimeSeries, shocks: object) -> TimeSeries:
+    from eightpost.ident.vehicle.simulation import closed_at_ports, ports_of
+
+    ports = ports_of(vehicle.state_space)
+    given = dict(shocks) if isinstance(shocks, Mapping) else dict.fromkeys(ports, shocks)
+    if shocks is None or set(given) != set(ports):
+        listed = ", ".join(port or "'' (the only port)" for port in ports)
+        raise InputError(f"{vehicle.name} needs the shock of every port, and no other: shocks for {listed}")
+    return closed_at_ports(vehicle, series, {port: _law(shock) for port, shock in given.items()})
+
+
+def _law(shock: object) -> ShockLaw:
+    from eightpost.ident import ShockFit
+    from eightpost.shock import Shock, ShockLaw
+
+    known = shock.shock if isinstance(shock, ShockFit) else shock
+    law = known.law if isinstance(known, Shock) else known
+    if not isinstance(law, ShockLaw):
+        raise InputError(f"a shock must be a Shock, a fit of one or a law, not {a(shock)}; read its file with ep.read")
+    return law
+
+
+@overload
+def build(  # type: ignore[overload-overlap]  # a text is a source, not a sequence of sources
+    sources: Source,
+    folder: str | Path,
+    *,
+    target: str = "native",
+    fmi: str | int = "2",
+    confidential: bool = False,
+    temperature_input: bool = False,
+    progress: Progress | None = None,
+) -> Built: ...
+@overload
+def build(
+    sources: Sequence[Source],
+    folder: str | Path,
+    *,
+    target: str = "native",
+    fmi: str | int = "2",
+    confidential: bool = False,
+    temperature_input: bool = False,
+    progress: Progress | None = None,
+) -> list[Built]: ...
+def build(
+    sources: Source | Sequence[Source],
+    folder: str | Path,
+    *,
+    target: str = "native",
+    fmi: str | int = "2",
+    confidential: bool = False,
+    temperature_input: bool = False,
+    progress: Progress | None = None,
+) -> Built | list[Built]:
+    """Build FMUs of shocks and vehicles.
+
+    Args:
+        sources: Shock or vehicle, as an object or as its file (.json, .toml), or several of them. The file of an object
+            is written to `folder` under its name.
+        folder: Folder of the FMUs, each named after its source.
+        target: `native`, `python` or `all`.
+        fmi: FMI version: `2`, `3` or `all`.
+        confidential: Whether to leave out the sources and the static curve.
+        temperature_input: Whether the temperature of shocks that were fitted over it is an input.
+        progress: Callback that receives the number of compiled binaries and the total number.
+
+    Returns:
+        The FMU (its file is `.path`) of one source with one target and version, otherwise a list of FMUs.
+
+    Raises:
+        FmuError: A source cannot become an FMU, or there is no compiler.
+        InputError: A source cannot be read.
+
+    Example:
+        >>> shock, car = ep.build([fit, "car.toml"], "fmus")
+        >>> shock.path
+    """
+    from builder.build import build as build_fmus
+    from builder.documents import Disclosure
+
+    several = isinstance(sources, Sequence) and not isinstance(sources, str)
+    given = cast("Sequence[Source]", sources if several else [sources])
+    built = build_fmus(
+        [_source_file(source, Path(folder)) for source in given],
+        folder,
+        target=target,
+        fmi=str(fmi),
+        disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
+        temperature_input=temperature_input,
+        progress=progress,
+    )
+    return built if several or len(built) > 1 else built[0]
+
+
+def _source_file(source: object, folder: Path) -> Path:
+    """Return the file of a source; that of an object is written first."""
+    from builder.build import fmu_identifier
+    from eightpost.ident import ShockFit
+    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.shock import Shock, write_shock
+    from eightpost.vehicle import IdentifiedVehicle, write_vehicle
+
+    if isinstance(source, str | Path):
+        return existing(source)
+    if isinstance(source, ShockFit | VehicleFit):
+        return _source_file(source.shock if isinstance(source, ShockFit) else source.vehicle, folder)
+    if not isinstance(source, Shock | IdentifiedVehicle):
+        raise InputError(f"build takes shocks, identified vehicles and their files, not {a(source)}")
+    path = folder / f"{fmu_identifier(source.name)}.json"
+    if isinstance(source, Shock):
+        write_shock(source, path)
+    else:
+        write_vehicle(path, source)
+    return path

@@ -1,0 +1,114 @@
+"""Figures of time series: traces over time, and one channel over another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from eightpost import units
+from eightpost.array_types import Array
+from eightpost.report.pictures import Axes, Figure, Picture, new_figure, panels_of
+from eightpost.signals import TimeSeries
+
+COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
+
+#: Number of channels in the picture of a run, and the length that it shows of a long run [s].
+PANELS, _SHOWN = 12, 4.0
+
+
+def traces(
+    runs: Mapping[str, TimeSeries], channels: Sequence[str], *, start: float, stop: float, title: str = "Time traces"
+) -> Figure:
+    """Return channels over time, one panel each, one line per run.
+
+    Args:
+        runs: Series by label.
+        channels: Names of the channels.
+        start: Start of the shown part [s].
+        stop: End of the shown part [s].
+        title: Title of the figure.
+    """
+    # Margins in inches. A computed layout would draw all panels once more, which takes most of a short run's time.
+    width, height = 11.0, 1.9 * len(channels) + 0.8
+    margins = {"left": 1.0 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.45 / height}
+    figure = new_figure(width, height, layout=None)
+    panels = panels_of(figure, len(channels), 1, sharex=True, gridspec_kw={**margins, "hspace": 0.12})
+    for panel, channel in zip(panels, channels, strict=True):
+        for (label, series), color in zip(runs.items(), COLORS, strict=False):
+            shown = series.window(start, stop)
+            panel.plot(shown.time, displayed(shown, channel), lw=1.0, color=color, label=label)
+        _label(panel, runs, channel)
+    panels[-1].set_xlabel("time [s]")
+    if len(runs) > 1:
+        panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
+    figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
+    return figure
+
+
+def excerpt(series: TimeSeries) -> tuple[float, float]:
+    """Return start and end [s] of the middle of a long series, of the whole of a short one."""
+    first, last = float(series.time[0]), float(series.time[-1])
+    if last - first <= 2.0 * _SHOWN:
+        return first, last
+    return 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
+
+
+def picture(
+    series: TimeSeries,
+    channels: str | Sequence[str] = (),
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    title: str = "",
+) -> Picture:
+    """Return a picture of channels over time.
+
+    Args:
+        series: Series to show.
+        channels: Names of the channels; default: the first twelve.
+        start: Start of the shown part [s].
+        stop: End of the shown part [s]; default of both: the middle of a long series, all of a short one.
+        title: Title of the figure.
+
+    Raises:
+        MissingChannelError: The series has no such channel.
+    """
+    shown = tuple([channels] if isinstance(channels, str) else channels) or series.names[:PANELS]
+    series = series.select(shown)
+    begin, end = excerpt(series) if start is None and stop is None else (float(series.time[0]), float(series.time[-1]))
+    begin, end = begin if start is None else start, end if stop is None else stop
+    return Picture(traces({title or "series": series}, shown, start=begin, stop=end, title=title))
+
+
+def loop(series: TimeSeries, across: str, up: str, *, title: str = "") -> Picture:
+    """Return a picture of one channel over another.
+
+    Args:
+        series: Series to show.
+        across: Channel of the horizontal axis.
+        up: Channel of the vertical axis.
+        title: Title of the figure.
+    """
+    figure = new_figure(6.0, 4.5)
+    axes = figure.subplots()
+    axes.plot(displayed(series, across), displayed(series, up), lw=0.5, color=COLORS[0])
+    axes.set_xlabel(f"{across} [{display_unit(series, across)}]")
+    axes.set_ylabel(f"{up} [{display_unit(series, up)}]")
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    return Picture(figure)
+
+
+def display_unit(series: TimeSeries, channel: str) -> str:
+    """Return the unit in which a channel is drawn."""
+    return units.us_customary(series.unit(channel))
+
+
+def displayed(series: TimeSeries, channel: str) -> Array:
+    """Return a channel (N,) in the unit in which it is drawn."""
+    return units.convert(series[channel], series.unit(channel), display_unit(series, channel))
+
+
+def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
+    panel.set_ylabel(f"{channel}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.yaxis.set_label_coords(-0.055, 0.5)
+    panel.grid(alpha=0.3)

@@ -1,0 +1,76 @@
+"""Structs of MATLAB files: the struct that contains the channels, and channels that are structs themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+#: Fields with the samples, the unit and the name of a channel, in lower case.
+_SAMPLES = ("data", "values", "value", "samples", "y", "signal")
+_UNIT = ("unit", "units", "unit_string", "yunit")
+_NAME = ("name", "channel", "label", "channelname")
+
+
+def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
+    """Return the variables of the only struct that has vectors, or those of the file, and the struct of their units.
+
+    Args:
+        content: Variables by name; structs are mappings, arrays of structs are sequences of mappings.
+    """
+    content = {name: _as_struct(value) for name, value in content.items()}
+    units = content.pop("units", {})
+    while True:
+        content, more = _with_plain_channels(content)
+        units = units or more
+        inner = [value for value in content.values() if isinstance(value, dict) and _has_vector(value)]
+        if len(inner) != 1 or any(_is_vector(value) for value in content.values()):
+            return content, units
+        content = {name: _as_struct(value) for name, value in inner[0].items()}
+        units = content.pop("units", {}) or units
+
+
+def _as_struct(value: Any) -> Any:
+    """Return an array of structs with names as a struct of channels; other values unchanged."""
+    rows = list(value) if isinstance(value, (list, tuple)) or _is_array_of_objects(value) else []
+    if not rows or not all(isinstance(row, Mapping) for row in rows):
+        return dict(value) if isinstance(value, Mapping) else value
+    names = [_field(row, _NAME) for row in rows]
+    if not all(isinstance(name, str) and name for name in names) or len(set(names)) < len(names):
+        return value
+    return dict(zip(names, map(dict, rows), strict=True))
+
+
+def _is_array_of_objects(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1
+
+
+def _with_plain_channels(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return variables in which structs of samples and unit are vectors, and the units of these."""
+    found: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for name, value in content.items():
+        samples = _field(value, _SAMPLES) if isinstance(value, Mapping) else None
+        vectors = [one for one in value.values() if _is_vector(one)] if isinstance(value, Mapping) else []
+        if not _is_vector(samples) or len(vectors) != 1:
+            found[name] = value
+            continue
+        found[name] = samples
+        if isinstance(unit := _field(value, _UNIT), str):
+            units[name] = unit
+    return found, units
+
+
+def _field(struct: Mapping[str, Any], names: Sequence[str]) -> Any:
+    """Return the first field of a struct with one of the names; None without one."""
+    fields = {str(name).lower(): value for name, value in struct.items()}
+    return next((fields[name] for name in names if name in fields), None)
+
+
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size > 1
+
+
+def _has_vector(struct: Mapping[str, Any]) -> bool:
+    return any(_is_vector(one) or (isinstance(one, Mapping) and _has_vector(one)) for one in struct.values())

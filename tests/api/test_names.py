@@ -1,0 +1,85 @@
+"""`import eightpost as ep` gives the public names, and loads nothing before they are used."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import eightpost as ep
+
+PACKAGE = Path(ep.__file__).parent
+
+#: Everything below the API in the order of imports.
+BELOW = ("builder.build", "builder.ssp", "cosim", "cosim.study", "eightpost.ident", "eightpost.ident.vehicle",
+         "eightpost.rig.post", "eightpost.drivefile", "eightpost.reproduce", "eightpost.report.page")  # fmt: skip
+
+
+def loaded_after(code: str) -> set[str]:
+    """Return the modules of a fresh interpreter after some code."""
+    command = [sys.executable, "-c", f"{code}; import sys; print(*sorted(sys.modules))"]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_the_import_loads_the_package_alone():
+    extra = loaded_after("import eightpost") - loaded_after("pass")
+    assert extra == {"eightpost"}
+
+
+def test_a_name_loads_no_numerical_library_before_it_is_called():
+    loaded = loaded_after("import eightpost as ep; ep.fit, ep.build, ep.run, ep.sweep, ep.identify, ep.study, ep.read")
+    assert not {"numpy", "scipy", "numba", "cosim", "builder", "matplotlib", "pandas"} & loaded
+
+
+def test_no_module_below_loads_the_api():
+    loaded = loaded_after(f"import {', '.join(BELOW)}")
+    assert set(BELOW) <= loaded
+    assert not {name for name in loaded if name.startswith("eightpost.api")}
+
+
+def test_dir_and_the_stub_list_exactly_the_public_names():
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text())
+    imported = {a.asname for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
+    (listed,) = [ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign)]
+    assert listed == sorted(imported) == list(ep.__all__)
+    assert set(dir(ep)) == {*imported, "__version__"}
+
+
+def test_the_stub_names_the_module_of_every_name():
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text())
+    homes = {a.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
+    assert homes == ep._HOME
+
+
+@pytest.mark.parametrize("name", ep.__all__)
+def test_every_name_exists_and_is_documented(name):
+    value = getattr(ep, name)
+    assert value.__doc__
+    if callable(value) and not isinstance(value, type):
+        assert ">>> " in value.__doc__, "an example"
+        assert "return" in value.__annotations__
+
+
+def test_a_wrong_name_is_reported_with_similar_ones():
+    with pytest.raises(AttributeError, match=r"no attribute 'simulat'; did you mean simulate\?"):
+        _ = ep.simulat
+    assert not hasattr(ep, "_repr_html_")
+
+
+@pytest.mark.parametrize("use_jedi", [False, True])
+def test_completion_in_a_notebook_offers_the_public_names(use_jedi):
+    core = pytest.importorskip("IPython.core.completer")
+    completer = core.IPCompleter(namespace={"ep": ep}, use_jedi=use_jedi)
+    with core.provisionalcompleter():
+        found = {one.text.removeprefix(".") for one in completer.completions("ep.", 3)}
+    assert {name for name in found if not name.startswith("_")} == set(ep.__all__)
+
+
+@pytest.mark.nightly
+def test_a_type_checker_knows_what_every_call_returns(tmp_path):
+    script = Path(__file__).with_name("typed_use.py")
+    root = PACKAGE.parent
+    command = [sys.executable, "-m", "mypy", "--config-file", str(root / "pyproject.toml"), str(script)]
+    checked = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
+    assert checked.returncode == 0, checked.stdout

@@ -1,0 +1,171 @@
+"""Results in a notebook: short, as tables, as pictures; and mistakes of newcomers."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import eightpost as ep
+from eightpost.display import Summary, some
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.extras import MissingExtraError
+from eightpost.ident import fit_shock
+
+DATA = ep.examples() / "data"
+BANK = ep.examples() / "bank"
+
+
+@pytest.fixture(scope="module")
+def test():
+    return ep.read(DATA / "dyno_A.csv", "dyno")
+
+
+@pytest.fixture(scope="module")
+def fit(test):
+    return ep.fit(test, "lpf1", gas="included", order=5)
+
+
+@pytest.mark.parametrize("file, kind", [
+    ("data/dyno_A.csv", "DynoTest"), ("data/track.parquet", "Drivefile"), ("bank/B_B.json", "Shock"),
+    ("car.toml", "StructuralVehicle"),
+])  # fmt: skip
+def test_a_file_is_read_as_what_it_is(file, kind):
+    assert type(ep.read(ep.examples() / file)).__name__ == kind
+
+
+def test_a_fit_equals_that_of_the_library_and_takes_paths(test, fit):
+    alone = fit_shock(test, "lpf1", gas="included", order=5)
+    assert (
+        fit.shock.law == alone.shock.law == ep.fit(str(DATA / "dyno_A.csv"), "lpf1", gas="included", order=5).shock.law
+    )
+
+
+def test_a_fit_is_a_table_of_parameters_an_array_of_forces_and_a_picture(fit):
+    table = fit.to_pandas()
+    assert table["value"]["time_constant"] == fit.parameter("time_constant").value
+    assert (table["low"] < table["value"]).all() and (table["value"] < table["high"]).all()
+    forces = fit.to_xarray()
+    error = forces["fitted_force"] - forces["measured_force"]
+    assert float(np.sqrt((error**2).mean())) == pytest.approx(fit.rms, rel=0.05)
+    assert forces["measured_force"].attrs["units"] == "N"
+    assert fit.plot()._repr_png_().startswith(b"\x89PNG")
+    assert len(repr(fit).splitlines()) <= 10
+
+
+def test_a_record_is_a_table_and_a_picture(test, tmp_path):
+    assert test.to_pandas().shape == (24001, 4)
+    assert test.to_xarray()["force"].attrs["units"] == "N"
+    test.plot().save(tmp_path / "test.png")
+    assert (tmp_path / "test.png").read_bytes().startswith(b"\x89PNG")
+    assert len(repr(test).splitlines()) <= 10
+
+
+def test_a_shock_simulates_a_record_as_its_fit_does(test, fit):
+    simulated = ep.simulate(fit, test)
+    assert simulated.units == ("N",)
+    assert (ep.simulate(fit.shock, test.series)["force"] == simulated["force"]).all()
+    assert (ep.simulate(fit.shock.law, test)["force"] == simulated["force"]).all()
+
+
+def test_an_fmu_is_built_from_a_fit_and_from_its_file(fit, tmp_path, one_platform):
+    with one_platform():
+        built = ep.build(fit, tmp_path)
+        (again,) = ep.build([fit.write(tmp_path / "same" / "dyno_A.json")], tmp_path / "same")
+    assert built.path.read_bytes() == again.path.read_bytes()
+    assert len(repr(built).splitlines()) <= 10
+    system = ep.System.load({"shock": built})
+    assert "dyno_A.fmu" in repr(system)
+
+
+def test_a_missing_package_is_reported_with_the_extra_that_has_it(test, monkeypatch):
+    for package in ("pandas", "xarray"):
+        monkeypatch.setitem(sys.modules, package, None)
+    for convert in (test.to_pandas, test.to_xarray):
+        with pytest.raises(MissingExtraError, match=r'pip install "eightpost\[notebook\]"'):
+            convert()
+
+
+def test_a_display_cuts_long_values_and_escapes_html():
+    summary = Summary.of("<b>", ("channels", some(f"channel_{k}" for k in range(100))), ("none", ""), ("x", "y" * 500))
+    assert "... (100)" in summary.text()
+    assert "none" not in summary.text()
+    assert max(map(len, summary.text().splitlines())) < 120
+    assert "&lt;b&gt;" in summary.html()
+
+
+def test_progress_of_a_fit_reaches_the_whole(test):
+    told = []
+    ep.fit(test, "polylinear", gas="included", order=5, progress=lambda *amounts: told.append(amounts))
+    assert told[0] == (0.0, 1.0) and told[-1] == (1.0, 1.0)
+    assert len(told) > 2
+
+
+@pytest.fixture
+def drive():
+    return ep.read(DATA / "track.parquet", "drive")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run7.csv").write_text("time [s],velocity [m/s],force [N]\n0,0,0\n")
+    return tmp_path
+
+
+#: Mistakes of newcomers, with what the message says.
+MISTAKES = {
+    "a misspelled file": (lambda: ep.read("run8.csv"), r"run8\.csv: it does not exist; did you mean run7\.csv\?"),
+    "a folder that does not exist": (lambda: ep.read("data/run8.csv"), r"the folder data does not exist; the current"),
+    "a kind that does not exist": (
+        lambda: ep.read("run7.csv", "dynamometer"), r"kind is 'dynamometer'; there are: dyno"),
+    "a record of another kind": (
+        lambda: ep.read(DATA / "track.parquet", "dyno"), r"channel 'force': the channel is miss"),
+    "a study that is read": (lambda: ep.read(ep.examples() / "study.toml"), r"defines a study; run it: study\("),
+    "units of a shock": (lambda: ep.read(BANK / "B_B.json", units={"force": "N"}), r"belong to records"),
+    "a law that does not exist": (
+        lambda: ep.fit(DATA / "dyno_A.csv", "lpf2"), r"unknown law 'lpf2'; it must be one of"),
+    "no test": (lambda: ep.fit([]), r"at least one dynamometer test"),
+    "a number as a test": (lambda: ep.fit(42), r"not an int"),
+    "an FMU of a record": (lambda: ep.build(DATA / "dyno_A.csv", "x"), r"fit a record first"),
+    "an FMU of a list of numbers": (lambda: ep.build([1.0], "x"), r"not a float"),
+    "a vehicle as a system": (
+        lambda: ep.run(ep.examples() / "car.toml"), r"defines a vehicle, not a system; make an FMU"),
+    "a vehicle as a study": (lambda: ep.study(ep.examples() / "car.toml", "x"), r"defines a vehicle, not a study"),
+    "a system without a scenario": (lambda: ep.run(ep.System({})), r"run\(system, Scenario\("),
+    "a duration as the scenario": (lambda: ep.run(ep.System({}), 5.0), r"write Scenario\(stop=5\.0, drive"),
+    "a scheme that does not exist": (
+        lambda: ep.run(ep.System({}), ep.Scenario(1.0), algorithm="gauss-seidl"), r"did you mean gauss-seidel\?"),
+    "seconds as a text": (lambda: ep.Scenario(stop="5 s"), r"stop is '5 s'; give a number of seconds"),
+    "a path as the drive": (lambda: ep.Scenario(5.0, drive="lap.parquet"), r"give Drivefile\.read\('lap\.parquet'\)"),
+    "one channel to record": (lambda: ep.Scenario(5.0, record="car.x"), r"give a list of names: \['car\.x'\]"),
+    "one run to compare": (lambda: ep.compare([]), r"at least two runs"),
+    "a number to compare": (lambda: ep.compare([1, 2]), r"'run 1' is an int"),
+    "one rig test": (lambda: ep.identify(["a.parquet"]), r"one rig test cannot separate"),
+    "a missing rig test": (lambda: ep.identify(["a.parquet", "b.parquet"]), r"a\.parquet: it does not exist"),
+    "a recipe that does not exist": (
+        lambda: ep.identify(["a", "b"], recipe="greybox"), r"no recipe 'greybox'; use one"),
+    "a baseline that is no test": (lambda: ep.identify(["a", "b"], baseline=2), r"the indices 0 to 1"),
+    "no worker": (lambda: ep.study("x", "y", workers=0), r"workers is 0"),
+    "a number to simulate": (lambda: ep.simulate(5, 6), r"not an int"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_an_error_of_the_call_that_says_what_to_do(folder, mistake):
+    call, message = MISTAKES[mistake]
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_a_run_that_is_too_long_for_its_drive_is_refused_by_the_scenario(drive):
+    with pytest.raises(InputError, match="it holds 0 to 30 s"):
+        ep.Scenario(stop=500.0, drive=drive)
+
+
+def test_a_channel_or_parameter_that_does_not_exist_is_reported_with_similar_ones(test, fit):
+    with pytest.raises(InputError, match=r"channel 'forse': no such channel; did you mean force\?"):
+        _ = test.series["forse"]
+    with pytest.raises(ParameterError, match=r"no parameter 'time_const'; did you mean time_constant\?"):
+        fit.parameter("time_const")
+    with pytest.raises(FileFormatError, match="it does not exist"):
+        ep.fit("dyno.csv")

@@ -1,0 +1,159 @@
+"""Rig runs update the certainty of a study, and its file; compared with a dense joint distribution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from cosim.study.certainty import (
+    Contradiction,
+    Effect,
+    Status,
+    read_certainty,
+    write_certainty,
+)
+from cosim.study.certainty.assess import Knowledge, certainty_of
+from cosim.study.certainty.posterior import Observations, Posterior
+from cosim.study.certainty.sources import error_sources
+from cosim.study.certainty.verdict import certainty_reasons
+from cosim.study.study import Term
+from eightpost.errors import FileFormatError
+from eightpost.measure_uncertainty import local_features, separation
+
+from .assessed import NOISE, assessed, lag, run, two_setups
+
+
+def test_conditioning_equals_that_of_an_independently_built_joint_normal_distribution():
+    """Given the scales, medians and variances of all levels are those of the dense joint distribution."""
+    study = assessed({"a": lambda d: np.exp(0.01 * d[:, 2] - 0.02 * d[:, 3]), "b": lambda d: np.exp(0.03 * d[:, 3])})
+    effects = (lag("C/C", 0.01, 0.5), lag("B/C", -0.02, 0.0, "lr", "b"), Effect("car", "k", 1.0, 0.0, {"a": 0.01}, {}))
+    sources = error_sources(study, effects)
+    seen = Observations(np.array([3, 40]), np.array([0, 1]), np.array([0.02, -0.01]), np.array([0.003, 0.004]))
+    posterior = Posterior(sources, seen)
+    scales = posterior.scales.typical
+    rows = np.array([3, 40, 700])
+    x = np.log(np.stack([study.values("a"), study.values("b")], axis=1)) / np.sqrt(2.0)
+    x -= x.mean(axis=0)
+    z = np.hstack([x, local_features(x)])[rows]
+    level = np.sqrt(2.0) * x[rows]  # logarithms of the measures themselves
+    builds = [study.setup(int(row)).builds for row in rows]
+
+    def column(m: int) -> np.ndarray:
+        """Loadings of the standard normal variables: own of a, own of b, fit C/C, copy C/C, B/C, k."""
+        gradient = 0.5 * scales.own[m] * np.column_stack([z, level[:, m]])
+        own = np.zeros((3, 2 * gradient.shape[1]))
+        own[:, m * gradient.shape[1] : (m + 1) * gradient.shape[1]] = gradient
+        c = np.array([m == 0 and one["rr"] == "C/C" for one in builds], dtype=float)
+        b = np.array([m == 1 and one["lr"] == "B/C" for one in builds], dtype=float)
+        return np.column_stack([own, 0.01 * c, 0.005 * c, -0.02 * b, np.full(3, 0.01 * (m == 0))])
+
+    loadings = [column(m) for m in range(2)]
+    at_levels = np.stack([loadings[0][0], loadings[1][1]])
+    inverse = np.linalg.inv(at_levels @ at_levels.T + np.diag([0.003**2, 0.004**2]))
+    for m in range(2):
+        weights = np.zeros(sources.predicted.shape)
+        weights[:, m] = 1.0
+        middle, student, normal = posterior.moments(weights)
+        gain = loadings[m] @ at_levels.T @ inverse
+        np.testing.assert_allclose(middle[rows], gain @ seen.changes, atol=1e-12)
+        variance = np.sum(loadings[m] ** 2, axis=1) - np.sum(gain * (loadings[m] @ at_levels.T), axis=1)
+        np.testing.assert_allclose((student + normal)[rows], variance, atol=1e-12)
+        drawn = posterior.draw(scales, 40_000, np.random.default_rng(2))
+        errors = sources.errors(drawn, rows, m)
+        apart = np.abs(errors.mean(axis=0) - gain @ seen.changes)
+        assert np.all(apart < 5.0 * np.sqrt(variance / len(errors)) + 1e-12)
+        np.testing.assert_allclose(errors.var(axis=0), variance, rtol=0.05, atol=1e-7)
+
+
+def test_a_rig_run_of_both_setups_decides_between_them():
+    study = two_setups(0.01, (0.02, 2.0))
+    before = certainty_of(study)
+    known = Knowledge(run_to_run={"a": 0.001}, runs=(run(0, a=1.01), run(1, a=1.0)))
+    after = certainty_of(study, known)
+    assert before.best[0] == pytest.approx(stats.t.cdf(0.01 / (2.0 * separation(0.01, 0.01)), 4), abs=NOISE)
+    assert after.best[0] < 0.01
+    low, high = after.levels["a"].interval(0.95)
+    assert low[0] < 1.01 < high[0] and np.log(high / low)[0] < 4.0 * 2.8 * 0.001
+
+
+def test_rig_runs_that_agree_make_the_intervals_narrower_everywhere():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.05, 0.2))
+    levels = study.values("a")
+    runs = tuple(run(k, a=float(levels[k])) for k in (0, 1200, 2400))
+    before, after = (certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=r)) for r in ((), runs))
+    assert np.all(after.levels["a"].half_widths[2] < 0.5 * before.levels["a"].half_widths[2])
+    assert after.contradictions == ()
+
+
+def test_a_record_that_contradicts_the_prediction_is_named():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
+    levels = study.values("a")
+    runs = (run(0, a=float(levels[0])), run(7, a=float(levels[7])), run(2400, a=1.3 * float(levels[2400])))
+    found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
+    (worst,) = found.contradictions
+    assert isinstance(worst, Contradiction) and (worst.file, worst.used) == ("run_2400.csv", False)
+    assert worst.measured == pytest.approx(1.3 * worst.predicted)
+    assert any(one.origin == "run_2400.csv" for one in certainty_reasons(found))
+    without = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs[:2]))
+    np.testing.assert_allclose(found.levels["a"].expected, without.levels["a"].expected, rtol=1e-9)
+
+
+def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
+    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.02, 0.02))
+    levels = study.values("a")
+    runs = tuple(run(k, a=1.2 * float(levels[k])) for k in (0, 7, 2400))
+    found = certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=runs))
+    assert [one.used for one in found.contradictions] == [True, True, True]
+    np.testing.assert_allclose(found.levels["a"].expected, 1.2 * levels, rtol=0.01)
+
+
+def test_rig_runs_of_unknown_repeatability_are_reported_as_a_gap():
+    found = certainty_of(two_setups(0.01), Knowledge(runs=(run(0, a=1.0),)))
+    states = {one.name: one.status for one in found.contributions}
+    assert states["run to run"] is Status.UNKNOWN
+    assert not found.is_known
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.permutations([0, 1, 2]))
+def test_the_order_of_rig_runs_does_not_matter(order):
+    study = two_setups(0.01, (0.02, 1.0))
+    runs = (run(0, a=1.01), run(1, a=1.0), replace(run(1, a=1.002), digest="again"))
+    one, other = (
+        certainty_of(study, Knowledge(run_to_run={"a": 0.002}, runs=tuple(runs[k] for k in places)))
+        for places in ((0, 1, 2), order)
+    )
+    np.testing.assert_allclose(one.levels["a"].half_widths, other.levels["a"].half_widths, rtol=1e-9)
+    assert one.best[0] == pytest.approx(other.best[0], abs=NOISE)
+
+
+# ---- File ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_certainty_is_read_back_from_its_file(tmp_path):
+    study = two_setups(0.01, (0.02, 1.0), objective=(Term("a", 2.0, "m"),))
+    known = Knowledge((lag("C/C", 0.01, 0.5),), ("B/B",), {"a": 0.001}, (run(0, a=1.5),), ("a note",))
+    kept = certainty_of(study, known)
+    write_certainty(kept, tmp_path / "certainty.parquet")
+    found = read_certainty(tmp_path / "certainty.parquet", digest=study.provenance.digest)
+    assert Knowledge.of(found) == known
+    for name in ("ties", "tests", "trade_offs", "contributions", "contradictions", "remarks", "criterion", "draws"):
+        assert getattr(found, name) == getattr(kept, name)
+    np.testing.assert_allclose(found.best, kept.best, rtol=1e-6)
+    for name, levels in kept.levels.items():
+        np.testing.assert_array_equal(found.levels[name].expected, levels.expected)
+        np.testing.assert_allclose(found.levels[name].half_widths, levels.half_widths, rtol=1e-6)
+    with pytest.raises(FileFormatError, match="belongs to another study"):
+        read_certainty(tmp_path / "certainty.parquet", digest="other")
+
+
+def test_a_file_that_is_no_certainty_is_refused(tmp_path):
+    study = two_setups(0.01)
+    study.save(tmp_path / "results.parquet")
+    with pytest.raises(FileFormatError, match="is not the certainty of a study"):
+        read_certainty(tmp_path / "results.parquet")

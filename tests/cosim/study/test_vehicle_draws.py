@@ -1,0 +1,82 @@
+"""Drawn errors of the vehicle at setups that are not in a study's table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.study.certainty.assess import Knowledge, posterior_of
+from cosim.study.certainty.certainty import ConfirmedRun
+from cosim.study.certainty.choice import Limits
+from cosim.study.certainty.vehicle_draws import DrawnCar, VehicleDraws
+
+from .assessed import assessed
+
+COMMON, OWN = 0.02, 0.5
+
+#: Standard deviation of Student's t distribution with four degrees of freedom.
+STUDENT = np.sqrt(2.0)
+
+
+def study(**scales):
+    """Return a study of two measures that depend on the front and on the rear."""
+    responses = {"a": lambda digits: np.exp(0.02 * digits[:, :2].sum(axis=1)),
+                 "b": lambda digits: np.exp(-0.03 * digits[:, 2:].sum(axis=1))}  # fmt: skip
+    return assessed(responses, scales.get("scales", (COMMON, OWN)), corners=dict.fromkeys(
+        ("lf", "rf", "lr", "rr"), ("AA/AA", "B/B", "C/C")))  # fmt: skip
+
+
+def draws_of(found, known=None):
+    return VehicleDraws.of(found, posterior_of(found, known or Knowledge()))
+
+
+def car_of(found, row=0, **changes):
+    return replace(DrawnCar.of(found, draws_of(found), "a", row), **changes)
+
+
+@settings(max_examples=15)
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+def test_the_difference_of_two_setups_scatters_by_their_distance_and_not_by_the_common_error(first, second):
+    found = study()
+    car = car_of(found)
+    other = car.reference * np.exp([first, second])
+    here, there = car.draws.axes.position(np.stack([car.reference, other]))
+    distance = np.linalg.norm((there - here)[car.draws.own[:, 0].any(axis=0)])  # along what the measure depends on
+    relative = np.log1p((car.objectives(other[None])[0] - other[0]) / other[0])
+    assert np.std(relative) == pytest.approx(STUDENT * OWN * distance, rel=0.35, abs=1e-9)
+
+
+def test_the_reference_has_the_same_objective_on_every_car_but_its_constraints_have_errors():
+    car = car_of(study(), limits=(Limits(0, 0.0, 1.0),))
+    objectives = car.objectives(np.stack([car.reference, 1.01 * car.reference]))
+    assert np.ptp(objectives[0]) < 1e-12 and np.ptp(objectives[1]) > 1e-4
+    (levels,) = car.limited(car.reference[None])
+    assert np.std(np.log(levels)) >= 0.7 * STUDENT * COMMON
+
+
+def test_draws_are_centred_and_the_same_every_time():
+    found = study()
+    car = car_of(found)
+    assert np.abs(car.draws.common.mean(axis=0)).max() < 1e-15
+    again = draws_of(found)
+    assert (again.own == car.draws.own).all() and (again.common == car.draws.common).all()
+
+
+def test_rig_runs_narrow_the_draws_near_them():
+    found = study()
+    row = 40
+    values = {name: 1.03 * found.values(name)[row] for name in ("a", "b")}
+    run = ConfirmedRun("run.csv", int(found.setups[row]), "lap", "", values)
+    known = Knowledge(runs=(run,), run_to_run={"a": 1e-4, "b": 1e-4})
+    levels = np.array([[found.values(name)[row] for name in ("a", "b")]])
+    before, after = (d.levels(levels, np.array([0]))[:, 0, 0] for d in (draws_of(found), draws_of(found, known)))
+    assert after.std() < 0.1 * before.std()
+    assert after.mean() == pytest.approx(values["a"], rel=2e-3)
+
+
+def test_a_vehicle_that_states_no_uncertainty_has_no_draws():
+    assert draws_of(study(scales=(0.0, 0.0))) is None

@@ -1,0 +1,188 @@
+"""Parameters of one run: equal to a fresh system with these values, and gone after the run."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim import Bond, Connection, FmuComponent, Scenario, System, Variable, run
+from cosim.session.parameter_sweep import sweep_parameters
+from eightpost.errors import InputError, WiringError
+
+#: A step at which a short run takes milliseconds.
+STEP = 1e-3
+
+
+def fresh(fmus, **values) -> System:
+    """Return a quarter car with newly loaded FMUs, and values of the shock's parameters."""
+    components = {"car": FmuComponent(fmus["quarter_car"], "car"), "shock": FmuComponent(fmus["lpnl2"], "shock")}
+    return System(components, [Bond.between("car", "shock")], constants={"car.aero_force": 0.0},
+                  parameters={"shock": values})  # fmt: skip
+
+
+def same(first, second) -> bool:
+    return first.series.values.tobytes() == second.series.values.tobytes()
+
+
+@pytest.fixture(scope="session")
+def loaded(fmus):
+    return fresh(fmus)
+
+
+@pytest.fixture(scope="session")
+def scenario(bumps) -> Scenario:
+    return Scenario(0.3, bumps, {"a": "car.road"})
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.fixed_dictionaries({}, optional={
+    "compression_scale": st.floats(0.2, 3.0), "rebound_scale": st.floats(0.2, 3.0),
+    "gas_preload": st.floats(0.0, 500.0),
+    "time_constant": st.floats(1e-4, 5e-3),
+}))  # fmt: skip
+def test_a_run_with_parameters_equals_a_fresh_load_with_them(fmus, loaded, scenario, values):
+    given_values = {f"shock.{name}": value for name, value in values.items()}
+    one = run(loaded, scenario, parameters=given_values, step=STEP, compared=False)
+    other = run(fresh(fmus, **values), scenario, step=STEP, compared=False)
+    assert same(one, other)
+    assert one.parameters == other.parameters
+
+
+def test_after_the_run_the_system_is_as_before(loaded, scenario):
+    before = run(loaded, scenario, step=STEP)
+    stiff = run(loaded, scenario, step=STEP, parameters={"shock.compression_scale": 2.0})
+    after = run(loaded, scenario, step=STEP)
+    assert not same(before, stiff)
+    assert same(before, after)
+    assert loaded.parameters == {"shock": {}}
+
+
+def test_parameters_of_the_run_replace_those_of_the_system_one_by_one(fmus, scenario):
+    system = fresh(fmus, compression_scale=0.5, rebound_scale=0.5)
+    one = run(system, scenario, step=STEP, compared=False, parameters={"shock.rebound_scale": 1.5})
+    assert one.parameters["shock"] == {"compression_scale": 0.5, "rebound_scale": 1.5}
+    assert same(one, run(fresh(fmus, compression_scale=0.5, rebound_scale=1.5), scenario, step=STEP, compared=False))
+
+
+def test_python_components_get_them_too(make):
+    def gain(**options):
+        ports = make.table(
+            make.variable("u", "input", "N"),
+            make.variable("y", "output", "N", ["u"]),
+            Variable("k", "parameter", start=1.0, variability="tunable"),
+        )
+        part = make.component(ports, lambda _, u: {"y": part.parameters.get("k", 1.0) * u["u"]}, **options)
+        return part
+
+    system = System({"a": gain()}, constants={"a.u": 3.0})
+    assert run(system, Scenario(0.1), step=0.1, parameters={"a.k": 4.0})["a.y"].tolist() == [12.0, 12.0]
+    assert run(system, Scenario(0.1), step=0.1)["a.y"].tolist() == [3.0, 3.0]
+
+
+def test_a_value_may_have_another_unit_and_be_a_number_of_numpy(loaded):
+    changed = loaded.with_parameters({"shock.gas_preload": "30 lbf", "shock.rebound_scale": np.float64(1.5)})
+    assert changed.parameters["shock"]["gas_preload"] == pytest.approx(133.447, rel=1e-5)
+    assert changed.components is loaded.components
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ({"shock.compresion_scale": 1.0}, r"no variable 'compresion_scale'; did you mean compression_scale"),
+    ({"shok.compression_scale": 1.0}, r"no component 'shok'; did you mean shock\?"),
+    ({"shock": {"compression_scale": 1.0}}, r"'shock' must be component\.parameter"),
+    ({"shock.velocity": 1.0}, r"shock\.velocity is an input, not a parameter"),
+    ({"shock.compression_scale": -1.0}, r"outside its range, 0 to any"),
+    ({"shock.gas_preload": "30 mm"}, r"dimensions differ"),
+])  # fmt: skip
+def test_a_wrong_parameter_is_an_error_of_the_call(loaded, scenario, values, message):
+    with pytest.raises(WiringError, match=message):
+        run(loaded, scenario, parameters=values)
+
+
+def test_a_sweep_is_a_run_for_each_combination(loaded, scenario):
+    scales = {"shock.compression_scale": [0.5, 1.0], "shock.rebound_scale": [1.0, 2.0]}
+    swept = sweep_parameters(loaded, scenario, scales, step=STEP, compared=False)
+    table = swept.to_pandas("maximum")
+    assert table["shock.compression_scale"].tolist() == [0.5, 0.5, 1.0, 1.0]
+    assert table["shock.rebound_scale"].tolist() == [1.0, 2.0, 1.0, 2.0]
+    for row, point in enumerate(swept.points):
+        alone = run(loaded, scenario, parameters=point, step=STEP, compared=False)
+        assert same(swept.results[row], alone)
+        assert table["shock.force"][row] == alone["shock.force"].max()
+    named = swept.to_xarray()["shock.force"].sel(run=3)
+    assert (named.to_numpy() == swept.results[3]["shock.force"]).all()
+
+
+@pytest.mark.parametrize(("points", "message"), [
+    ({"shock.rebound_scale": []}, "at least one value"),
+    ({"shock.rebound_scale": 2.0}, r"give a list of values"),
+    ([{}], "at least one parameter"),
+])  # fmt: skip
+def test_a_sweep_without_values_is_refused(loaded, scenario, points, message):
+    with pytest.raises(InputError, match=message):
+        sweep_parameters(loaded, scenario, points)
+
+
+def test_a_slow_run_reports_often_and_the_amount_done_never_decreases(make):
+    part = make.integrator()
+    step = part.step
+    part.step = lambda *arguments: (time.sleep(1e-3), step(*arguments))
+    calls = []
+    began = time.perf_counter()
+    run(
+        System({"a": part}, constants={"a.u": 1.0}),
+        Scenario(0.5),
+        step=1e-3,
+        progress=lambda *amounts: calls.append(amounts),
+    )
+    seconds = time.perf_counter() - began
+    assert len(calls) >= 10.0 * seconds
+    assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+    assert [total for _, total in calls] == sorted(total for _, total in calls)
+    assert calls[-1][0] == pytest.approx(calls[-1][1])
+
+
+def test_a_system_is_loaded_with_short_forms(fmus):
+    plain = System.load({"car": fmus["quarter_car"], "shock": fmus["lpnl2"]}, [Bond.between("car", "shock")],
+                        parameters={"shock": {"rebound_scale": 1.5}})  # fmt: skip
+    short = System.load({"car": str(fmus["quarter_car"]), "shock": fmus["lpnl2"]}, bonds=[("car", "shock")],
+                        parameters={"shock.rebound_scale": 1.5})  # fmt: skip
+    assert short.bonds == plain.bonds
+    assert short.parameters == plain.parameters
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"fmus": "car.fmu"}, "give them by name"),
+    ({"fmus": {"car": 5}}, "component 'car' is a int"),
+    ({"fmus": {}, "bonds": Bond.between("car", "lf")}, "give a list of bonds"),
+    ({"fmus": {}, "bonds": [("car.lf", "lf", 1.0)]}, "is not a bond"),
+    ({"fmus": {}, "bonds": [Connection("a.y", "b.u")]}, "is not a bond"),
+])  # fmt: skip
+def test_a_wrong_argument_of_load_is_named(arguments, message):
+    with pytest.raises(WiringError, match=message):
+        System.load(**arguments)
+
+
+def test_a_result_states_itself_in_ten_lines(loaded, scenario):
+    result = run(loaded, scenario, step=STEP)
+    assert len(repr(result).splitlines()) <= 10
+    assert len(repr(result)) < 1000
+    assert result.verdict.headline in repr(result)
+    assert "<table>" in result._repr_html_()
+    for one in (loaded, scenario, result.series):
+        assert len(repr(one).splitlines()) <= 10
+
+
+def test_a_result_becomes_tables_and_a_picture(loaded, scenario):
+    result = run(loaded, scenario, step=STEP)
+    table = result.to_pandas()
+    assert table.index.name == "time"
+    assert (table["shock.force"].to_numpy() == result["shock.force"]).all()
+    assert table.attrs["units"]["shock.force"] == "N"
+    table.loc[0.0, "shock.force"] = 1e9  # a copy: the result does not change
+    assert result["shock.force"][0] != 1e9
+    labelled = result.to_xarray()
+    assert labelled["shock.force"].attrs["units"] == "N"
+    assert labelled.attrs["verdict"] == result.verdict.grade.value
+    assert result.plot("shock.force", stop=0.2)._repr_png_().startswith(b"\x89PNG")
