@@ -6,10 +6,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-# Tests of make quick: those that build no FMU, fit no vehicle and run no study; the last one is a coupled run.
-QUICK := tests/signals tests/shock tests/vehicle tests/docs/test_docs.py tests/commands/test_help.py \
-  tests/commands/test_doctor.py tests/test_archive.py tests/test_cells.py tests/test_extras.py tests/test_files.py \
-  tests/test_units.py tests/test_verdict.py tests/cosim/test_engine.py
+# Tests of make quick: files, units, laws, vehicles, the coupling without FMUs, the installation.
+QUICK := tests/signals tests/shock/test_laws.py tests/shock/test_file.py tests/shock/test_settings.py \
+  tests/shock/test_maxwell_parts.py tests/vehicle/test_statespace.py tests/vehicle/test_modal.py \
+  tests/vehicle/test_kernel.py tests/vehicle/test_quarter_car.py tests/vehicle/test_seven_dof.py \
+  tests/vehicle/test_storage.py tests/cosim/test_schemes.py tests/cosim/test_planning.py tests/commands/test_doctor.py \
+  tests/test_archive.py tests/test_cells.py tests/test_files.py tests/test_release.py tests/test_units.py \
+  tests/test_verdict.py
 
 .PHONY: help demo test quick lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
   licences clean
