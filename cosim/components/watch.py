@@ -278,6 +278,8 @@ calling_loop = partial(_written, _LOOP, 0)
 
 
 def _is_glibc() -> bool:
+    if sys.platform == "win32":
+        return False
     with contextlib.suppress(ValueError, OSError, AttributeError):
         return bool(os.confstr("CS_GNU_LIBC_VERSION"))
     return False

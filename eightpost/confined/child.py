@@ -34,10 +34,10 @@ def _unsendable(error: Exception) -> tuple[str, Any]:
 
 def _limit_memory(memory: int) -> None:
     """Limit the address space to the current use plus `memory` [bytes], on systems that support it."""
-    try:
-        import resource  # noqa: PLC0415
-    except ImportError:  # Windows
+    if sys.platform == "win32":
         return
+    import resource  # noqa: PLC0415 -- Windows does not have it
+
     try:
         taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     except OSError:

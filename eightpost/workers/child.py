@@ -59,7 +59,7 @@ class Child:
         end.close()
         self._wait = _waiter(self._connection)
         self._starting, self.owner = starting, os.getpid()
-        self.close = weakref.finalize(self, _close, self._process, self._connection, self.owner)
+        self.close = weakref.finalize(self, _close, self._process, self._connection.close, self.owner)
 
     def ask(self, request: Any, seconds: float, notice: Callable[[Any], None] = lambda _: None) -> Any:
         """Send a request and return the reply.
@@ -111,11 +111,11 @@ class Child:
         return EndedError(f"crashed ({how})", code, hung=False)
 
 
-def _close(process: subprocess.Popen[bytes], connection: Connection, owner: int) -> None:
+def _close(process: subprocess.Popen[bytes], close: Callable[[], None], owner: int) -> None:
     """Let a child end, then force it to; do nothing in a process forked off its owner."""
     if os.getpid() != owner:
         return
-    connection.close()
+    close()
     try:
         process.wait(_CLOSING)
     except subprocess.TimeoutExpired:

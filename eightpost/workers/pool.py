@@ -203,7 +203,7 @@ def _start_worker(parent: int, *heartbeats: Any) -> None:
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Block Ctrl-C while a process may be started: the process inherits this and leaves Ctrl-C to its parent."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, set_other_parameters, step
@@ -26,6 +26,8 @@ from builder.check.rules import Finding
 
 def _resident() -> int:
     """Return the resident memory of the process in bytes (Linux)."""
+    if sys.platform != "linux":
+        raise NotImplementedError(sys.platform)
     gc.collect()  # callbacks and their instances refer to each other
     with suppress(AttributeError):  # glibc: what the imports left free in the heap would hide the growth of the steps
         ctypes.CDLL(None).malloc_trim(0)
@@ -249,7 +251,7 @@ def probe_footprint(bench: Bench) -> Results:
 
 
 @contextmanager
-def _standard_output() -> Iterator[BinaryIO]:
+def _standard_output() -> Iterator[IO[bytes]]:
     """Redirect everything that this process writes to file descriptor 1 into a file."""
     with tempfile.TemporaryFile() as caught:
         _flush()
@@ -263,7 +265,7 @@ def _standard_output() -> Iterator[BinaryIO]:
             os.close(kept)
 
 
-def _read(caught: BinaryIO) -> bytes:
+def _read(caught: IO[bytes]) -> bytes:
     _flush()
     caught.seek(0)
     return caught.read()
