@@ -34,7 +34,9 @@ def write_car(path: Path) -> None:
     times = np.asarray(drive.time)
     rows = [reference.track()(t) for t in times.tolist()]
     parts = [np.diag(car.M), car.K, car.S, car.tire_stiffness, car.equilibrium(), [times[1], len(rows)], rows]
-    path.write_text("\n".join(" ".join(repr(float(x)) for x in np.ravel(part)) for part in parts) + "\n")
+    path.write_text(
+        "\n".join(" ".join(repr(float(x)) for x in np.ravel(part)) for part in parts) + "\n", encoding="utf-8"
+    )
 
 
 def run(make: Callable[[], Path], loop: str, case: Case) -> Motion:

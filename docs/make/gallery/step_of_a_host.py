@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-rows = json.loads(Path("docs/data/hosts/python_host.json").read_text())["rows"]
+rows = json.loads(Path("docs/data/hosts/python_host.json").read_text(encoding="utf-8"))["rows"]
 names = {"A": "held force", "B": "extrapolated force", "C": "force law"}
 figure = Figure(figsize=(7, 4), layout="constrained")
 axes = figure.add_subplot(xlabel="step [ms]", ylabel="error [% of the standard deviation]", xscale="log", yscale="log")
