@@ -27,9 +27,10 @@ FILES = {
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 def new(folder: Path) -> None:
-    """Write a starter folder: dynamometer files, a car, a system, a study, and a README with the five commands.
+    """Write a starter folder, with files to be replaced by your own.
 
-    The files in FOLDER are synthetic examples, to be replaced by your own. No file is overwritten: if one of the names
+    FOLDER gets dynamometer files, a car, a system, a study, and a README with the five commands. Its files are synthetic
+    examples. No file is overwritten: if one of the names
     exists, nothing is written.
 
     \b

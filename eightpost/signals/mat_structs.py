@@ -23,12 +23,17 @@ def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
     units = content.pop("units", {})
     while True:
         content, more = _with_plain_channels(content)
-        units = units or more
+        units = more if _is_empty(units) else units
         inner = [value for value in content.values() if isinstance(value, dict) and _has_vector(value)]
         if len(inner) != 1 or any(_is_vector(value) for value in content.values()):
             return content, units
         content = {name: _as_struct(value) for name, value in inner[0].items()}
-        units = content.pop("units", {}) or units
+        own = content.pop("units", {})
+        units = units if _is_empty(own) else own
+
+
+def _is_empty(units: Any) -> bool:
+    return isinstance(units, Mapping) and not units
 
 
 def _as_struct(value: Any) -> Any:

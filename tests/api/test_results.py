@@ -97,7 +97,7 @@ def test_progress_of_a_fit_reaches_the_whole(test):
     told = []
     ep.fit(test, "polylinear", gas="included", order=5, progress=lambda *amounts: told.append(amounts))
     assert told[0] == (0.0, 1.0) and told[-1] == (1.0, 1.0)
-    assert len(told) > 2
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
 
 
 @pytest.fixture

@@ -271,9 +271,10 @@ def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_secon
     assert 0.0 < reached < 30.0
     # The longer run stops later: a stop time is a point of the drive, and interpolation towards it rounds differently.
     further = Scenario(reached + 0.02, bumps, {"a": "car_a.road"}, record_step=0.01)
-    longer, count = run(system, further, algorithm=algorithm, step=1e-5).series, result.series.time.size
-    assert longer.time[:count].tobytes() == result.series.time.tobytes()
-    assert longer.values[:, :count].tobytes() == result.series.values.tobytes()
+    # The last sample is that of the interruption, which may be between two samples of the longer run.
+    longer, count = run(system, further, algorithm=algorithm, step=1e-5).series, result.series.time.size - 1
+    assert longer.time[:count].tobytes() == result.series.time[:count].tobytes()
+    assert longer.values[:, :count].tobytes() == result.series.values[:, :count].tobytes()
 
 
 @pytest.fixture(scope="module")

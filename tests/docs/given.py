@@ -85,7 +85,6 @@ GIVEN = {
         "t, velocity, displacement = 1e-3, np.full(4, 0.1), np.full(4, 1e-3)"
     ),
     "docs/how_to/page.md": Given("take('shock.json', 'dist/shock.json')"),
-    "docs/how_to/real_time.md": Given("take('dist')\nshutil.copy('dist/dyno_A.fmu', 'shock.fmu')"),
     "docs/how_to/report.md": Given(_CASE + "result = cosim.run(system, scenario)"),
     "docs/how_to/rig_data.md": Given(
         _RIG_TESTS + "for name in ('baseline', 'alternate_lf'):\n    shutil.copy(f'rig/{name}.parquet', Path.cwd())"

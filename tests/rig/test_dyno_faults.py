@@ -90,7 +90,8 @@ def cut_off(columns, generator):
 def line_cut(columns, generator):
     lines = text(columns).strip().split("\n")
     last = lines[int(generator.integers(300, COUNT))].split(",")[: int(generator.integers(1, 5))]
-    return "\n".join([*lines[: int(generator.integers(300, COUNT))], ",".join(last)])
+    place = int(generator.integers(300, COUNT - 1))
+    return "\n".join([*lines[:place], ",".join(last), *lines[place:]])
 
 
 def dead(row):

@@ -35,7 +35,7 @@ def test_the_force_of_every_shape_rises_through_zero_and_takes_energy(compressio
 @example(Side(8e3, 1500.0, 0.3, 200.0, 200.0), Side(5806.0, 1500.0, 0.25, 200.0, 200.0))  # ended in a local minimum
 @given(REAL, REAL)
 def test_the_curve_of_a_shape_is_found_again(compression, rebound):
-    assert fit_shape(Shape(compression, rebound).curve()).relative < 1e-3
+    assert fit_shape(Shape(compression, rebound).curve()).relative < 2e-3
 
 
 @pytest.mark.parametrize("path", BANK, ids=lambda path: path.stem)
