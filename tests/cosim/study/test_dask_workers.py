@@ -130,12 +130,19 @@ def test_only_the_setup_that_kills_its_worker_fails(eight_setups, here, cluster,
     assert found.select(same).equals(expected.select(same))
 
 
+@pytest.mark.nightly  # the connection is tried again for 30 s
 def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here):
     workers = dask_workers.DaskWorkers(cluster.scheduler_address)
     coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
+    running = [cluster]
+
+    def close(_done, _total):
+        if running:
+            running.pop().close()
+
     try:
         with pytest.raises(StepError, match=r"the Dask scheduler has ended .* run the study again to resume"):
-            Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.close())
+            Sweep(eight_setups, tmp_path).run(workers, coupling, close)
     finally:
         workers.close()
 
