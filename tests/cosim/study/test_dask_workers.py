@@ -90,7 +90,7 @@ def test_workers_that_are_killed_at_any_moment_lose_no_setup(eight_setups, here,
     left = {0, 2, 8}
 
     def kill(done, _total):
-        if done in left:  # progress is told several times for the same number
+        if done in left:  # the same number is reported several times
             left.remove(done)
             kill_all(cluster, workers._client)
 
