@@ -167,11 +167,7 @@ def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
 
 
 @pytest.mark.parametrize(
-    ("law", "name"),
-    [
-        pytest.param(Polylinear, "polylinear", marks=pytest.mark.nightly),
-        (lambda curve: Maxwell(curve, 1.5e6), "maxwell"),
-    ],
+    ("law", "name"), [(Polylinear, "polylinear"), (lambda curve: Maxwell(curve, 1.5e6), "maxwell")]
 )
 def test_a_record_of_a_simpler_law_does_not_give_hysteresis(law, name, rising, law_record):
     assert choose_law(law_record(law(rising), 1, rate=RATE)).law == name
