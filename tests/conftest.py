@@ -153,6 +153,25 @@ def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> d
 
 
 @pytest.fixture(scope="session")
+def quarter_car_system(fmus: dict[str, Path]) -> str:
+    """System file of two seconds of the shipped track on a quarter car."""
+    track = Path(__file__).parents[1] / "examples" / "data" / "track.parquet"
+    return f"""
+schema = 1
+name = "quarter car"
+components.corner = {{ fmu = "{fmus["quarter_car"].as_posix()}", inputs = {{ aero_force = 0.0 }} }}
+components.shock = {{ fmu = "{fmus["lpf1"].as_posix()}" }}
+bond = [{{ between = ["corner", "shock"] }}]
+
+[scenario]
+drivefile = "{track.as_posix()}"
+stop = "2 s"
+settling = "0.5 s"
+targets = {{ "lf.road" = "corner.road" }}
+"""
+
+
+@pytest.fixture(scope="session")
 def fmus3(
     tmp_path_factory: pytest.TempPathFactory,
     model_files: list[Path],

@@ -48,22 +48,12 @@ loaded = sorted({name.partition(".")[0] for name in sys.modules} & set(absent))
 print(json.dumps([[[one.exit_code, f"{one.output}{one.exception!r}"] for one in shown], loaded]))
 """
 
-QUARTER_CAR = """
-schema = 1
-name = "quarter car"
-components.corner = { fmu = "CORNER", inputs = { aero_force = 0.0 } }
-components.shock = { fmu = "SHOCK" }
-bond = [{ between = ["corner", "shock"] }]
-scenario = { drivefile = "TRACK", stop = "2 s", settling = "0.5 s", targets = { "lf.road" = "corner.road" } }
-"""
-
 
 @pytest.fixture(scope="module")
-def minimal(fmus, tmp_path_factory):
+def minimal(quarter_car_system, fmus, tmp_path_factory):
     """Exit code and output of each command without any extra, and the packages of extras that were imported."""
     folder = tmp_path_factory.mktemp("minimal")
-    text = QUARTER_CAR.replace("CORNER", fmus["quarter_car"].as_posix()).replace("SHOCK", fmus["lpf1"].as_posix())
-    (folder / "system.toml").write_text(text.replace("TRACK", (EXAMPLES / "data" / "track.parquet").as_posix()))
+    (folder / "system.toml").write_text(quarter_car_system, encoding="utf-8")
     shock = EXAMPLES / "bank" / "B_B.json"
     (folder / "table.xlsx").write_bytes(b"PK")
     commands = {

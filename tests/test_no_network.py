@@ -34,23 +34,10 @@ for command in eval(sys.argv[1]):
 """
 
 
-SYSTEM = """
-schema = 1
-name = "quarter car"
-components.corner = { fmu = "CORNER", inputs = { aero_force = 0.0 } }
-components.shock = { fmu = "SHOCK" }
-bond = [{ between = ["corner", "shock"] }]
-scenario = { drivefile = "TRACK", stop = "2 s", settling = "0.5 s", targets = { "lf.road" = "corner.road" } }
-"""
-
-
 @pytest.fixture(scope="module")
-def ran(fmus, tmp_path_factory):
+def ran(quarter_car_system, tmp_path_factory):
     folder = tmp_path_factory.mktemp("offline")
-    system = SYSTEM.replace("CORNER", fmus["quarter_car"].as_posix()).replace("SHOCK", fmus["lpf1"].as_posix())
-    (folder / "system.toml").write_text(
-        system.replace("TRACK", (EXAMPLES / "data" / "track.parquet").as_posix()), encoding="utf-8"
-    )
+    (folder / "system.toml").write_text(quarter_car_system, encoding="utf-8")
     commands = [
         ["doctor"],
         ["new", str(folder / "starter")],
