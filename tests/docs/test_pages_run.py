@@ -158,8 +158,8 @@ def test_the_page_of_python_developers_gives_what_it_promises(tmp_path, monkeypa
 def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monkeypatch, take, one_platform):
     """Three seconds of the run are sufficient.
 
-    The check (8 s of processor time for each FMU), the assembly and the package are left to the nightly tests, which run
-    the page as it is printed, with FMUs for all platforms.
+    The check (8 s of processor time for each FMU), the assembly and the package are left to the nightly tests, which
+    run the page as it is printed, with FMUs for all platforms.
     """
     lay_out(tmp_path, stop="3 s")
     monkeypatch.chdir(tmp_path)
