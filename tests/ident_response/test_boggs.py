@@ -13,11 +13,11 @@ from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
+from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
 from eightpost.ident.vehicle.recipes import recipe, recipe_names
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
-from eightpost.ident.vehicle.verdict import damping_sentence, residual_table
 from eightpost.vehicle import IdentifiedVehicle
 
 from .rig_tests import BASELINE, Rig
