@@ -409,6 +409,8 @@ class SavedRun:
             FileFormatError: It is not the folder of a run, or a file is damaged.
         """
         path = Path(folder) / "result.json"
+        if not path.is_file():
+            raise FileFormatError("there is no run here; name a folder that `eightpost run` wrote", path=folder)
         series = read_series(path.with_name("series.parquet"))
         document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
         if not isinstance(document, dict) or document.get("kind") != "result":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -410,6 +411,8 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     if variable.type != "Real":
         return value
     if not isinstance(value, str):
+        if not isinstance(value, Real):
+            raise WiringError(f"{name}: the value is {value!r}; give a number, or a text such as '55 lbf'")
         return float(value)
     try:
         number, unit = units.quantity(value)
