@@ -34,9 +34,6 @@ _OVER_SETTINGS = tuple(
     if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or fit_form(law) == LAGGED_VELOCITY
 )
 
-#: Name of the time constants of the law `hysteresis`, which change by one factor.
-LAG = "time_constant"
-
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
 
@@ -59,11 +56,13 @@ class JointModel:
         models: Force model of each setting; all have the same knots and the same dynamics.
         is_shared: Whether theta is shared.
         local: Number of leading elements of a shared theta that each setting has for itself.
+        factors: Parameters of the law `hysteresis` that differ from setting to setting by a factor.
     """
 
     models: tuple[ForceModel, ...]
     is_shared: bool = True
     local: int = 0
+    factors: tuple[str, ...] = ()
 
     @property
     def dynamics(self) -> Dynamics:
@@ -222,7 +221,9 @@ class JointFit:
         kind = self.model.dynamics.kind
         if self.model.is_shared:
             return ()
-        return (LAG,) if self.model.local or kind is None else tuple(parameter.name for parameter in _positive(kind))
+        if self.model.local or kind is None:
+            return self.model.factors
+        return tuple(parameter.name for parameter in _positive(kind))
 
     def _part(self, number: int) -> tuple[Array, Array, Array]:
         return self.model.models[number].split(self.x[self.model.places[number]])
