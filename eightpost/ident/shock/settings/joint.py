@@ -18,9 +18,6 @@ from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
 from eightpost.shock.curve import KNOTS
 
-#: Name of the time constants of the law `hysteresis`, which change by one factor.
-LAG = "time_constant"
-
 #: A slope times the highest speed is at its constraint within this share of the force's standard deviation; in the
 #: covariance, a violation of the constraint by 1 N then counts like a force error of this many N everywhere.
 _AT_CONSTRAINT, _STIFF = 1e-3, 10.0
@@ -37,11 +34,13 @@ class JointModel:
         models: Force model of each setting; all have the same knots and the same dynamics.
         is_shared: Whether theta is shared.
         local: Number of leading elements of a shared theta that each setting has for itself.
+        factors: Parameters of the law `hysteresis` that differ from setting to setting by a factor.
     """
 
     models: tuple[ForceModel, ...]
     is_shared: bool = True
     local: int = 0
+    factors: tuple[str, ...] = ()
 
     @property
     def dynamics(self) -> Dynamics:
@@ -200,11 +199,9 @@ class JointFit:
         kind = self.model.dynamics.kind
         if self.model.is_shared:
             return ()
-        return (
-            (LAG,)
-            if self.model.local or kind is None
-            else tuple(parameter.name for parameter in positive_parameters(kind))
-        )
+        if self.model.local or kind is None:
+            return self.model.factors
+        return tuple(parameter.name for parameter in positive_parameters(kind))
 
     def _part(self, number: int) -> tuple[Array, Array, Array]:
         return self.model.models[number].split(self.x[self.model.places[number]])
