@@ -18,8 +18,8 @@ FACTOR = 12.0
 SHARE = 0.5
 #: Deviation of another channel at the same time that makes it a bump, in multiples of its usual deviation.
 BUMP = 6.0
-#: Share of this deviation by which a spike must also deviate from the samples before it alone and after it alone:
-#: friction that reverses, or breaks away, is a step or a kink of an acceleration, and continues one of the sides.
+#: Share of its deviation by which a spike must also deviate from the samples of each side alone. Friction that
+#: reverses, or breaks away, is a step or a kink of an acceleration, and continues one of the sides.
 ONE_SIDED = 0.5
 #: Distance in time within which channels see the same bump [s].
 SAME_TIME = 0.02
@@ -79,7 +79,7 @@ def _deviations(values: Array, distance: int) -> Array:
 
 
 def _one_sided(values: Array, places: NDArray[np.intp], distance: int) -> Array:
-    """Return the smaller deviation of samples from the parabola before or after them, x_0 = 3 x_d - 3 x_2d + x_3d.
+    """Return the smaller deviation of samples from the parabolas before and after, x_0 = 3 x_d - 3 x_2d + x_3d.
 
     Args:
         values: Samples (N,).
