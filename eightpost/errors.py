@@ -34,7 +34,7 @@ def missing_file(path: str | Path, advice: str = "") -> str:
 
     Args:
         path: Path of the file.
-        advice: What to do if no name in the folder is similar.
+        advice: Advice for the user if no name in the folder is similar.
     """
     folder, name = Path(path).parent, Path(path).name
     try:

@@ -21,7 +21,7 @@ def existing(path: str | Path) -> Path:
 
 
 def toml_kind(path: Path) -> str:
-    """Return what a TOML file defines: `system`, `study` or `vehicle`; an empty text if it is none of them.
+    """Return what a TOML file defines: `system`, `study` or `vehicle`; an empty text for any other file.
 
     Raises:
         FileFormatError: It is not a TOML file.

@@ -37,7 +37,7 @@ class Walk:
         commands: Number of commands and scripts.
         minutes: Duration [min].
         processor: Processor time of all commands [min].
-        text: What the commands printed.
+        text: Output of the commands.
     """
 
     page: str
