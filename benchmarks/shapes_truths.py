@@ -43,8 +43,8 @@ from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from eightpost import units
 from eightpost.app.shape_search import Curves, Request, find_curves
 from eightpost.corners import CORNERS
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.model_form import ModelForm
-from eightpost.ident.vehicle.verdict import with_validity
 from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive

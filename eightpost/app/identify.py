@@ -174,7 +174,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
 
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     from eightpost.app.show import show_verdict
-    from eightpost.ident.vehicle.verdict import (
+    from eightpost.ident.vehicle.fit_tables import (
         damping_sentence,
         friction_table,
         measure_table,

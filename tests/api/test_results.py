@@ -1,6 +1,8 @@
 """Results in a notebook: short, as tables, as pictures; and mistakes of newcomers."""
 
 import sys
+import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,11 +95,19 @@ def test_a_display_cuts_long_values_and_escapes_html():
     assert "&lt;b&gt;" in summary.html()
 
 
-def test_progress_of_a_fit_reaches_the_whole(test):
+def test_every_stage_of_a_fit_is_reported_however_short_it_is(test):
     told = []
     ep.fit(test, "polylinear", gas="included", order=5, progress=lambda *amounts: told.append(amounts))
     assert told[0] == (0.0, 1.0) and told[-1] == (1.0, 1.0)
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    shares = [done for done, _ in told]
+    assert shares == sorted(shares) and {0.0, 0.2, 0.9, 1.0} <= set(shares)
+
+
+def test_a_fit_that_takes_seconds_reports_several_times_per_second(test):
+    times = [time.monotonic()]
+    ep.fit(test, "lpnl2", gas="included", order=5, progress=lambda *_: times.append(time.monotonic()))
+    assert len(times) > 4.0 * (times[-1] - times[0])
+    assert max(after - before for before, after in pairwise(times)) < 0.5 * (times[-1] - times[0])
 
 
 @pytest.fixture
