@@ -14,8 +14,23 @@ from numpy.typing import NDArray
 # ---- Encoding -------------------------------------------------------------------------------------------------------
 
 
+#: Full-width letters, digits and marks of East Asian texts, and units in one letter; the others are rarely in tables.
+_WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
+    0x3000: " ", 0x339C: "mm", 0x339D: "cm", 0x338F: "kg", 0x33A7: "m/s",
+}  # fmt: skip
+_ANY_WIDE = re.compile(f"[{''.join(map(chr, _WIDE))}]")
+
+
 def decoded(content: bytes) -> str:
-    """Return the text of a file in UTF-8, UTF-16 (with or without byte order mark) or Latin-1."""
+    """Return the text of a file in UTF-8, UTF-16 (with or without byte order mark), Shift-JIS or Latin-1.
+
+    Full-width letters and digits are replaced by the usual ones.
+    """
+    text = _decoded(content)
+    return text.translate(_WIDE) if _ANY_WIDE.search(text) else text
+
+
+def _decoded(content: bytes) -> str:
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return content.decode("utf-16", errors="replace")
     head = content[:2000]
