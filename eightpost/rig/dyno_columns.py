@@ -65,7 +65,14 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     If several columns could be a channel, one without a qualifying word is preferred to a raw, a filtered and a
     commanded one, and the first of equals is used. A motion has the number of the force if there is one (`Disp 2` and
     `Force 2`). A column in volts is used only if there is no other. A column named `T` is the temperature, unless it is
-    the only column that can be the time.
+    the only column that can be the time. A name with a factor (`Force/10`) is not a usual name.
+
+    Args:
+        record: Columns of the file.
+        channel_map: Columns that the caller named; they take precedence.
+
+    Raises:
+        FileFormatError: A column that the caller named is not unique.
     """
     given = channel_map or ChannelMap()
     for name, pick in given.channels.items():
@@ -106,7 +113,7 @@ def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
 
 
 def _of_one_number(names: list[str], force: MappedChannel | None) -> list[str]:
-    """Return the columns that have the number of the force in their names, or all if there are none."""
+    """Return the columns that have the number of the force in their names, or all if no name has it."""
     number = re.search(r"\d+$", force.source) if force else None
     return [name for name in names if number and re.search(rf"(?<!\d){number[0]}$", name)] or names
 

@@ -62,7 +62,7 @@ _HEADER_LINES, _MOST_LINES = 200, 12
 
 
 def with_whole_headers(lines: list[str]) -> list[str]:
-    """Return lines in which a header with line breaks in quoted cells is one line; the others that it had are empty."""
+    """Return lines in which a header with line breaks in quoted cells is its last line; its other lines are empty."""
     found = list(lines)
     for i in range(min(_HEADER_LINES, len(lines))):
         if found[i].count('"') % 2 == 0 or not _OPEN.search(found[i]):
@@ -172,7 +172,7 @@ _QUOTED_COMMA = re.compile(r'"\s*[+-]?(?:0\d*,\d+|\d{4,},\d+|\d+,(?:\d{1,2}|\d{4
 def decimal_mark(body: str, delimiter: str) -> str:
     """Return the decimal mark of a table: a comma, unless commas delimit or group and points are decimals.
 
-    Where commas delimit, numbers in quotes may have a decimal comma: if one of them is no thousands separator.
+    Where commas delimit, numbers in quotes have a decimal comma if one of their commas cannot separate thousands.
     """
     if delimiter == ",":
         return "," if _QUOTED_COMMA.search(body) and "." not in body else "."

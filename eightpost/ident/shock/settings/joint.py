@@ -127,7 +127,7 @@ class JointModel:
         return np.vstack([*rows, *penalties])
 
     def inequalities(self, x: Array) -> Inequalities:
-        """Return that no slope is negative (for a law that needs it: that all rise), with the bounds of theta."""
+        """Return the constraints: no slope is negative (for some laws: every curve rises), theta within its bounds."""
         matrices, floors = [], []
         for model, place in zip(self.models, self.places, strict=True):
             b = x[place[: model.curve_count]]
@@ -238,6 +238,9 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
         groups: Runs of each setting.
         law: Name of the law, or `auto`.
         choices: Options; the curve always has knots.
+
+    Raises:
+        ParameterError: The law is unknown or cannot be fitted over settings, or no law could be fitted.
     """
     choices = replace(choices, curve="knots")
     hardest = max(groups, key=lambda runs: runs.deviation)
