@@ -269,8 +269,8 @@ def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_secon
     assert any("interrupted" in note for note in result.notes)
     reached = float(result.series.time[-1])
     assert 0.0 < reached < 30.0
-    # The longer run stops later: a stop time is a point of the drive, and interpolation towards it rounds differently. The
-    # last sample is at the interruption. A run of fixed steps does not depend on what it records, an adaptive one does.
+    # The longer run stops later: a stop time is a point of the drive, and interpolation towards it rounds differently.
+    # The last sample is at the interruption. What is recorded has no influence on fixed steps, but on adaptive ones.
     every = 0.01 if isinstance(algorithm, Adaptive) else 1e-5
     further = Scenario(reached + 0.02, bumps, {"a": "car_a.road"}, record_step=every)
     longer = run(system, further, algorithm=algorithm, step=1e-5, compared=False).series
