@@ -72,14 +72,11 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
     segments = [one for one in segments if one.signals]
     if not segments:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    joined = list(_joined(segments))
-    if len(joined) < len(segments):
-        notes = (*notes, f"{len(segments)} segments that follow each other without a gap were read as {len(joined)}")
     comments = [comment.strip() for one in found for comment in one.comments if comment.strip()]
     if comments:
         notes = (*notes, f"{len(comments)} comments beside the samples were not read, the first is {comments[0]!r}")
     preamble = tuple((f"{_TAGS.get(k, k.replace('_', ' '))}: {v}",) for k, v in tags.items() if k not in _TECHNICAL)
-    return tuple(record for one in joined for record in _records(one, path, preamble, notes))
+    return tuple(record for one in _joined(segments) for record in _records(one, path, preamble, notes))
 
 
 # ---- Channels of a segment ------------------------------------------------------------------------------------------

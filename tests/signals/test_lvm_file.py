@@ -149,7 +149,6 @@ def test_segments_that_follow_each_other_are_one_record(tmp_path_factory, x_colu
     first = TIME[edges[0] : edges[-1]]
     np.testing.assert_allclose(record.columns[0], first - first[0], atol=1e-9)
     np.testing.assert_allclose(record.columns[record.names.index("Load")], F[edges[0] : edges[-1]], rtol=1e-9)
-    assert any("follow each other" in note for note in record.notes) == (len(parts) > 1)
 
 
 def test_segments_with_a_pause_between_them_are_tests_of_their_own(tmp_path):
