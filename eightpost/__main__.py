@@ -43,7 +43,7 @@ VERBS = {
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "study": "Run every setup of shocks that a study allows, and rank them.",
     "optimise": "Search for the best setups of a study whose bank is too large to run them all.",
-    "shapes": "Find the shock curves to aim at: the best shapes for a study, also such that nobody has built.",
+    "shapes": "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
     "whatif": "Show what a click more or less at a corner would do to every measure of a study.",
     "sensitivity": "Show which corner matters for which measure of a study.",
     "robust": "Compute how sure a study's choice is with an uncertainty file of your own.",

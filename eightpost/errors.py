@@ -39,7 +39,8 @@ def missing_file(path: str | Path, advice: str = "") -> str:
     folder, name = Path(path).parent, Path(path).name
     try:
         if not folder.is_dir():
-            return f"there is no such file: there is no folder {folder}; the current folder is {Path.cwd()}"
+            what = advice or f"the current folder is {Path.cwd()}"
+            return f"there is no such file: there is no folder {folder}; {what}"
         names = [one.name for one in folder.iterdir()]
         same = [one for one in names if one.lower() == name.lower()]
         close = same or get_close_matches(name, names, n=3, cutoff=0.75)

@@ -103,9 +103,12 @@ def check_output_folder(path: str | Path) -> None:
     """Check that a path can be used as an output folder, before any computation.
 
     Raises:
-        InputError: The path or one of its parents is a file.
+        InputError: The path or one of its parents is a file, or its nearest existing folder is read-only.
     """
-    for place in (Path(path), *Path(path).parents):
+    places = (Path(path), *Path(path).parents)
+    if (nearest := next((place for place in places if place.is_dir()), None)) and not os.access(nearest, os.W_OK):
+        raise OutputError(f"{nearest} is read-only; change its permissions, or choose another output folder")
+    for place in places:
         if place.exists() and not place.is_dir():
             where = "" if place == Path(path) else f"{path}: "
             raise InputError(f"{where}{place} is a file, not a folder; choose another output folder")

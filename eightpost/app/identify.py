@@ -14,6 +14,7 @@ from rich.markup import escape
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError, missing_file
+from eightpost.files import check_output_folder
 from eightpost.progress import reported_to
 from eightpost.report.console import console_table, right
 
@@ -135,6 +136,7 @@ def identify(  # one parameter per option
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
     if output.suffix != ".json":
         raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
+    check_output_folder(output.parent)
     if baseline is not None and baseline not in rig_files:
         raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
     for path in rig_files:

@@ -21,7 +21,7 @@ from tests.docs.page_blocks import ROOT, Block, blocks, commands
 #: Files that a reader of each page has at its end.
 RESULTS = {
     "damper_engineer": ("shocks/A.json", "shocks/B.json", "report.html", "validation.html", "dist/A.fmu"),
-    "rig_engineer": ("car.json", "car.html", "dist/car.fmu", "modes/modes.png"),
+    "rig_engineer": ("car.json", "car.html", "dist/car.fmu", "modes/lf.tire_force.png"),
     "simulation_engineer": ("dist/dyno_A.fmu", "dist/car_with_shocks.fmu", "dist/car.ssp", "out/report.html"),
     "python_developer": ("out/shock.json", "out/shock.fmu", "out/car.fmu"),
     "researcher": ("out/reproduce.html",),
