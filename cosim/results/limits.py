@@ -2,25 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import Protocol
 
 from cosim.results import rules
 from cosim.results.validity import LARGEST_SHARE, NOTABLE_SHARE
+from eightpost.signals import TimeSeries
 from eightpost.verdict import Reason
 
-if TYPE_CHECKING:
-    from cosim.results.result import Result
+
+class Watched(Protocol):
+    """What was watched during a run: see the attributes of `Result`."""
+
+    @property
+    def series(self) -> TimeSeries:
+        """Series of the run."""
+        ...
+
+    @property
+    def share_beyond_fit(self) -> Mapping[str, float]:
+        """Share of time beyond the fitted velocities, per shock."""
+        ...
+
+    @property
+    def share_beyond_settings(self) -> Mapping[str, float]:
+        """Share of time beyond the measured settings, per shock that has settings."""
+        ...
+
+    @property
+    def share_far_beyond_settings(self) -> Mapping[str, float]:
+        """The same, beyond them by more than the nearest interval between them."""
+        ...
+
+    @property
+    def share_untested_settings(self) -> Mapping[str, float]:
+        """Share of time at a combination of settings that was not measured, per shock."""
+        ...
+
+    @property
+    def share_tire_off(self) -> Mapping[str, float | None]:
+        """Share of time below zero load, per tire force; None if no static load is known."""
+        ...
+
+    def settled(self) -> TimeSeries:
+        """Return the series without the settling time."""
+        ...
 
 
-def limit_reasons(result: Result) -> Iterator[Reason]:
+def limit_reasons(result: Watched) -> Iterator[Reason]:
     """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
     yield from _fitted(result)
     yield from _settings(result)
     yield from _tires(result)
 
 
-def _fitted(result: Result) -> Iterator[Reason]:
+def _fitted(result: Watched) -> Iterator[Reason]:
     for shock, time in result.share_beyond_fit.items():
         energy = _energy_beyond(result, shock)
         share = max(time, energy or 0.0)
@@ -34,7 +70,7 @@ def _fitted(result: Result) -> Iterator[Reason]:
         )
 
 
-def _settings(result: Result) -> Iterator[Reason]:
+def _settings(result: Watched) -> Iterator[Reason]:
     """Yield the reasons about the settings of shocks that have them."""
     for shock, beyond in result.share_beyond_settings.items():
         far = result.share_far_beyond_settings.get(shock, 0.0)
@@ -56,7 +92,7 @@ def _settings(result: Result) -> Iterator[Reason]:
             yield rules.WITHIN_SETTINGS.reason("the shock is at measured settings", figure=figure, origin=origin)
 
 
-def _energy_beyond(result: Result, shock: str) -> float | None:
+def _energy_beyond(result: Watched, shock: str) -> float | None:
     """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
     names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
     if not set(names) <= set(result.series.names):
@@ -67,7 +103,7 @@ def _energy_beyond(result: Result, shock: str) -> float | None:
     return float(power[beyond > 0.5].sum()) / total if total else 0.0
 
 
-def _tires(result: Result) -> Iterator[Reason]:
+def _tires(result: Watched) -> Iterator[Reason]:
     for tire, off in result.share_tire_off.items():
         if off is None:
             yield rules.STATIC_LOAD_UNKNOWN.reason(

@@ -49,13 +49,13 @@ def read_record(path: str | Path) -> RawRecord:
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if path.is_dir():
+        raise FileFormatError("is a folder, not a file; name the files in it", path=path)
     if suffix not in SUFFIXES:
-        what = f"files with the suffix {path.suffix!r} cannot be read; supported: {', '.join(SUFFIXES)}"
+        what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
     with reading(path):
         path.stat()
-    if not path.is_file():
-        raise FileFormatError("is a folder, not a file", path=path)
     return _READERS[suffix](path) if suffix in _READERS else _only_table(_TABLE_READERS[suffix](path), path)
 
 
