@@ -4,38 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import isfinite
-from typing import TYPE_CHECKING
 
 from cosim.results import rules
 from cosim.results.limits import limit_reasons
+from cosim.results.run_data import RunData
 from cosim.results.validity import model_reasons
 from eightpost.verdict import Reason, Verdict
 
-if TYPE_CHECKING:
-    from cosim.results.result import Result
 
-
-def verdict_of(result: Result) -> Verdict:
+def verdict_of(run: RunData) -> Verdict:
     """Return the verdict on a run."""
     return Verdict(
         (
-            *_coupling(result),
-            *_energy(result),
-            *_convergence(result),
-            *limit_reasons(result),
-            *model_reasons(result.models, result.settled()),
+            *_coupling(run),
+            *_energy(run),
+            *_convergence(run),
+            *limit_reasons(run),
+            *model_reasons(run.models, run.settled()),
         )
     )
 
 
-def _coupling(result: Result) -> Iterator[Reason]:
-    yield from _local(result)
-    known = result.stated_error
-    decisive = {name: error for name, error in known.items() if name in result.decisive} or known
+def _coupling(run: RunData) -> Iterator[Reason]:
+    yield from _local(run)
+    known = run.stated_error
+    decisive = {name: error for name, error in known.items() if name in run.decisive} or known
     if not decisive or not all(map(isfinite, decisive.values())):
-        yield _not_stated(result)
+        yield _not_stated(run)
         return
-    yield _stated(result, *max(decisive.items(), key=lambda item: item[1]))
+    yield _stated(run, *max(decisive.items(), key=lambda item: item[1]))
     others = {name: e for name, e in known.items() if name not in decisive and e > rules.LARGEST_ERROR}
     if others:
         name = max(others, key=lambda each: others[each])
@@ -46,8 +43,8 @@ def _coupling(result: Result) -> Iterator[Reason]:
         )
 
 
-def _local(result: Result) -> Iterator[Reason]:
-    for bond, coupled in result.coupled.items():
+def _local(run: RunData) -> Iterator[Reason]:
+    for bond, coupled in run.coupled.items():
         if not coupled.percent <= rules.LARGEST_ERROR:
             yield rules.LOCAL_ERROR.reason(
                 "the values that the ends of a bond assume of each other are wrong in every step",
@@ -56,23 +53,23 @@ def _local(result: Result) -> Iterator[Reason]:
             )
 
 
-def _not_stated(result: Result) -> Reason:
-    if not result.energy and not result.coupled:
+def _not_stated(run: RunData) -> Reason:
+    if not run.energy and not run.coupled:
         return rules.COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
     return rules.COUPLING_UNKNOWN.reason(
         "the coupling error is not stated",
-        figure=f"known for 0 of {len(result.series.names)} channels",
-        origin=f"{result.algorithm} at {1e3 * result.step:g} ms",
+        figure=f"known for 0 of {len(run.series.names)} channels",
+        origin=f"{run.algorithm} at {1e3 * run.step:g} ms",
     )
 
 
-def _stated(result: Result, name: str, error: float) -> Reason:
-    limit = result.tolerance or rules.GOOD_ERROR
-    origin = f"channel {name}, {result.scheme or result.algorithm} at {1e3 * result.step:g} ms"
+def _stated(run: RunData, name: str, error: float) -> Reason:
+    limit = run.tolerance or rules.GOOD_ERROR
+    origin = f"channel {name}, {run.scheme or run.algorithm} at {1e3 * run.step:g} ms"
     if error > rules.LARGEST_ERROR:
         figure = f"{_percent(error)} of the scale; limit {rules.LARGEST_ERROR:g} %"
         return rules.COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
-    named = "tolerance" if result.tolerance else "good up to"
+    named = "tolerance" if run.tolerance else "good up to"
     figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
     if error > limit:
         return rules.COUPLING_TOLERANCE.reason(
@@ -81,8 +78,8 @@ def _stated(result: Result, name: str, error: float) -> Reason:
     return rules.COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
 
 
-def _energy(result: Result) -> Iterator[Reason]:
-    shares = {bond: abs(energy.relative) for bond, energy in result.energy.items()}
+def _energy(run: RunData) -> Iterator[Reason]:
+    shares = {bond: abs(energy.relative) for bond, energy in run.energy.items()}
     bad = {bond: share for bond, share in shares.items() if not share <= rules.DOUBTFUL_RESIDUAL}
     for bond, share in bad.items():
         rule = rules.ENERGY_DOUBTFUL if share <= rules.LARGEST_RESIDUAL else rules.ENERGY_RESIDUAL
@@ -100,15 +97,15 @@ def _energy(result: Result) -> Iterator[Reason]:
         )
 
 
-def _convergence(result: Result) -> Iterator[Reason]:
-    end = f"{float(result.series.time[-1]):g} s" if len(result.series) else "0 s"
-    if result.partial:
-        yield rules.ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=result.algorithm)
-    if not result.converged:
-        notes = result.notes[0] if result.notes else "no note"
-        yield rules.NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=result.algorithm)
-    if result.converged and not result.partial:
-        figure = f"{result.steps} steps, {end}"
+def _convergence(run: RunData) -> Iterator[Reason]:
+    end = f"{float(run.series.time[-1]):g} s" if len(run.series) else "0 s"
+    if run.partial:
+        yield rules.ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=run.algorithm)
+    if not run.converged:
+        notes = run.notes[0] if run.notes else "no note"
+        yield rules.NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=run.algorithm)
+    if run.converged and not run.partial:
+        figure = f"{run.steps} steps, {end}"
         yield rules.CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
 
 
