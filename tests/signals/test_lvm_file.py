@@ -206,6 +206,12 @@ def test_a_decimal_comma_that_the_header_does_not_state_is_read(tmp_path):
     np.testing.assert_allclose(test.series["force"], F, rtol=1e-9, atol=1e-9)
 
 
+def test_columns_may_be_separated_by_commas(tmp_path):
+    path = lvm(tmp_path / "run.lvm", segment(CHANNELS, "Multi"), x_columns="Multi")
+    path.write_text(path.read_text(encoding="utf-8").replace("\tTab", "\tComma").replace("\t", ","), encoding="utf-8")
+    np.testing.assert_allclose(read_dyno_test(path).series["force"], F, rtol=1e-9, atol=1e-9)
+
+
 def test_facts_of_the_header_are_conditions_and_comments_are_noted(tmp_path):
     lines = segment(CHANNELS, "One", comment=True)
     lines[30] += "\tclick 12 to 14"
