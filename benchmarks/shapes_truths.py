@@ -35,7 +35,8 @@ from benchmarks.identification_measures import SETTLING, TOTAL
 from benchmarks.vehicle_uncertainty import parts
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
-from builder.native.toolchain import Zig, this_platform
+from builder.native.platforms import this_platform
+from builder.native.toolchain import Zig
 from cosim.study.families import Car, family
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers

@@ -155,13 +155,13 @@ class LvmSegment(NamedTuple):
     comments: tuple[str, ...]
 
 
-def load_lvm(_: Path, lines: list[str]) -> tuple[dict[str, str], list[LvmSegment]]:
+def load_lvm(_: Path, lines: list[str], separator: str) -> tuple[dict[str, str], list[LvmSegment]]:
     """Return the tags of the file's header and the segments of a LabVIEW measurement file.
 
     Args:
         lines: Lines of the file, which is not read again.
+        separator: Character between columns.
     """
-    separator = next((line[9:10] for line in lines[:40] if line.startswith("Separator")), "") or "\t"
     content = importlib.import_module("lvm_read").read_lines([f"{line}\n" for line in lines], separator=separator)
     segments = []
     for number in range(int(content["Segments"])):

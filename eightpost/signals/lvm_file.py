@@ -16,7 +16,7 @@ from eightpost.extras import is_installed, requirement
 from eightpost.files import reading
 from eightpost.signals.csv_file import read_csv_blocks
 from eightpost.signals.faults import Origin
-from eightpost.signals.lvm_text import has_header, readable_lines
+from eightpost.signals.lvm_text import has_header, readable_lines, separator_of
 from eightpost.signals.raw_record import RawRecord, split_header
 from eightpost.signals.text_cleaning import decoded, seconds_of
 from eightpost.signals.time_axes import by_time, temperatures_at
@@ -67,19 +67,17 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
     if not is_installed("lvm_read"):
         raise FileFormatError(requirement("reading LabVIEW measurements (.lvm)", "lvm_read", "files"), path=path)
     clean, notes = readable_lines(lines, path)
-    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, kind="a LabVIEW measurement (.lvm)")
+    kind = "a LabVIEW measurement (.lvm)"
+    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, separator_of(lines), kind=kind)
     segments = [_segment(one, tags.get("X_Columns", "One").strip(), path) for one in found]
     segments = [one for one in segments if one.signals]
     if not segments:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    joined = list(_joined(segments))
-    if len(joined) < len(segments):
-        notes = (*notes, f"{len(segments)} segments that follow each other without a gap were read as {len(joined)}")
     comments = [comment.strip() for one in found for comment in one.comments if comment.strip()]
     if comments:
         notes = (*notes, f"{len(comments)} comments beside the samples were not read, the first is {comments[0]!r}")
     preamble = tuple((f"{_TAGS.get(k, k.replace('_', ' '))}: {v}",) for k, v in tags.items() if k not in _TECHNICAL)
-    return tuple(record for one in joined for record in _records(one, path, preamble, notes))
+    return tuple(record for one in _joined(segments) for record in _records(one, path, preamble, notes))
 
 
 # ---- Channels of a segment ------------------------------------------------------------------------------------------

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 
 def read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read a .tdms file: one table per group; a waveform's increment gives the time.
+    """Read a .tdms file: one table per group; without a column of time, a waveform's increment gives the time [s].
+
+    Groups of single values become the preamble of the other tables. A channel with another increment or start than the
+    others is left out with a note.
 
     Raises:
-        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
-            numbers.
+        FileFormatError: npTDMS is not installed, or the file cannot be read or has no channel of numbers.
     """
     path = Path(path)
     if not is_installed("nptdms"):

@@ -105,7 +105,7 @@ class JointModel:
         return np.vstack([*rows, *penalties])
 
     def inequalities(self, x: Array) -> Inequalities:
-        """Return that no slope is negative (for a law that needs it: that all rise), with the bounds of theta."""
+        """Return the constraints: no slope is negative (for some laws: every curve rises), theta within its bounds."""
         matrices, floors = [], []
         for model, place in zip(self.models, self.places, strict=True):
             b = x[place[: model.curve_count]]

@@ -50,6 +50,9 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
         groups: Runs of each setting.
         law: Name of the law, or `auto`.
         choices: Options; the curve always has knots.
+
+    Raises:
+        ParameterError: The law is unknown or cannot be fitted over settings, or no law could be fitted.
     """
     choices = replace(choices, curve="knots")
     hardest = max(groups, key=lambda runs: runs.deviation)

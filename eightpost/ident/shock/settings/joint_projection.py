@@ -108,7 +108,7 @@ class JointPoint:
 
     @cached_property
     def normal_equations(self) -> tuple[Array, Array]:
-        """Matrix and right side for a step of the shared parameters; the free curves of each setting follow it."""
+        """Matrix (n, n) and right side (n,) for a step of the shared parameters, which the free curves follow."""
         pairs = [self._equations(part) for part in self.parts]
         return np.sum([matrix for matrix, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
 

@@ -1,4 +1,4 @@
-"""Joint fit of the law `hysteresis` over settings: two curves for each setting, and a lag and a stop that all share.
+"""Joint fit of the law `hysteresis` over settings: two curves, and a lag and a stop of all settings or of each.
 
 For given lag and stop the force is linear in the slopes of both curves, and every setting has curves of its own. So the
 search is over the parameters that all settings share, and the curves of each setting follow from non-negative least
@@ -35,7 +35,7 @@ _STIFF = 10.0
 
 
 def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: LawChoice | None) -> JointFit:
-    """Fit the curves of all settings together with one lag and stop.
+    """Fit the curves of all settings together, with a lag and a stop that are common or belong to each setting.
 
     Args:
         model: Model of all settings with the dynamics of the first fit.
