@@ -27,7 +27,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.study import shipped_study
+from benchmarks.study import ended_processes, shipped_study
 from cosim.study import Build, Study, Vehicle
 from cosim.study.batch import library
 from cosim.study.running.batches import EXACT, FAST
@@ -147,12 +147,12 @@ def _difference(study: Study, found: Sequence[Row], right: Sequence[Row]) -> flo
 
 
 def _verb(study: Study, folder: Path) -> Iterator[str]:
-    """Yield the wall time of the whole study in batches and through the FMUs."""
-    yield "| engine | setups | wall [s] |"
-    yield "|---|---|---|"
+    """Yield the costs of the whole study in batches and through the FMUs."""
+    yield "| engine | setups | wall [s] | processor time of the workers [s] |"
+    yield "|---|---|---|---|"
     for engine in ("batch", "fmus"):
         workers = ProcessWorkers(2)
-        began = time.perf_counter()
+        used, began = ended_processes(), time.perf_counter()
         try:
             if engine == "batch":
                 result = run_study(study, folder / engine, workers)
@@ -160,7 +160,7 @@ def _verb(study: Study, folder: Path) -> Iterator[str]:
                 result = _through_fmus(study, folder / engine, workers)
         finally:
             workers.close(wait=True)
-        yield f"| {engine} | {len(result)} | {time.perf_counter() - began:.1f} |"
+        yield f"| {engine} | {len(result)} | {time.perf_counter() - began:.1f} | {ended_processes() - used:.1f} |"
 
 
 def _through_fmus(study: Study, folder: Path, workers: ProcessWorkers) -> Any:

@@ -31,6 +31,9 @@ from eightpost.units import convert
 #: Duration of the dynamometer's random test [s]; it repeats every 10 s.
 _DURATION = 12.0
 
+#: Number of what kept fits contain; raised when a fit states more, so that it is repeated.
+_CONTENT = 2
+
 #: Peak displacements [m] of the two tests of `fitted_bank`: shocks move 1 to 3 mm (RMS) on a lap, as on the rig day.
 _PEAKS = (convert(0.5, "in", "m"), convert(0.3, "in", "m"))
 
@@ -92,7 +95,7 @@ def _fitted_shock(name: str, law: LawName, peaks: tuple[float, ...]) -> FittedSh
         law: Name of the law.
         peaks: Peak displacement of each test [m].
     """
-    folder = user_cache_path("eightpost") / f"benchmark_shocks_{__version__}"
+    folder = user_cache_path("eightpost") / f"benchmark_shocks_{__version__}_{_CONTENT}"
     of_tests = "" if law == "lpnl2" else f"_{law}_{len(peaks)}"
     kept = folder / f"{name.replace('/', '_').replace(' ', '_')}{of_tests}.json"
     if not kept.exists():

@@ -84,7 +84,7 @@ def shipped_study(folder: Path, *, builds: int) -> Study:
 
 def measure(study: Study, folder: Path, count: int) -> Row:
     """Run the study with a number of workers and return its costs and errors."""
-    used, began = _children(), time.perf_counter()
+    used, began = ended_processes(), time.perf_counter()
     workers = ProcessWorkers(count)
     try:
         result = run_study(study, folder, workers)
@@ -93,13 +93,13 @@ def measure(study: Study, folder: Path, count: int) -> Row:
         workers.close(wait=True)
     errors = result.table["coupling_error_percent"].to_numpy()
     return {
-        "path": "fmu",
+        "path": "batch" if coupling_of(result).batch else "fmu",
         "setups": len(result),
         "seconds": seconds,
         "workers": count,
         "coupling_error_percent": float(np.max(errors)),
         "checked_percent": checked(result),
-        "cpu_seconds": _children() - used,
+        "cpu_seconds": ended_processes() - used,
     }
 
 
@@ -150,7 +150,7 @@ def peer_comparison(result: StudyResult, row: Row, folder: Path) -> str:
     )
 
 
-def _children() -> float:
+def ended_processes() -> float:
     """Return the processor time of worker processes that have ended [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime

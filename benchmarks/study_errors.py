@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.study import shipped_study
 from cosim.results.error_estimate import difference
 from cosim.study import Build, Setup, Study
-from cosim.study.result import error_column
+from cosim.study.columns import error_column
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,18 +12,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute
 import pyarrow.parquet
-from pydantic import TypeAdapter
 
-from cosim.study.above_band import AboveBand
+from cosim.study.columns import DONE, check_columns, study_schema
 from cosim.study.measures import Measure
+from cosim.study.provenance import Provenance, header_in, header_of
 from cosim.study.setup import Setup
 from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
-from eightpost import __version__, units
+from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.errors import FileFormatError
+from eightpost.files import MALFORMED, atomic_path
 from eightpost.labelled import data_frame, dataset
 
 if TYPE_CHECKING:
@@ -31,51 +31,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from eightpost.report.pictures import Picture
-
-#: Version of the files that are written, and the newest version that can be read.
-SCHEMA = 1
-
-#: Values of the column `status`.
-DONE, FAILED = "done", "failed"
-
-#: Names of the columns before and after those of corners and measures.
-HEAD, TAIL = ("setup",), ("status", "message", "coupling_error_percent", "marks", "seconds")
-
-_KEY = b"eightpost"
-
-
-def error_column(measure: str) -> str:
-    """Return the name of the column with the coupling error of a measure, in the measure's SI unit."""
-    return f"coupling error of {measure}"
-
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
-    """Provenance of a study's values.
-
-    Attributes:
-        digest: SHA-256 of everything that affects the values.
-        guids: GUID of every FMU, by file.
-        digests: SHA-256 of every input file, by path.
-        settings: Settings of the runs: scheme, coupling step [s], its estimated error, and others.
-        tool_version: Version of eightpost.
-        measure_units: SI unit of every measure.
-        models: Range of validity that each FMU states (Validity), by file; None if it states none.
-        above_band: Power of each measure above the band in which the vehicle was identified, in the run of the
-            baseline or else of the first setup, by measure; empty if the vehicle states no band.
-    """
-
-    digest: str
-    guids: Mapping[str, str]
-    digests: Mapping[str, str]
-    settings: Mapping[str, Any]
-    measure_units: Mapping[str, str]
-    tool_version: str = __version__
-    models: Mapping[str, Any] = field(default_factory=dict)
-    above_band: Mapping[str, AboveBand] = field(default_factory=dict)
-
-
-_PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -318,7 +273,7 @@ class StudyResult(Summarized):
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
         whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
-        table = whole.replace_schema_metadata(_header_of(self.study, self.provenance, partial=self.partial))
+        table = whole.replace_schema_metadata(header_of(self.study, self.provenance, partial=self.partial))
         with atomic_path(path) as temporary:
             pyarrow.parquet.write_table(table, temporary, compression="zstd")
 
@@ -339,7 +294,7 @@ class StudyResult(Summarized):
             InputError: Two rows have the same setup number.
         """
         schema = study_schema(study, provenance.measure_units)
-        write_tables(path, schema.with_metadata(_header_of(study, provenance, partial=partial)), tables)
+        write_tables(path, schema.with_metadata(header_of(study, provenance, partial=partial)), tables)
         return cls(study, open_table(path), provenance, partial)
 
     @classmethod
@@ -351,91 +306,12 @@ class StudyResult(Summarized):
         """
         path = Path(path)
         table = open_table(path)
-        header = _header(path, table)
+        header = header_in(path, table)
         try:
             study = Study.from_json(json.dumps(header["study"]))
-            stated = {name: header[name] for name in Provenance.__dataclass_fields__ if name in header}
-            made_by = _PROVENANCE.validate_python(stated)
-            _check_columns(table, study_schema(study, made_by.measure_units))
+            made_by = Provenance.of_header(header)
+            check_columns(table, study_schema(study, made_by.measure_units))
             return cls(study, table, made_by, bool(header["partial"]))
         except (pa.ArrowException, *MALFORMED) as error:
             what = f"is not a study result that this version can read ({error})"
             raise FileFormatError(what, path=path) from error
-
-
-def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
-    header = {
-        "schema": "eightpost.study",
-        "schema_version": SCHEMA,
-        **asdict(provenance),
-        "partial": partial,
-        "study": json.loads(study.to_json()),
-    }
-    return {_KEY: json.dumps(header)}
-
-
-def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
-    for column in schema:
-        if column.name not in table.column_names:
-            raise ValueError(f"the column {column.name!r} is missing")
-        if not table.schema.field(column.name).type.equals(column.type):
-            raise ValueError(f"the column {column.name!r} does not have the type {column.type}")
-    if table["setup"].null_count:
-        raise ValueError("a row has no setup number")
-
-
-def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
-    """Return the columns of a study's table."""
-    tail = {"coupling_error_percent": pa.float64(), "seconds": pa.float64()}
-    return pa.schema(
-        [
-            pa.field("setup", pa.int64()),
-            *(pa.field(corner, pa.string()) for corner in study.corners),
-            *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
-            *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
-            *(_error_field(m, measure_units[m.name]) for m in study.measures),
-        ]
-    )
-
-
-def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
-    """Return rows, given by column name, as a table sorted by setup number.
-
-    Raises:
-        InputError: Two rows have the same setup number.
-    """
-    return in_order(pa.Table.from_pylist(list(rows), schema=schema))
-
-
-def in_order(table: pa.Table) -> pa.Table:
-    """Return a table sorted by setup number.
-
-    Raises:
-        InputError: Two rows have the same setup number.
-    """
-    table = table.sort_by("setup")
-    numbers = table["setup"].to_numpy()
-    if np.unique(numbers).size < numbers.size:
-        raise InputError("two rows have the same setup number")
-    return table
-
-
-def _error_field(measure: Measure, unit: str) -> pa.Field:
-    name = error_column(measure.name)
-    return pa.field(name, pa.float64(), metadata=_words(measure, unit) | {"label": name})
-
-
-def _words(measure: Measure, unit: str) -> dict[str, str]:
-    return {"unit": unit, "display": measure.display or unit, "label": measure.name}
-
-
-def _header(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
-    metadata = table.schema.metadata or {}
-    if _KEY not in metadata:
-        raise FileFormatError("is not a study result: it has no eightpost header", path=path)
-    header: dict[str, Any] = parse_json(metadata[_KEY], path, finite=False)
-    if not isinstance(header, dict) or header.get("schema") != "eightpost.study":
-        found = header.get("schema") if isinstance(header, dict) else header
-        raise FileFormatError(f"is not a study result but {found!r}", path=path)
-    check_schema(header, SCHEMA, path, key="schema_version")
-    return header

@@ -22,13 +22,13 @@ _LEAD = (
 
 #: Colour of each state in the index.
 _COLORS = {
-    State.REPRODUCED: "#2f7d4f",
-    State.STAND_IN: "#0072b2",
-    State.PARTLY: "#8a6100",
-    State.SHOWN: "#8a6100",
-    State.DIFFERS: "#b3261e",
-    State.FAILED: "#b3261e",
-    State.NOTHING: "#6b7280",
+    State.REPRODUCED: "var(--good)",
+    State.STAND_IN: "var(--accent)",
+    State.PARTLY: "var(--open)",
+    State.SHOWN: "var(--open)",
+    State.DIFFERS: "var(--bad)",
+    State.FAILED: "var(--bad)",
+    State.NOTHING: "var(--soft)",
 }
 _TOLERANCE = {True: "within", False: "BEYOND", None: "not judged"}
 

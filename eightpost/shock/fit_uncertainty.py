@@ -43,8 +43,10 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
 
     The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
     bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
-    and `rebound_scale`: its 95 % band is assumed to be fully correlated over all velocities of a side, weighted by
-    force, which overstates rather than understates the effect of the band on a measure.
+    and `rebound_scale`, whose intervals the fit derives from the covariance of the curve at the velocities of its
+    records: errors at different velocities cancel as far as they are independent. A file without these intervals (a
+    shock at a setting, or a fit of an earlier version) has the band alone, which is then taken to be fully correlated
+    over all velocities of a side, weighted by force. This overstates the effect of the band on a measure.
     """
     fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
     if not isinstance(fitted, dict) or not isinstance(band, dict):
@@ -102,9 +104,15 @@ def _bound(entry: dict[str, Any], side: int) -> float:
 
 
 def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the standard deviation of each side's scale: RMS half width of the band over RMS force."""
-    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
+    """Yield the standard deviation of each side's factor."""
     reach = NormalDist().inv_cdf(0.5 + 0.5 * band["level"])
+    for name, half_width in (band.get("factor_half_width") or dict(_correlated(band))).items():
+        yield name, float(half_width) / reach
+
+
+def _correlated(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the half-width of each side's factor if the whole band moves as one: RMS half-width over RMS force."""
+    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
     for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
         if side.any() and np.any(force[side]):
-            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2))) / reach
+            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2)))

@@ -103,11 +103,39 @@ def test_what_a_record_does_not_determine_has_no_covariance_and_the_rest_keeps_i
 
 def test_a_band_has_the_deviation_of_the_sum_that_the_curve_is():
     columns, b = np.array([[1.0, 0.0], [1.0, 2.0], [0.0, 3.0]]), np.array([10.0, -1.0])
-    band = curve_band(columns, b, np.array([[4.0, -1.0], [-1.0, 9.0]]), np.array([0.0, 0.1, 0.2]), 2.0)
+    band = curve_band(columns, columns, b, np.array([[4.0, -1.0], [-1.0, 9.0]]), np.array([0.0, 0.1, 0.2]), 2.0)
     assert band.force.tolist() == [10.0, 8.0, -3.0]
     assert band.half_width == pytest.approx([4.0, 2.0 * 36.0**0.5, 18.0], rel=1e-14)
     # A variance that is negative by rounding counts as zero.
-    assert curve_band(columns, b, -1e-20 * np.eye(2), band.velocity, 2.0).half_width.tolist() == [0.0, 0.0, 0.0]
+    exact = curve_band(columns, columns, b, -1e-20 * np.eye(2), band.velocity, 2.0)
+    assert exact.half_width.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_factor_of_a_side_has_the_deviation_of_its_own_estimates():
+    """Factors are fitted to drawn curves by least squares; their scatter is the stated one."""
+    generator = np.random.default_rng(5)
+    velocity = generator.uniform(-0.5, 0.5, 400)
+    samples = np.column_stack([np.maximum(velocity, 0.0), np.minimum(velocity, 0.0), velocity**3])
+    b, root = np.array([900.0, 1400.0, 300.0]), generator.normal(size=(3, 3)) * 20.0
+    covariance = root @ root.T
+    band = curve_band(samples[:2], samples, b, covariance, velocity[:2], 2.0)
+    drawn = samples @ (b + generator.standard_normal((4000, 3)) @ root.T).T
+    for side, factor in ((velocity > 0.0, band.factors[0]), (velocity < 0.0, band.factors[1])):
+        force = samples[side] @ b
+        estimates = [np.linalg.lstsq(force[:, None], one[side], rcond=None)[0][0] for one in drawn.T]
+        assert factor == pytest.approx(2.0 * np.std(estimates), rel=0.05)
+
+
+def test_errors_that_are_independent_over_velocity_cancel_in_the_factor_and_common_ones_do_not():
+    samples = np.eye(50)
+    b = np.linspace(1.0, 2.0, 50)
+    one = curve_band(samples, samples, b, 0.01 * np.outer(b, b), b, 1.0)
+    own = curve_band(samples, samples, b, 0.01 * np.diag(b**2), b, 1.0)
+    np.testing.assert_allclose(one.half_width, own.half_width)  # the bands are the same
+    assert one.factors[0] == pytest.approx(0.1)
+    assert own.factors[0] == pytest.approx(0.1 * np.sqrt(np.sum(b**4)) / np.sum(b**2))
+    assert own.factors[0] < 0.2 * one.factors[0]
+    assert np.isnan(one.factors[1])  # no sample in rebound
 
 
 # ---- Deviation of a car's responses --------------------------------------------------------------

@@ -10,7 +10,8 @@ from cosim.study.certainty.certainty import Contribution, Effect, Status
 from cosim.study.certainty.choice import Criterion
 from cosim.study.certainty.sources import ErrorSources
 from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN
-from cosim.study.result import StudyResult, error_column
+from cosim.study.columns import error_column
+from cosim.study.result import StudyResult
 
 
 def contributions_of(

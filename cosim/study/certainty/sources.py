@@ -22,7 +22,8 @@ import numpy as np
 from cosim.study.certainty.certainty import Effect, VehicleSource
 from cosim.study.certainty.positions import Axes, predicted_levels
 from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN, vehicle_uncertainties
-from cosim.study.result import StudyResult, error_column
+from cosim.study.columns import error_column
+from cosim.study.result import StudyResult
 from eightpost.array_types import Array, Integers
 
 

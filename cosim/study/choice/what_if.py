@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cosim.components.component import Variable
-from cosim.study.result import StudyResult, error_column
+from cosim.study.columns import error_column
+from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.trials import Trials
 from cosim.study.running.workers import Workers

@@ -22,7 +22,7 @@ from eightpost import __version__
 from eightpost.array_types import Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path, json_content, sha256_of
-from eightpost.signals.parquet_file import read_table
+from eightpost.signals.parquet_file import read_columns, read_table
 
 # ---- Digest of a study ----------------------------------------------------------------------------------------------
 
@@ -196,19 +196,33 @@ class ChunkFolder:
         """
         return pa.concat_tables([self._schema.empty_table(), *map(self._read, self.completed)])
 
-    def rows(self) -> list[Row]:
-        """Return all rows of the completed chunks, each by column name.
+    def numbers(self) -> Iterator[tuple[range, Integers]]:
+        """Yield each completed chunk with the numbers of its setups.
 
         Raises:
             FileFormatError: A file is damaged.
         """
-        rows: list[Row] = self.table().to_pylist()
+        for chunk in self.completed:
+            table = self._checked(chunk, lambda path: read_columns(path, ["setup"]))
+            yield chunk, table["setup"].to_numpy()
+
+    def rows(self, chunk: range) -> list[Row]:
+        """Return the rows of a completed chunk, each by column name.
+
+        Raises:
+            FileFormatError: The file is damaged.
+        """
+        rows: list[Row] = self._read(chunk).to_pylist()
         return rows
 
     def _read(self, chunk: range) -> pa.Table:
+        return self._checked(chunk, lambda path: read_table(path, schema=self._schema).replace_schema_metadata())
+
+    def _checked(self, chunk: range, read: Callable[[Path], pa.Table]) -> pa.Table:
+        """Return what is read from the file of a chunk, which must have as many rows as its name states."""
         path = self._folder / _name(chunk.start, len(chunk))
         try:
-            table = read_table(path, schema=self._schema).replace_schema_metadata()
+            table = read(path)
             if len(table) != len(chunk):
                 raise FileFormatError(f"has {len(table)} rows, not {len(chunk)} as its name states", path=path)
         except FileFormatError as error:

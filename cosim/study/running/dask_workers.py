@@ -15,6 +15,7 @@ from typing import Any
 
 from cosim.study.running import workers
 from cosim.study.running.chunks import file_digests, file_paths
+from cosim.study.running.dask_limit import TimeLimit
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.program import Program, program
 from cosim.study.running.workers import Chunk, failed_row
@@ -31,6 +32,12 @@ with needs("dask", "a study on a Dask cluster"):
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2
 
+#: Number of setups whose time limit the choice of the coupling has: it compares several steps and both engines.
+_CHOICE = 15
+
+#: Number of times a setup runs alone whose worker did not respond, before it counts as failed.
+_TRIES = 2
+
 #: Interval at which a stop is checked [s].
 _POLL = 0.5
 
@@ -43,13 +50,18 @@ _OURS = ("cosim", "eightpost", "deserializ", "_choose()", "_rows()", "_file()")
 _RESUME = "Completed chunks are kept; run the study again to resume"
 
 
+class _LateError(Exception):
+    """The worker of a task was ended because it did not respond."""
+
+
 class DaskWorkers:
     """Workers of a Dask cluster. Workers may join and leave: the tasks of a lost worker are given to another one.
 
     Args:
         address: Address of the scheduler, `tcp://host:8786`.
         patience: Timeout for the connection [s].
-        waiting: Time without any worker after which a study ends [s].
+        waiting: Time without any worker after which a study ends, and time without a sign of life after which a worker
+            is ended (`TimeLimit`) [s].
         report: Function that receives messages about the cluster, such as that it has no workers.
 
     Raises:
@@ -70,9 +82,12 @@ class DaskWorkers:
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {address}: no Dask scheduler answers: {error}") from error
         self._address, self._waiting, self._report = address, waiting, report
+        self._patience = patience
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._told: set[str] = set()
         self._alone_since: float | None = None
+        self._limit = TimeLimit(self._client, waiting, report)
+        self._tasks: dict[str, int] = {}
         self.count = 0
         try:
             while not self._presence():
@@ -89,10 +104,17 @@ class DaskWorkers:
         """
         text, files = self._parcel(study)
         future = self._submit(_choose, text, files, program())
+        self._tasks, began = {str(future.key): _CHOICE}, time.monotonic()
         try:
             coupling: Coupling = self._result(future)
         except KilledWorker as error:
             raise StepError(f"workers ended while choosing the coupling, so an FMU crashes ({error})") from error
+        except _LateError as error:
+            raise StepError(
+                f"a worker was not responding for more than {self._waiting:g} s while it chose the coupling, so an FMU "
+                "hangs. Find it with `eightpost check` and `eightpost run --isolate`, and remove it from the bank"
+            ) from error
+        self._limit.expect(time.monotonic() - began)
         return coupling
 
     def rows(
@@ -113,6 +135,12 @@ class DaskWorkers:
             # Without workers, pending chunks wait for new ones, unless the study is to stop.
             if (not running and (count or stopped)) or (stopped and not count):
                 return
+            self._tasks = {str(future.key): len(chunk.indices) for future, chunk in running.items()}
+            late = self._end_late_workers()
+            for future in [one for one in running if str(one.key) in late]:
+                future.cancel()
+                chunk = running.pop(future)
+                yield chunk, self._one_by_one(study, coupling, chunk)
             for future in self._finished(running):
                 chunk = running.pop(future)
                 yield chunk, self._known(study, coupling, future, chunk)
@@ -127,6 +155,10 @@ class DaskWorkers:
         Raises:
             WorkersLostError: The scheduler has ended.
         """
+        if self._client.status != "running":
+            self._say(
+                f"{self._address}: the connection to the scheduler is lost; trying again for {self._patience:g} s"
+            )
         try:
             return sum(self._client.nthreads().values())
         except (OSError, TimeoutError) as error:
@@ -156,6 +188,13 @@ class DaskWorkers:
             )
         return count
 
+    def _end_late_workers(self) -> set[str]:
+        """End the workers that do not respond, and return the keys of their tasks."""
+        try:
+            return self._limit.check(self._tasks)
+        except (OSError, TimeoutError) as error:
+            raise self._lost(error) from error
+
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
         return self._client.submit(function, *arguments, pure=False)
 
@@ -172,10 +211,17 @@ class DaskWorkers:
         return [future for future in running if future.done()]
 
     def _result(self, future: Any) -> Any:
+        began = time.monotonic()
         try:
             # A finished task runs again if the only worker that has its result dies before the result is fetched.
             while (answer := self._answer(future)) is None:
                 self._presence()
+                if str(future.key) in self._end_late_workers():
+                    future.cancel()
+                    raise _LateError(future.key)
+                if future.done() and time.monotonic() - began > self._waiting:  # who has the result does not send it
+                    self._limit.end({one for found in self._client.who_has([future]).values() for one in found})
+                    began = time.monotonic()
             return answer
         except (CancelledError, OSError) as error:
             raise self._lost(error) from error
@@ -195,25 +241,42 @@ class DaskWorkers:
             return None
 
     def _known(self, study: Study, coupling: Coupling, future: Any, chunk: Chunk) -> list[Row]:
-        """Return the rows of a chunk; if several workers died of it, run its setups again one by one."""
+        """Return the rows of a chunk; if workers died of it or did not respond, run its setups again one by one."""
         try:
             return self._heard(self._result(future))
-        except KilledWorker:
-            return [self._alone(study, coupling, index) for index in chunk.indices]
+        except (KilledWorker, _LateError):
+            return self._one_by_one(study, coupling, chunk)
+
+    def _one_by_one(self, study: Study, coupling: Coupling, chunk: Chunk) -> list[Row]:
+        """Run the setups of a chunk again one by one, to find the one that ends workers."""
+        return [self._alone(study, coupling, index) for index in chunk.indices]
 
     def _alone(self, study: Study, coupling: Coupling, index: int) -> Row:
-        try:
-            return self._heard(self._result(self._rows_of(study, coupling, (index,))))[0]
-        except KilledWorker:
-            return failed_row(study, index)
+        for _ in range(_TRIES):
+            future = self._rows_of(study, coupling, (index,))
+            self._tasks[str(future.key)] = 1
+            try:
+                return self._heard(self._result(future))[0]
+            except KilledWorker:
+                return failed_row(study, index)
+            except _LateError:
+                continue
+        hangs = f"{_TRIES} workers were ended because they were not responding for {self._waiting:g} s while they ran"
+        return failed_row(study, index, f"{hangs} only this setup, so one of its FMUs hangs")
 
     def _heard(self, answer: tuple[list[Row], str]) -> list[Row]:
-        """Return the rows of an answer, and report what its worker says, each message once."""
+        """Return the rows of an answer, and report what its worker says."""
         rows, text = answer
+        for row in rows:
+            self._limit.learn(row["seconds"])
+        self._say(text)
+        return rows
+
+    def _say(self, text: str) -> None:
+        """Report a message if it is not empty, each message once."""
         if text and text not in self._told:
             self._told.add(text)
             self._report(text)
-        return rows
 
     def _lost(self, error: BaseException) -> WorkersLostError:
         return WorkersLostError(

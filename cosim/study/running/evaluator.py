@@ -21,7 +21,8 @@ from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.batch.reasons import NotInBatchError
-from cosim.study.result import DONE, FAILED, StudyResult, error_column
+from cosim.study.columns import DONE, FAILED, error_column
+from cosim.study.result import StudyResult
 from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
 from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event
 
+import numpy as np
+import pyarrow as pa
+
 from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study.above_band import AboveBand
+from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure, own_function
-from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.provenance import Provenance
+from cosim.study.result import StudyResult
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
 from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
 from cosim.study.running.workers import Chunk, Workers
@@ -248,7 +254,8 @@ class Requested(Sweep):
     """A checked study that runs setups on request.
 
     Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
-    setup is run again, in this session or another one. Ctrl-C loses only the batch that is running.
+    setup is run again, in this session or another one. Only the rows of requested setups are in memory. Ctrl-C loses
+    only the batch that is running.
 
     Args:
         study: Study to run.
@@ -262,7 +269,13 @@ class Requested(Sweep):
         super().__init__(study, folder)
         self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
         self._batches = max((one.start for one in self._requested.completed), default=-1) + 1
-        self._rows = {int(row["setup"]): row for kept in (self._kept, self._requested) for row in kept.rows()}
+        self._rows = dict[int, Row]()  # that were requested or run in this session
+        self._places: dict[int, tuple[ChunkFolder, range]] = {
+            number: (kept, chunk)
+            for kept in (self._kept, self._requested)
+            for chunk, numbers in kept.numbers()
+            for number in numbers.tolist()
+        }
 
     def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
         """Return the results of setups by number; setups without a result are run.
@@ -272,7 +285,9 @@ class Requested(Sweep):
             coupling: Coupling of the setups.
             indices: Numbers of the setups.
         """
-        new = [index for index in dict.fromkeys(int(i) for i in indices) if index not in self._rows]
+        wanted = list(dict.fromkeys(int(i) for i in indices))
+        self._read(index for index in wanted if index in self._places)
+        new = [index for index in wanted if index not in self._rows]
         if new:
             size = max(1, min(BATCH, -(-len(new) // workers.count)))  # every worker gets some
             groups = [Chunk(k, tuple(new[first : first + size])) for k, first in enumerate(range(0, len(new), size))]
@@ -280,13 +295,22 @@ class Requested(Sweep):
             self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
             self._batches += 1
             self._rows |= {int(row["setup"]): row for row in found}
-        return self._table(coupling, (self._rows[int(index)] for index in set(indices)))
+        return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
 
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, including those of an exhaustive run."""
-        return self._table(coupling, self._rows.values())
+        whole = pa.concat_tables([self._kept.table(), self._requested.table()])
+        _, first = np.unique(whole["setup"].to_numpy(), return_index=True)  # a setup may be in both
+        return self._result(coupling, whole.take(pa.array(first)))
 
-    def _table(self, coupling: Coupling, rows: Iterable[Row]) -> StudyResult:
-        table = result_table(list(rows), self._schema)
+    def _read(self, numbers: Iterable[int]) -> None:
+        """Read the rows of setups with a result, of which none is read twice; the files are read one at a time."""
+        places = defaultdict[tuple[ChunkFolder, range], set[int]](set)
+        for number in numbers:
+            places[self._places.pop(number)].add(number)
+        for (kept, chunk), wanted in places.items():
+            self._rows |= {row["setup"]: row for row in kept.rows(chunk) if row["setup"] in wanted}
+
+    def _result(self, coupling: Coupling, table: pa.Table) -> StudyResult:
         partial = table.num_rows < len(self.study.space)
         return StudyResult(self.study, table, self._provenance(coupling), partial)

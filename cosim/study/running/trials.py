@@ -10,7 +10,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.columns import result_table, study_schema
+from cosim.study.provenance import Provenance
+from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.study import Build, Study

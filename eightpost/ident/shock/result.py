@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -90,6 +90,7 @@ def _fit_of(
             "velocity [m/s]": band.velocity.tolist(),
             "force [N]": band.force.tolist(),
             "half_width [N]": band.half_width.tolist(),
+            "factor_half_width": dict(_factors(band)),
         },
     }
 
@@ -363,7 +364,16 @@ def _band(solution: Solution) -> CurveBand:
     n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
     velocity = np.linspace(inside.min(), inside.max(), _BAND)
     covariance = np.nan_to_num(solution.covariance[:, :n, :n])
-    return curve_band(model.basis.at(velocity), solution.parameters[:n], covariance, velocity, quantile(model.runs))
+    samples = model.basis.at(model.runs.row_velocity[model.runs.weights > 0.0])
+    reach = quantile(model.runs)
+    return curve_band(model.basis.at(velocity), samples, solution.parameters[:n], covariance, velocity, reach)
+
+
+def _factors(band: CurveBand) -> Iterator[tuple[str, float]]:
+    """Yield the half-width of the factor on each side that has samples, by the name of the parameter."""
+    for name, half_width in zip(("compression_scale", "rebound_scale"), band.factors.tolist(), strict=True):
+        if np.isfinite(half_width):
+            yield name, half_width
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:

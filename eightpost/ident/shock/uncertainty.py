@@ -57,17 +57,20 @@ _MOST_LEVERAGE = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveBand:
-    """The 95 % band of a static curve, point by point.
+    """The 95 % band of a static curve, point by point, and that of a factor on each side.
 
     Attributes:
         velocity: Velocities (M,) [m/s].
         force: Static forces F_s (M,) [N].
         half_width: Half-widths of the band (M,) [N].
+        factors: Half-widths of the factor on the force in compression and in rebound (2,) [1]; NaN for a side without
+            samples. See `factor_rows`.
     """
 
     velocity: Array
     force: Array
     half_width: Array
+    factors: Array
 
 
 def blocks_of(runs: Runs) -> list[slice]:
@@ -222,14 +225,33 @@ def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:
     return np.array(moves)
 
 
-def curve_band(columns: Array, b: Array, covariance: Array, velocity: Array, reach: float) -> CurveBand:
+def curve_band(columns: Array, samples: Array, b: Array, covariance: Array, velocity: Array, reach: float) -> CurveBand:
     """Return the band of a curve.
 
     Args:
         columns: Columns (M, n) of the curve at velocities (M,) [m/s].
+        samples: Columns (R, n) of the curve at the samples of the records.
         b: Coefficients (n,) of the curve.
         covariance: Covariance (n, n) of b, or several (..., n, n), of which the largest counts at each velocity.
         velocity: Velocities (M,) [m/s].
         reach: Half-width of the band in standard errors.
     """
-    return CurveBand(velocity, columns @ b, reach * standard_error(columns, covariance))
+    factors = standard_error(factor_rows(samples, b), covariance)
+    return CurveBand(velocity, columns @ b, reach * standard_error(columns, covariance), reach * factors)
+
+
+def factor_rows(samples: Array, b: Array) -> Array:
+    """Return the factor on the force in compression and in rebound as linear functions (2, n) of the coefficients.
+
+    A change of the curve changes the force at each sample. The factor is the one that comes closest to this change
+    (least squares over the samples of a side), so that errors of opposite sign at different velocities cancel as far
+    as the covariance of the coefficients says. NaN for a side without samples.
+
+    Args:
+        samples: Columns (R, n) of the curve at the samples of the records.
+        b: Coefficients (n,) of the curve.
+    """
+    force = samples @ b
+    sides = (np.maximum(force, 0.0), np.minimum(force, 0.0))
+    with np.errstate(invalid="ignore"):
+        return np.array([side @ samples / (side @ side) for side in sides])

@@ -2,7 +2,13 @@
 
 const TICKS = [-4, -3, -2, -1, 0, 1, 2, 3].flatMap((k) => [1, 2, 5].map((n) => Number(`${n}e${k}`)));
 const places = [...document.querySelectorAll(".plot")];
-let content;
+// Colours of a dark screen for those of eightpost/report/charts.py, which are made for white paper.
+const DARK = { "#0072b2": "#4aa3dc", "#d55e00": "#f08a4b", "#009e73": "#3fc79f", "#8e5a9b": "#c592d2", "#4d4d4d": "#c3cad3",
+  "#a6374f": "#ea8098", "#e6e9ee": "#2b323c", "#c3cad3": "#566271", "#b9c1cb": "#566271", "#eceff3": "#262d36",
+  "#5b6675": "#a3aebc", "#9aa4b1": "#667283", "#1c2430": "#e4e9f0" };
+const darkness = matchMedia("(prefers-color-scheme: dark)");
+let printing = false, dark = false; // print is always in light colours
+let source, content; // the figures as text, and in the colours of the screen or of paper
 const shownIn = (unit) => (unit in content.units && !metric ? content.units[unit] : [1, unit]);
 const scaled = (values, by) => (by === 1 ? values : values.map((value) => value * by));
 
@@ -60,10 +66,19 @@ function draw(place) {
   Plotly.react(place, figure.data.map((one) => trace(figure.units, one)), shown, SETTINGS);
 }
 
-/** Draw all figures with their panels stacked or not. */
+/** Choose light or dark colours, for the page and for the figures drawn from now on. */
+function color() {
+  document.documentElement.classList.toggle("light", printing);
+  dark = darkness.matches && !printing;
+  content = JSON.parse(source, dark ? (_key, value) => (typeof value === "string" && DARK[value]) || value : undefined);
+}
+
+/** Draw all figures again if they are to be stacked or not, or if the colours change. */
 function drawAll(narrow) {
-  if (narrow === stacked || !content || !window.Plotly) return;
+  const unchanged = narrow === stacked && dark === (darkness.matches && !printing);
+  if (!content || !window.Plotly || unchanged) return;
   stacked = narrow;
+  color();
   places.filter((place) => place.drawn).forEach(draw);
 }
 
@@ -94,10 +109,19 @@ for (const table of document.querySelectorAll("section .scroll > table")) {
   table.parentElement.before(button);
 }
 
+/** Let the keyboard reach what is wider than the screen, so that it can scroll there. */
+function reachWide() {
+  for (const box of document.querySelectorAll(".scroll, .frame")) {
+    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
+    else box.removeAttribute("tabindex");
+  }
+}
+
 /** Draw the remaining plots one after the other, so that all of them can be printed. */
 function drawRest() {
   const left = places.find((place) => !place.drawn);
   if (!left) {
+    reachWide();
     document.body.dataset.drawn = "all";
     return;
   }
@@ -107,14 +131,23 @@ function drawRest() {
 
 onUnits(() => places.filter((place) => place.drawn).forEach(draw));
 try {
-  content = JSON.parse(await textOf("figures"));
+  source = await textOf("figures");
+  color();
   await loadPlotly();
   window.addEventListener("beforeprint", () => {
+    printing = true;
     drawAll(false);
     places.filter((place) => !place.drawn).forEach(draw);
   });
-  window.addEventListener("afterprint", () => drawAll(document.body.clientWidth < NARROW));
-  window.addEventListener("resize", () => drawAll(document.body.clientWidth < NARROW));
+  window.addEventListener("afterprint", () => {
+    printing = false;
+    drawAll(document.body.clientWidth < NARROW);
+  });
+  darkness.addEventListener("change", () => drawAll(stacked));
+  window.addEventListener("resize", () => {
+    drawAll(document.body.clientWidth < NARROW);
+    reachWide();
+  });
   drawRest();
 } catch (error) {
   fail("The plots", error);

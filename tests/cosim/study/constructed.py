@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from cosim.study.choice.robust import Uncertain
+from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure
-from cosim.study.result import Provenance, StudyResult, result_table, study_schema
+from cosim.study.provenance import Provenance
+from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
 from eightpost.corners import CORNERS
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from distributed import Client
+
 ROOT = Path(__file__).resolve().parents[3]
 
 #: Longest time that any step of a test may take [s]: the machine may be busy.
@@ -39,15 +41,21 @@ class Cluster:
         wait_until(lambda: file.read_text().endswith("}"))
         self.address = json.loads(file.read_text())["address"]
 
-    def start_worker(self, *options: str, path: Path = ROOT) -> subprocess.Popen[bytes]:
-        """Start a worker of one thread that is not restarted when it is killed.
+    def start_worker(self, *options: str, path: Path = ROOT, nanny: bool = False) -> subprocess.Popen[bytes]:
+        """Start a worker of one thread.
 
         Args:
             options: More options of `dask worker`.
             path: Folder of its packages.
+            nanny: Whether it is started again when it ends.
         """
-        own = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--memory-limit", "0"]
+        own = ["--nthreads", "1", "--nanny" if nanny else "--no-nanny", "--no-dashboard", "--memory-limit", "0"]
         return self._start("worker", self.address, *own, *options, path=path)
+
+    def wait_for_workers(self, count: int) -> None:
+        """Wait until a number of workers have joined."""
+        with Client(self.address, timeout=PATIENCE, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=PATIENCE)
 
     def _start(self, *arguments: str, path: Path = ROOT) -> subprocess.Popen[bytes]:
         folder = self._folder / f"process_{len(self._processes)}"

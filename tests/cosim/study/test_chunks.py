@@ -16,7 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.study import stored_table
-from cosim.study.result import StudyResult, study_schema
+from cosim.study.columns import study_schema
+from cosim.study.result import StudyResult
 from cosim.study.running import chunks
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, gaps
 from cosim.study.running.sweep import run_study

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -122,8 +124,50 @@ def test_a_worker_that_is_killed_in_a_chunk_changes_no_bit(file, expected, tmp_p
     assert not found.partial and table(found).equals(expected)
 
 
+def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(file, expected, tmp_path):
+    with cluster(tmp_path, 2) as (made, workers):
+        made.wait_for_workers(2)
+        main = start(file, tmp_path / "out", made.address, "--patience", "3 s")
+        wait_for_chunk(tmp_path / "out", main)
+        os.kill(workers[0].pid, signal.SIGSTOP)  # it keeps its connection and its chunk
+        output = main.communicate(timeout=PATIENCE)[0]
+        assert main.returncode == 0, output
+    assert "was not responding for more than 3 s and is ended" in " ".join(output.split())
+    found = load(tmp_path / "out")
+    assert not found.partial and table(found).equals(expected)
+
+
+#: Hangs in one setup, once the coupling is chosen.
+HANGS = """
+import time
+from pathlib import Path
+
+def slow(response):
+    while abs(response.total.std() / {level!r} - 1.0) < 1e-9 and [*Path({out!r}).rglob("coupling.json")]:
+        time.sleep(1.0)
+    return 1.0
+"""
+
+
+def test_a_setup_that_hangs_fails_alone_and_workers_with_a_nanny_come_back(fmus, here, tmp_path):
+    path = written(tmp_path / "given", fmus, builds=2, more=SLOW)
+    alone = run_study(read_study(path), tmp_path / "alone", here)
+    lost = len(alone) // 2
+    level = float(alone.values("slow")[lost])
+    (path.parent / "slow.py").write_text(HANGS.format(level=level, out=str(tmp_path / "out")))
+    with cluster(tmp_path, 0) as (made, _):
+        made.start_worker(nanny=True)
+        made.wait_for_workers(1)
+        main = start(path, tmp_path / "out", made.address, "--patience", "5 s")
+        output = main.communicate(timeout=PATIENCE)[0]
+        assert main.returncode == 1, output
+    found = load(tmp_path / "out")
+    assert np.flatnonzero(~found.done).tolist() == [lost] and "failed" in output
+
+
 def test_without_workers_the_study_stops_with_a_message_and_resumes_with_a_new_worker(file, expected, tmp_path):
     with cluster(tmp_path, 2) as (made, workers):
+        made.wait_for_workers(2)
         main = start(file, tmp_path / "out", made.address, "--patience", "2 s")
         wait_for_chunk(tmp_path / "out", main)
         for worker in workers:

@@ -57,10 +57,20 @@ def test_a_parameter_at_a_bound_is_held_and_reported():
     assert found.held == ("lag_full_force is kept at its fitted value: the fit ended at its lower bound",)
 
 
-def test_the_curves_band_gives_the_deviation_of_its_scale():
-    """If the force of a side is scaled by 1 ± sigma, the band has this relative width at every velocity."""
+def test_the_scales_have_the_deviations_that_the_fit_derives_from_its_covariance():
     found = fitted_parameters(read_shock(BANK / "C_C.json"))
-    band = document("C_C")["fit"]["curve_band"]
+    deviation = dict(zip(found.names, np.sqrt(found.covariance.diagonal()), strict=True))
+    stated = document("C_C")["fit"]["curve_band"]["factor_half_width"]
+    assert list(stated) == ["compression_scale", "rebound_scale"]
+    for name, half_width in stated.items():
+        assert 1.96 * deviation[name] == pytest.approx(half_width, rel=1e-4)
+
+
+def test_a_band_without_factors_counts_as_correlated_over_all_velocities():
+    """If the force of a side is scaled by 1 ± sigma, the band has this relative width at every velocity."""
+    shock, band = read_shock(BANK / "C_C.json"), document("C_C")["fit"]["curve_band"]
+    del band["factor_half_width"]
+    found = fitted_parameters(replace(shock, fit={**shock.fit, "curve_band": band}))
     velocity, force, half = (np.array(band[key]) for key in ("velocity [m/s]", "force [N]", "half_width [N]"))
     deviation = dict(zip(found.names, np.sqrt(found.covariance.diagonal()), strict=True))
     for name, side in (("compression_scale", velocity > 0), ("rebound_scale", velocity < 0)):
