@@ -185,12 +185,14 @@ class Outcome:
         chosen: Chosen law and curve.
         errors: Error of each law and curve, in percent of the force's standard deviation, as it is and with the best
             offset and gain.
+        cross_validated: Error of each law with its best curve on left-out parts of the fitted records [%].
     """
 
     name: str
     judged: str
     chosen: Candidate
     errors: Mapping[Candidate, tuple[float, float]]
+    cross_validated: Mapping[Candidate, float]
 
     def excess(self, place: int) -> float:
         """Return the excess of the choice's error over the lowest [%], for one of the two errors."""
@@ -213,7 +215,9 @@ def outcomes(number: int, seed: int = SEED) -> list[Outcome]:
                 held = evaluate(fit.shock, test, segment=segment)
                 shape = 100.0 * shape_rms(held.predicted["force"], held.measured["force"]) / held.deviation
                 errors[name][law, curve] = held.percent, shape
-    return [Outcome(shock.name, name, (choice.law, choice.chosen.curve.kind), found) for name, found in errors.items()]
+    chosen = choice.law, choice.chosen.curve.kind
+    scores = {(s.law, s.curve.kind): s.held_out.percent for s in choice.scores if s.blocks is not None and s.curve}
+    return [Outcome(shock.name, name, chosen, found, scores) for name, found in errors.items()]
 
 
 def report(found: Sequence[Outcome]) -> str:
@@ -239,7 +243,10 @@ def _line(kind: str, judged: str, found: Sequence[Outcome]) -> list[str]:
 def _row(one: Outcome) -> dict[str, object]:
     """Return the row that --json writes."""
     errors = {", ".join(candidate): pair for candidate, pair in one.errors.items()}
-    return {"name": one.name, "judged": one.judged, "chosen": one.chosen, "errors": errors}
+    held = {", ".join(candidate): error for candidate, error in one.cross_validated.items()}
+    return {
+        "name": one.name, "judged": one.judged, "chosen": one.chosen, "errors": errors, "cross_validated": held,
+    }  # fmt: skip
 
 
 def main() -> None:

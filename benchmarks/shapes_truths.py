@@ -35,7 +35,8 @@ from benchmarks.identification_measures import SETTLING, TOTAL
 from benchmarks.vehicle_uncertainty import parts
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
-from builder.native.toolchain import Zig, this_platform
+from builder.native.platforms import this_platform
+from builder.native.toolchain import Zig
 from cosim.study.families import Car, family
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers
@@ -43,8 +44,8 @@ from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from eightpost import units
 from eightpost.app.shape_search import Curves, Request, find_curves
 from eightpost.corners import CORNERS
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.model_form import ModelForm
-from eightpost.ident.vehicle.verdict import with_validity
 from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive

@@ -5,7 +5,8 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated_component import IsolatedComponent
 from cosim.force_law import ForceLaw
 from cosim.held_force import ExtrapolatedForce, HeldForce
-from cosim.results.result import BondEnergy, Coupled, Result
+from cosim.results.result import Result
+from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import SCHEMES, Automatic
 from cosim.session.master import Verification, run, verify
 from cosim.session.session import RunInterrupted

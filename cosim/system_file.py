@@ -17,7 +17,8 @@ from cosim.session.case import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.scenario import Scenario
-from cosim.systems.system import Bond, Connection, System, own_unit
+from cosim.systems.system import Bond, Connection, System
+from cosim.systems.variables import own_unit
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text

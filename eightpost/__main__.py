@@ -18,7 +18,7 @@ from rich.logging import RichHandler
 from rich.markup import escape
 
 from eightpost import __version__
-from eightpost.errors import EightpostError, InputError
+from eightpost.errors import EightpostError, InputError, suggestion
 
 #: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
 #: because its libraries take seconds to load.
@@ -43,7 +43,7 @@ VERBS = {
     "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
     "study": "Run every setup of shocks that a study allows, and rank them.",
     "optimise": "Search for the best setups of a study whose bank is too large to run them all.",
-    "shapes": "Find the shock curves to aim at: the best shapes for a study, also such that nobody has built.",
+    "shapes": "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
     "whatif": "Show what a click more or less at a corner would do to every measure of a study.",
     "sensitivity": "Show which corner matters for which measure of a study.",
     "robust": "Compute how sure a study's choice is with an uncertainty file of your own.",
@@ -72,6 +72,14 @@ class _Verbs(click.Group):
         except MemoryError:
             _complain("there is not enough memory for this command: use smaller files, or close other programs")
             ctx.exit(2)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the verb; for a misspelled one, name similar verbs."""
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            ctx.fail(f"there is no verb {args[0]!r}; {suggestion(args[0], VERBS)}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the verbs in the order of the work."""

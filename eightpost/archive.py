@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-from eightpost.errors import EightpostError, FmuError, OutputError
+from eightpost.errors import EightpostError, FmuError, OutputError, missing_file
 from eightpost.files import atomic_path, writing
 
 #: The earliest date that a zip entry can have. The real date would make every build differ.
@@ -70,11 +70,14 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
     except EightpostError:
         raise
     except FileNotFoundError:
-        what = "there is no such file; correct the path, or create it first (eightpost build)"
+        what = missing_file(path, "correct the path, or create it first (eightpost build)")
         raise FmuError(f"{path}: {what}") from None
     except _DAMAGE as error:
         why = str(error) or type(error).__name__
-        raise FmuError(f"{path}: is not a readable zip archive ({why}); copy or build it again") from error
+        advice = "copy or build it again"
+        if not path.suffix.lower().startswith((".fmu", ".ssp", ".zip")):
+            advice = "name an .fmu file, which eightpost build makes"
+        raise FmuError(f"{path}: is not a readable zip archive ({why}); {advice}") from error
 
 
 def read_archive(path: str | Path) -> dict[str, bytes]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 
 #: Number of known names that a message lists if none is similar.
@@ -26,6 +27,48 @@ def suggestion(name: str, known: Iterable[str]) -> str:
         return f"did you mean {', '.join(close)}?"
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"there are: {', '.join(names[:_LISTED]) or 'none'}{more}"
+
+
+def missing_file(path: str | Path, advice: str = "") -> str:
+    """Return what is wrong with a path that does not exist: similar names in its folder, or what to do.
+
+    Args:
+        path: Path of the file.
+        advice: Advice for the user if no name in the folder is similar.
+    """
+    folder, name = Path(path).parent, Path(path).name
+    try:
+        if not folder.is_dir():
+            what = advice or f"the current folder is {Path.cwd()}"
+            return f"there is no such file: there is no folder {folder}; {what}"
+        names = [one.name for one in folder.iterdir()]
+        same = [one for one in names if one.lower() == name.lower()]
+        close = same or get_close_matches(name, names, n=3, cutoff=0.75)
+    except (OSError, ValueError):
+        close = []
+    if close:
+        return f"there is no such file; did you mean {', '.join(close)}?"
+    return f"there is no such file{': ' if advice else ''}{advice}"
+
+
+def check_number(name: str, value: object, unit: str = "") -> None:
+    """Check that an argument is a number, so that a text such as '1 ms' is an error of the call that has it.
+
+    Args:
+        name: Name of the argument.
+        value: Value of the argument; None is accepted, because it stands for the default.
+        unit: Unit of the number.
+
+    Raises:
+        InputError: It is neither a number nor None.
+
+    >>> check_number("step", "1 ms", "s")
+    Traceback (most recent call last):
+    ...
+    eightpost.errors.InputError: step is '1 ms'; give a number [s]
+    """
+    if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
+        raise InputError(f"{name} is {value!r}; give a number{f' [{unit}]' if unit else ''}")
 
 
 class EightpostError(Exception):

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from eightpost.errors import FileFormatError, InputError, OutputError
+from eightpost.errors import FileFormatError, InputError, OutputError, missing_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -103,11 +103,15 @@ def check_output_folder(path: str | Path) -> None:
     """Check that a path can be used as an output folder, before any computation.
 
     Raises:
-        InputError: The path or one of its parents is a file.
+        InputError: The path or one of its parents is a file, or its nearest existing folder is read-only.
     """
-    for place in (Path(path), *Path(path).parents):
+    places = (Path(path), *Path(path).parents)
+    if (nearest := next((place for place in places if place.is_dir()), None)) and not os.access(nearest, os.W_OK):
+        raise OutputError(f"{nearest} is read-only; change its permissions, or choose another output folder")
+    for place in places:
         if place.exists() and not place.is_dir():
-            raise InputError(f"{path}: {place} is a file, not a folder; choose another output folder")
+            where = "" if place == Path(path) else f"{path}: "
+            raise InputError(f"{where}{place} is a file, not a folder; choose another output folder")
 
 
 def sha256_of(path: str | Path) -> str:
@@ -134,7 +138,7 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise FileFormatError(f"there is no such file{advice and ': '}{advice}", path=path) from None
+        raise FileFormatError(missing_file(path, advice), path=path) from None
     except OSError as error:
         raise FileFormatError(f"cannot be read: {_reason(error)}", path=path) from error
     except MemoryError as error:
@@ -248,6 +252,8 @@ def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
     except RecursionError as error:
         raise FileFormatError(f"cannot be read as TOML: {_TOO_DEEP}", path=path) from error
     except ValueError as error:  # a TOMLDecodeError, or an integer with thousands of digits
+        if Path(path).suffix.lower() in (".csv", ".json", ".parquet", ".fmu", ".mat", ".txt"):
+            raise FileFormatError(f"is a {Path(path).suffix} file; a .toml file is needed here", path=path) from error
         raise FileFormatError(f"cannot be read as TOML: {error}", path=path) from error
     return content
 
@@ -268,6 +274,9 @@ def check_schema(
         FileFormatError: The number is missing, is not a number, or is newer.
     """
     name, found = f"{what} {key}".strip().replace("_", " "), content.get(key)
+    if found is None and not content.keys() & {"kind", "name", "model", "parameters"}:
+        keys = ", ".join(map(repr, list(content)[:5])) or "nothing"
+        raise FileFormatError(f"is not a file that eightpost wrote or documents: it contains {keys}", path=path)
     if type(found) is not int or found < 1:
         raise FileFormatError(f"{name} is {found!r}, but must be a number; write {key} = {newest}", path=path)
     if found > newest:

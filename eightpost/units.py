@@ -54,7 +54,7 @@ def _spelled(text: str) -> str:
 def _expression(unit: str) -> str:
     """Return a unit symbol in pint's notation: `N.m` -> `N*m`, `m/s2` -> `m/s**2`; empty for a dimensionless unit."""
     text = unit.strip()
-    text = _SPELLINGS.get(text.lower(), text) if " " in text else text
+    text = _SPELLINGS.get(text.lower(), text) if re.search(r"[ -]", text) else text
     text = text if text in _SPELLINGS.values() else _spelled(text)
     text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
     # Upper and lower case differ: Nm is a torque, nm a length.

@@ -1,13 +1,15 @@
 """Check that this checkout can be released: `make release`. Nothing is tagged or uploaded.
 
 The checks: no uncommitted change, one version everywhere, a dated entry in the changelog, a new tag, wheel and source
-distribution with valid metadata, an installation of the wheel that works, and all tests.
+distribution with valid metadata, an installation of the wheel that works, and all tests. If all pass, the distributions
+that were checked are in dist/, and the steps that remain are printed.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -79,7 +81,10 @@ def check_tag(root: Path) -> str:
 
 
 def check_distributions(root: Path) -> str:
-    """Build wheel and source distribution, check their metadata, install the wheel and check the installation."""
+    """Build wheel and source distribution, check their metadata, install the wheel and check the installation.
+
+    The distributions are then put into dist/, where no others remain.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = []
@@ -92,7 +97,11 @@ def check_distributions(root: Path) -> str:
         _run(str(python), "-m", "pip", "install", "--quiet", files[-1], folder=folder)
         _run(str(python), "-I", "-m", "eightpost", "doctor", folder=folder)
         sizes = ", ".join(f"{Path(file).name} {Path(file).stat().st_size / 1e6:.1f} MB" for file in files)
-    return f"{sizes}; the wheel installs, and `eightpost doctor` is satisfied"
+        shutil.rmtree(root / "dist", ignore_errors=True)
+        (root / "dist").mkdir()
+        for file in files:
+            shutil.move(file, root / "dist")
+    return f"dist/ has {sizes}; the wheel installs, and `eightpost doctor` is satisfied"
 
 
 def check_tests(root: Path) -> str:
@@ -119,8 +128,21 @@ CHECKS: tuple[Callable[[Path], str], ...] = (
 )  # fmt: skip
 
 
+def steps_text(root: Path) -> str:
+    """Return what a maintainer does after the checks; this script does not."""
+    files = " ".join(f"dist/{path.name}" for path in sorted((root / "dist").iterdir()))
+    return (
+        f"eightpost {__version__} is ready. What remains:\n"
+        "1. Unless these have passed since the last change of code: make nightly, make pythons, make bounds\n"
+        f"2. Tag this commit:\n{tag_text(root)}\n"
+        f"3. Upload the distributions that were checked:\npython -m twine upload {files}\n"
+        "4. Begin the next version: raise it in eightpost/__init__.py and CITATION.cff, and add a section "
+        "'## Unreleased' to CHANGELOG.md"
+    )
+
+
 def tag_text(root: Path) -> str:
-    """Return the commands that a maintainer gives after the checks; this script does not."""
+    """Return the commands that tag the version with the topics of the changelog."""
     entry = (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
     topics = [line for line in entry.splitlines() if re.fullmatch(r"[A-Z].*\.", line)]
     lines = "\n".join(f"- {topic}" for topic in topics[1:])
@@ -128,7 +150,7 @@ def tag_text(root: Path) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the checks in order, stop at the first that fails, and print the text of the tag."""
+    """Run the checks in order, stop at the first that fails, and print what remains to be done."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [check.__name__.removeprefix("check_") for check in CHECKS]
     parser.add_argument("--skip", nargs="*", choices=names, default=[], help="checks to leave out; for a trial only")
@@ -140,9 +162,13 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             print(f"ok: {check(ROOT)}", flush=True)
         except NotReadyError as error:
-            print(f"NOT READY ({name}): {error}", file=sys.stderr)
+            print(f"NOT READY ({name}): {error}\nThen run `make release` again.", file=sys.stderr)
             return 1
-    print(f"\n{tag_text(ROOT)}" if not skipped else "\nno tag, because checks were skipped")
+    print(
+        f"\n{steps_text(ROOT)}"
+        if not skipped
+        else f"\nNot a release: skipped {', '.join(skipped)}. Run `make release`."
+    )
     return 0
 
 

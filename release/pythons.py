@@ -69,19 +69,37 @@ def interpreters() -> list[Path]:
     return [newest[version][1] for version in VERSIONS if version in newest]
 
 
-def wheel(folder: Path) -> Path:
-    """Build the wheel of this checkout into a folder and return its path."""
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    return next(folder.glob("*.whl"))
+@dataclass(frozen=True)
+class Source:
+    """What is tried out; later changes of the checkout have no influence on it.
+
+    Attributes:
+        wheel: Wheel of this checkout.
+        checkout: Copy of the tests and of the files that they read, without the packages.
+    """
+
+    wheel: Path
+    checkout: Path
+
+    @classmethod
+    def of_checkout(cls, folder: Path) -> Source:
+        """Build the wheel, and copy the tests, into a folder."""
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+        copied = folder / "checkout"
+        copied.mkdir()
+        for name in ("tests", "pyproject.toml", "Makefile", "examples", "fmus", "benchmarks", "docs", "release"):
+            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+            copy(ROOT / name, copied / name)
+        return cls(next(folder.glob("*.whl")), copied)
 
 
-def try_out(python: Path, source: Path, folder: Path, *, lowest: bool, tests: bool) -> Outcome:
-    """Install a wheel with an interpreter and check the installation.
+def try_out(python: Path, source: Source, folder: Path, *, lowest: bool, tests: bool) -> Outcome:
+    """Install the wheel with an interpreter and check the installation.
 
     Args:
         python: Interpreter.
-        source: Wheel.
+        source: Wheel and tests.
         folder: Folder for the environment and its cache of compiled code.
         lowest: Whether to install the oldest allowed version of every direct dependency.
         tests: Whether to run tests too.
@@ -95,22 +113,19 @@ def try_out(python: Path, source: Path, folder: Path, *, lowest: bool, tests: bo
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment |= {"EIGHTPOST_CACHE": str(folder / "cache")}
     # To uv, the dependencies of a wheel are indirect: those of the project file are the ones that it lowers.
-    oldest = ["-r", str(ROOT / "pyproject.toml"), "--extra", "all", "--resolution", "lowest-direct"]
-    steps = [oldest, ["--no-deps", str(source)]] if lowest else [[f"{source}[all]"]]
+    project = source.checkout / "pyproject.toml"
+    oldest = ["-r", str(project), "--extra", "all", "--resolution", "lowest-direct"]
+    steps = [oldest, ["--no-deps", str(source.wheel)]] if lowest else [[f"{source.wheel}[all]"]]
     if any(subprocess.run([*install, *step], check=False).returncode for step in steps):
         return Outcome(version, installed=False)
     doctor = subprocess.run([inside, "-I", "-m", "eightpost", "doctor"], cwd=folder, env=environment, check=False)
     if doctor.returncode or not tests:
         return Outcome(version, True, doctor.returncode == 0, passed=doctor.returncode == 0)
     subprocess.run([*install, *TOOLS], check=True)
-    shutil.copytree(ROOT / "tests", folder / "checkout" / "tests")
-    for name in ("pyproject.toml", "Makefile", "examples", "fmus", "benchmarks", "docs", "release"):
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, folder / "checkout" / name)
     warnings = ["-o", "filterwarnings=default"] if lowest else []  # old versions warn about each other
     command = [inside, "-m", "pytest", "-q", *warnings, "-m", "not slow and not nightly", *TESTS]
     ran = subprocess.run(
-        command, cwd=folder / "checkout", env=environment, check=False, capture_output=True, text=True, encoding="utf-8"
+        command, cwd=source.checkout, env=environment, check=False, capture_output=True, text=True, encoding="utf-8"
     )
     print(ran.stdout[-3000:] if ran.returncode else "", ran.stderr[-3000:], flush=True)
     last = (ran.stdout.strip().splitlines() or ["no output"])[-1]
@@ -141,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
         pythons = pythons[:1]  # the oldest versions of compiled packages have wheels for the oldest Python only
     outcomes = []
     with tempfile.TemporaryDirectory() as name:
-        source = wheel(Path(name))
+        source = Source.of_checkout(Path(name))
         for number, python in enumerate(pythons):
             folder = Path(name) / str(number)
             folder.mkdir()

@@ -17,7 +17,8 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from builder.build import build
-from builder.native.toolchain import PLATFORMS, Zig, this_platform
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import Zig
 from cosim import FmuComponent
 from eightpost.shock import (
     LAWS,

@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.results.result import Coupled, Result
+from cosim.results.result import Result
+from cosim.results.run_data import Coupled
 from eightpost.signals import TimeSeries
 
 # ---- Difference of two runs of one system at different steps, in percent of each channel's scale --------------------

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from cosim.results import rules
+from cosim.results.run_data import RunData
 from cosim.results.validity import LARGEST_SHARE, NOTABLE_SHARE
 from eightpost.verdict import Reason
 
-if TYPE_CHECKING:
-    from cosim.results.result import Result
 
-
-def limit_reasons(result: Result) -> Iterator[Reason]:
+def limit_reasons(run: RunData) -> Iterator[Reason]:
     """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
-    yield from _fitted(result)
-    yield from _settings(result)
-    yield from _tires(result)
+    yield from _fitted(run)
+    yield from _settings(run)
+    yield from _tires(run)
 
 
-def _fitted(result: Result) -> Iterator[Reason]:
-    for shock, time in result.share_beyond_fit.items():
-        energy = _energy_beyond(result, shock)
+def _fitted(run: RunData) -> Iterator[Reason]:
+    for shock, time in run.share_beyond_fit.items():
+        energy = _energy_beyond(run, shock)
         share = max(time, energy or 0.0)
         beyond = rules.BEYOND_FIT if share <= LARGEST_SHARE else rules.MOSTLY_BEYOND_FIT
         rule, within = (rules.WITHIN_FIT, "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
@@ -34,11 +31,11 @@ def _fitted(result: Result) -> Iterator[Reason]:
         )
 
 
-def _settings(result: Result) -> Iterator[Reason]:
+def _settings(run: RunData) -> Iterator[Reason]:
     """Yield the reasons about the settings of shocks that have them."""
-    for shock, beyond in result.share_beyond_settings.items():
-        far = result.share_far_beyond_settings.get(shock, 0.0)
-        untested = result.share_untested_settings.get(shock, 0.0)
+    for shock, beyond in run.share_beyond_settings.items():
+        far = run.share_far_beyond_settings.get(shock, 0.0)
+        untested = run.share_untested_settings.get(shock, 0.0)
         origin = f"component {shock}"
         if beyond > 0.0:
             yield (rules.FAR_BEYOND_SETTINGS if far > 0.0 else rules.BEYOND_SETTINGS).reason(
@@ -56,19 +53,19 @@ def _settings(result: Result) -> Iterator[Reason]:
             yield rules.WITHIN_SETTINGS.reason("the shock is at measured settings", figure=figure, origin=origin)
 
 
-def _energy_beyond(result: Result, shock: str) -> float | None:
+def _energy_beyond(run: RunData, shock: str) -> float | None:
     """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
     names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
-    if not set(names) <= set(result.series.names):
+    if not set(names) <= set(run.series.names):
         return None
-    settled = result.settled()
+    settled = run.settled()
     power, beyond = (abs(settled[name]) for name in names)
     total = float(power.sum())
     return float(power[beyond > 0.5].sum()) / total if total else 0.0
 
 
-def _tires(result: Result) -> Iterator[Reason]:
-    for tire, off in result.share_tire_off.items():
+def _tires(run: RunData) -> Iterator[Reason]:
+    for tire, off in run.share_tire_off.items():
         if off is None:
             yield rules.STATIC_LOAD_UNKNOWN.reason(
                 "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.results import rules
-from cosim.results.limits import limit_reasons
-from cosim.results.validity import Model, model_reasons
+from cosim.results.run_data import RunData
+from cosim.results.run_verdict import verdict_of
 from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
 from eightpost.signals import TimeSeries, read_series, write_series
-from eightpost.verdict import Reason, Verdict
+from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,163 +30,19 @@ if TYPE_CHECKING:
 SCHEMA = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Coupled:
-    """Local errors of the values that the ends of one bond assumed of each other, root mean squares in SI.
-
-    Attributes:
-        velocity_error: Local error of the velocity given to the shock [m/s].
-        velocity_spread: Standard deviation of that velocity [m/s].
-        force_error: Local error of the force given to the vehicle [N].
-        force_spread: Standard deviation of that force [N].
-        velocity_scale: Scale of the velocity's error [m/s]; see cosim.results.error_estimate.judged_by.
-        force_scale: Scale of the force's error [N].
-    """
-
-    velocity_error: float
-    velocity_spread: float
-    force_error: float
-    force_spread: float
-    velocity_scale: float
-    force_scale: float
-
-    @property
-    def percent(self) -> float:
-        """Larger of both local errors, in percent of its scale."""
-        return 100.0 * max(self.velocity_error / self.velocity_scale, self.force_error / self.force_scale)
-
-
-@dataclass(frozen=True, slots=True)
-class BondEnergy:
-    """Energy through one bond over a run.
-
-    Attributes:
-        residual: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
-        transferred: Sum of the magnitudes of the energy received at the force end in each step [J].
-    """
-
-    residual: float
-    transferred: float
-
-    @property
-    def relative(self) -> float:
-        """Residual as a share of the energy transferred [1]."""
-        return self.residual / self.transferred if self.transferred else 0.0
-
-    @property
-    def acceptable(self) -> bool:
-        """Whether the coupling adds or loses at most 5 % of the energy transferred."""
-        return abs(self.relative) <= rules.LARGEST_RESIDUAL
-
-
 @dataclass(frozen=True, repr=False)
-class Result(Summarized):
-    """Result of one run.
-
-    Attributes:
-        series: Recorded variables by `component.variable`, SI.
-        converged: Whether the equilibrium start was found and all steps converged; see `notes`.
-        notes: Notes for the reader, in sentences.
-        algorithm: Name of the algorithm.
-        order: Components in the order of stepping.
-        step: Coupling step [s].
-        steps: Number of coupling steps.
-        seconds: Wall time from the start of initialization [s]; for the default, of all its runs.
-        equilibrium_sweeps: Number of evaluations until the equilibrium start converged.
-        energy: Energy residual and energy transferred [J] per bond.
-        held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
-        identities: GUID of each component.
-        sources: File of each component.
-        parameters: Values that differ from the components' defaults, by component; in their own units.
-        settling: Time at the start that is excluded from response measures [s].
-        share_beyond_fit: Share of time beyond the fitted velocities, per shock.
-        share_beyond_settings: Share of time beyond the measured settings of clicks and temperature, per such shock.
-        share_far_beyond_settings: The same, beyond them by more than the nearest interval between them.
-        share_untested_settings: Share of time at a combination of settings that was not measured, per such shock.
-        share_tire_off: Share of time below zero load, per tire force; None if no static load is known.
-        coupled: Local errors of the values that the ends assumed of each other, per bond.
-        iterations: Total number of iterations of implicit steps.
-        rejected_steps: Number of steps that an adaptive run repeated with a smaller step.
-        largest_step: Largest coupling step [s].
-        partial: Whether the run was interrupted or given up before its stop time.
-        ended_by: Component that ended the simulation before its stop time, as an FMU may; empty if none did.
-        ended_at: Time at which it did [s]; None if none did.
-        stepping_seconds: Wall time of the steps alone [s]; for the default, of all its runs.
-        stated_error: Estimated coupling error per recorded variable and per decisive channel, in percent of its scale
-            (cosim.results.error_estimate.scales) after settling; empty if only one run was made.
-        scheme: Algorithm that the default chose; empty if an algorithm was given.
-        decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
-        models: Components with the information that the verdict uses.
-        tolerance: Coupling error that the default aimed at, in percent; 0 if the step was given.
-        unsettled_steps: Number of implicit steps that did not converge.
-        steps_of_all_runs: Number of coupling steps of this run and of those that it was compared with.
-    """
-
-    series: TimeSeries
-    converged: bool
-    notes: tuple[str, ...]
-    algorithm: str
-    order: tuple[str, ...]
-    step: float
-    steps: int
-    seconds: float
-    equilibrium_sweeps: int
-    energy: Mapping[str, BondEnergy]
-    held_direct: tuple[str, ...]
-    identities: Mapping[str, str]
-    sources: Mapping[str, str] = field(default_factory=dict)
-    parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
-    settling: float = 0.0
-    share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
-    share_beyond_settings: Mapping[str, float] = field(default_factory=dict)
-    share_far_beyond_settings: Mapping[str, float] = field(default_factory=dict)
-    share_untested_settings: Mapping[str, float] = field(default_factory=dict)
-    share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
-    coupled: Mapping[str, Coupled] = field(default_factory=dict)
-    iterations: int = 0
-    rejected_steps: int = 0
-    largest_step: float = 0.0
-    partial: bool = False
-    stepping_seconds: float = 0.0
-    stated_error: Mapping[str, float] = field(default_factory=dict)
-    scheme: str = ""
-    decisive: frozenset[str] = frozenset()
-    models: Mapping[str, Model] = field(default_factory=dict)
-    tolerance: float = 0.0
-    ended_by: str = ""
-    ended_at: float | None = None
-    unsettled_steps: int = 0
-    steps_of_all_runs: int = 0
+class Result(RunData, Summarized):
+    """Result of one run: its data, which `RunData` describes, with verdict, pictures and files."""
 
     @cached_property
     def verdict(self) -> Verdict:
         """Verdict on whether the run can be used, with its reasons (docs/reference/verdict.md)."""
-        return _verdict_of(self)
+        return verdict_of(self)
 
     @property
     def acceptable(self) -> bool:
         """Whether the verdict is anything but "not usable"; `eightpost run` sets its exit code by this."""
         return self.verdict.is_acceptable
-
-    @property
-    def coupling_error(self) -> float | None:
-        """Largest stated error of the decisive channels, or of all channels if none is decisive [%].
-
-        None if only one run was made.
-        """
-        chosen = [self.stated_error[name] for name in self.decisive if name in self.stated_error]
-        return max(chosen or self.stated_error.values(), default=None)
-
-    @property
-    def has_equal_steps(self) -> bool:
-        """Whether all coupling steps have the same size, except for rounding."""
-        return self.largest_step <= self.step * (1.0 + 1e-9)
-
-    @property
-    def is_clean(self) -> bool:
-        """Whether the run reached its stop time, every step converged, and no bond's local error is too large."""
-        local = max((c.percent for c in self.coupled.values()), default=0.0)
-        return not self.partial and self.unsettled_steps == 0 and local <= rules.LARGEST_ERROR
 
     def _summary(self) -> Summary:
         scheme = f"{self.algorithm}: {self.scheme}" if self.scheme else self.algorithm
@@ -248,11 +102,6 @@ class Result(Summarized):
         """
         return self.series[name]
 
-    def settled(self) -> TimeSeries:
-        """Return the series without the settling time; the whole series if the run ended within it."""
-        last = float(self.series.time[-1])
-        return self.series.window(self.settling, last) if 0.0 < self.settling < last else self.series
-
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write series.parquet, series.csv and result.json; an old file is replaced only by a complete one."""
         folder = Path(folder)
@@ -274,114 +123,6 @@ class Result(Summarized):
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
         extra = {"decisive": sorted(self.decisive), "energy": energy, "coupled": coupled}
         return heading | {"verdict": self.verdict.to_json()} | document | extra | {"channels": list(self.series.names)}
-
-
-# ---- Verdict on a run ------------------------------------------------------------------------------------------------
-
-
-def _verdict_of(result: Result) -> Verdict:
-    """Return the verdict on a run."""
-    return Verdict(
-        (
-            *_coupling(result),
-            *_energy(result),
-            *_convergence(result),
-            *limit_reasons(result),
-            *model_reasons(result.models, result.settled()),
-        )
-    )
-
-
-def _coupling(result: Result) -> Iterator[Reason]:
-    yield from _local(result)
-    known = result.stated_error
-    decisive = {name: error for name, error in known.items() if name in result.decisive} or known
-    if not decisive or not all(map(isfinite, decisive.values())):
-        yield _not_stated(result)
-        return
-    yield _stated(result, *max(decisive.items(), key=lambda item: item[1]))
-    others = {name: e for name, e in known.items() if name not in decisive and e > rules.LARGEST_ERROR}
-    if others:
-        name = max(others, key=lambda each: others[each])
-        yield rules.CHANNEL_ERROR.reason(
-            f"the coupling error of {_counted(len(others), 'other channel')} is too large; largest: {name}",
-            figure=f"{_percent(others[name])}; limit {rules.LARGEST_ERROR:g} %",
-            origin="coupling error per channel",
-        )
-
-
-def _local(result: Result) -> Iterator[Reason]:
-    for bond, coupled in result.coupled.items():
-        if not coupled.percent <= rules.LARGEST_ERROR:
-            yield rules.LOCAL_ERROR.reason(
-                "the values that the ends of a bond assume of each other are wrong in every step",
-                figure=f"{_percent(coupled.percent)} of the scale; limit {rules.LARGEST_ERROR:g} %",
-                origin=f"bond {bond}",
-            )
-
-
-def _not_stated(result: Result) -> Reason:
-    if not result.energy and not result.coupled:
-        return rules.COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
-    return rules.COUPLING_UNKNOWN.reason(
-        "the coupling error is not stated",
-        figure=f"known for 0 of {len(result.series.names)} channels",
-        origin=f"{result.algorithm} at {1e3 * result.step:g} ms",
-    )
-
-
-def _stated(result: Result, name: str, error: float) -> Reason:
-    limit = result.tolerance or rules.GOOD_ERROR
-    origin = f"channel {name}, {result.scheme or result.algorithm} at {1e3 * result.step:g} ms"
-    if error > rules.LARGEST_ERROR:
-        figure = f"{_percent(error)} of the scale; limit {rules.LARGEST_ERROR:g} %"
-        return rules.COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
-    named = "tolerance" if result.tolerance else "good up to"
-    figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
-    if error > limit:
-        return rules.COUPLING_TOLERANCE.reason(
-            "the coupling error is larger than requested", figure=figure, origin=origin
-        )
-    return rules.COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
-
-
-def _energy(result: Result) -> Iterator[Reason]:
-    shares = {bond: abs(energy.relative) for bond, energy in result.energy.items()}
-    bad = {bond: share for bond, share in shares.items() if not share <= rules.DOUBTFUL_RESIDUAL}
-    for bond, share in bad.items():
-        rule = rules.ENERGY_DOUBTFUL if share <= rules.LARGEST_RESIDUAL else rules.ENERGY_RESIDUAL
-        yield rule.reason(
-            "the coupling adds or loses energy",
-            figure=f"{share:.2%} of the energy transferred; limit {rules.LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {bond}",
-        )
-    if shares and not bad:
-        worst = max(shares, key=lambda bond: shares[bond])
-        yield rules.ENERGY_GOOD.reason(
-            "the coupling conserves energy",
-            figure=f"{shares[worst]:.2%}; limit {rules.LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {worst}",
-        )
-
-
-def _convergence(result: Result) -> Iterator[Reason]:
-    end = f"{float(result.series.time[-1]):g} s" if len(result.series) else "0 s"
-    if result.partial:
-        yield rules.ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=result.algorithm)
-    if not result.converged:
-        notes = result.notes[0] if result.notes else "no note"
-        yield rules.NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=result.algorithm)
-    if result.converged and not result.partial:
-        figure = f"{result.steps} steps, {end}"
-        yield rules.CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _percent(value: float) -> str:
-    return f"{value:.2g} %" if abs(value) < 10.0 else f"{value:.0f} %"
 
 
 # ---- A run in a folder -----------------------------------------------------------------------------------------------
@@ -409,6 +150,8 @@ class SavedRun:
             FileFormatError: It is not the folder of a run, or a file is damaged.
         """
         path = Path(folder) / "result.json"
+        if not path.is_file():
+            raise FileFormatError("there is no run here; name a folder that `eightpost run` wrote", path=folder)
         series = read_series(path.with_name("series.parquet"))
         document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
         if not isinstance(document, dict) or document.get("kind") != "result":

@@ -12,7 +12,7 @@ from cosim.session.given_step import DenseRuns, run_at_step
 from cosim.systems.algorithm import ALGORITHMS, Algorithm, GaussSeidel, Implicit
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
-from eightpost.errors import DivergedError, InputError
+from eightpost.errors import DivergedError, InputError, check_number
 from eightpost.progress import Progress, continued
 
 #: Largest first coupling step [s]: twice the step that suits race cars and their shocks (docs/explanation/coupling.md).
@@ -41,6 +41,8 @@ class Automatic:
     name: str = "default"
 
     def __post_init__(self) -> None:
+        check_number("tolerance", self.tolerance, "%")
+        check_number("least", self.least, "s")
         if not (self.tolerance > 0.0 and self.least > 0.0):
             raise InputError(
                 f"tolerance and least step must be positive, not {self.tolerance!r} % and {self.least!r} s"

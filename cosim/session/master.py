@@ -14,7 +14,7 @@ from cosim.session.session import Session
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import DEFAULT_STEP, System
-from eightpost.errors import InputError
+from eightpost.errors import InputError, WiringError, check_number
 from eightpost.progress import Progress
 
 
@@ -53,13 +53,22 @@ def run(
 
     Raises:
         WiringError: System, scenario and algorithm do not fit together.
-        InputError: The coupling step does not fit.
+        InputError: An argument is of the wrong kind, or the coupling step does not fit.
         StepError: A component failed; the message gives its name, the time and its last messages.
     """
     if engine not in ENGINES:
         raise InputError(f"engine must be one of {', '.join(ENGINES)}, not {engine!r}")
-    system = system.with_parameters(parameters or {})
+    check_number("step", step, "s")
+    if not system.components:
+        raise WiringError("the system has no component, so there is nothing to run; give FMUs to System.load")
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise InputError(f"parameters is {parameters!r}; give values by name: {{'lf.compression_scale': 1.2}}")
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress is {progress!r}; give a function of two numbers, the completed and the total")
     chosen = algorithm or Automatic()
+    if isinstance(chosen, type) or not hasattr(chosen, "name"):
+        raise InputError(f"algorithm is {chosen!r}; give an algorithm object such as cosim.GaussSeidel()")
+    system = system.with_parameters(parameters or {})
     if isinstance(chosen, Automatic) and step is None:
         return Refinement(system, scenario, chosen, engine, progress).result()
     size = DEFAULT_STEP if step is None else step

@@ -15,7 +15,8 @@ from cosim.components.conversion import to_si
 from cosim.components.fmu_file import OpenedFmu
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.results.error_estimate import judged_by
-from cosim.results.result import BondEnergy, Coupled, Result
+from cosim.results.result import Result
+from cosim.results.run_data import BondEnergy, Coupled
 from cosim.results.validity import models_of
 from cosim.session.equilibrium import Equilibrium
 from cosim.session.recorder import recorded_series

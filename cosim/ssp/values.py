@@ -12,7 +12,7 @@ from cosim.components.conversion import Conversion, convert_between, named_unit,
 from cosim.ssp.contents import Assignment, FmuElement, SystemElement, Value
 from cosim.ssp.flatten import Hop, Network, Path, Port, compose
 from cosim.ssp.package import read_inside
-from cosim.systems.system import can_be_set
+from cosim.systems.variables import can_be_set
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import UnknownUnitError, WiringError

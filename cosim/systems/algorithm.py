@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple, Protocol
 
 from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERPOLATED, JACOBI, PARABOLIC, Mode
 from cosim.systems.coupling import Coupling
-from eightpost.errors import InputError, WiringError
+from eightpost.errors import InputError, WiringError, check_number
 
 #: Coupling values over a step whose end values are not known yet.
 VALUES: Mapping[str, int] = {
@@ -72,6 +72,13 @@ class Algorithm(Protocol):
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
 
 
+def _step_advice(scheme: object, given: object) -> str:
+    """Return what to write if a number, which can only be meant as the coupling step, was given to a scheme."""
+    if not isinstance(given, int | float) or isinstance(given, bool):
+        return ""
+    return f"; for a coupling step of {given!r} s write run(..., algorithm={type(scheme).__name__}(), step={given!r})"
+
+
 class _Explicit:
     """Base of schemes that make each step once and predict coupling values that are not known yet."""
 
@@ -82,7 +89,10 @@ class _Explicit:
 
     def __post_init__(self) -> None:
         if self.values not in VALUES:
-            raise InputError(f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}")
+            raise InputError(
+                f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}"
+                f"{_step_advice(self, self.values)}"
+            )
 
     @property
     def repeats(self) -> bool:
@@ -105,6 +115,16 @@ class _Sequenced:
     __slots__ = ()
 
     sequence: tuple[str, ...]
+
+    def _check_sequence(self) -> None:
+        """Raise InputError if the sequence is not one of names; a step given in its place is named."""
+        given: object = self.sequence
+        if isinstance(given, tuple | list) and all(isinstance(name, str) for name in given):
+            return
+        raise InputError(
+            f"sequence must be a tuple of component names such as ('car', 'lf'), not {given!r}"
+            f"{_step_advice(self, given)}"
+        )
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
         """Return the given sequence, or the one that follows from the dependencies.
@@ -159,13 +179,17 @@ class GaussSeidel(_Explicit, _Sequenced):
             step late), or `held`. With `held`, known values are held too, at the newest value.
 
     Raises:
-        InputError: `values` is not one of these.
+        InputError: `values` is not one of these, or `sequence` is no tuple of names.
     """
 
     sequence: tuple[str, ...] = ()
     values: str = "extrapolated"
     name: str = "gauss-seidel"
     _sweep: ClassVar[int] = GAUSS_SEIDEL
+
+    def __post_init__(self) -> None:
+        self._check_sequence()
+        _Explicit.__post_init__(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +208,8 @@ class Implicit(_Sequenced):
             the step is given up.
 
     Raises:
-        InputError: The tolerance is not between 0 and 1, or the number of iterations is less than 1.
+        InputError: The tolerance is not between 0 and 1, the number of iterations is less than 1, or `sequence` is no
+            tuple of names.
     """
 
     sequence: tuple[str, ...] = ()
@@ -193,6 +218,9 @@ class Implicit(_Sequenced):
     name: str = "implicit"
 
     def __post_init__(self) -> None:
+        self._check_sequence()
+        check_number("implicit: tolerance", self.tolerance, "1")
+        check_number("implicit: iterations", self.iterations)
         if not (0.0 < self.tolerance < 1.0 and self.iterations >= 1):
             raise InputError(
                 f"implicit: tolerance must lie between 0 and 1 and iterations be at least 1, not {self.tolerance!r} "
@@ -230,7 +258,8 @@ class Adaptive:
         largest: Largest step [s].
 
     Raises:
-        InputError: `relative` or `least` is not positive, or `least` is above `largest`.
+        InputError: `scheme` is no scheme with a fixed step, `relative` or `least` is not positive, or `least` is above
+            `largest`.
     """
 
     scheme: GaussSeidel | Jacobi | Implicit = field(default_factory=GaussSeidel)
@@ -241,6 +270,13 @@ class Adaptive:
     name: str = "adaptive"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.scheme, GaussSeidel | Jacobi | Implicit):
+            raise InputError(
+                f"adaptive: scheme must be GaussSeidel(), Jacobi() or Implicit(), not {self.scheme!r}"
+                f"{_step_advice(self, self.scheme)}"
+            )
+        for name, unit in (("relative", "1"), ("least", "s"), ("largest", "s")):
+            check_number(f"adaptive: {name}", getattr(self, name), unit)
         if not (self.relative > 0.0 and 0.0 < self.least <= self.largest):
             raise InputError(
                 f"adaptive: relative must be positive and least at most largest, not {self.relative!r}, {self.least!r} "

@@ -62,7 +62,7 @@ This page is generated from the code: `python docs/make/make_architecture.py` wr
 `eightpost` is the library: files, units, signals, laws of shocks, vehicles, virtual rigs, identification. `builder`
 turns its models into FMUs and checks FMUs of any maker. `cosim` simulates coupled FMUs and knows no physics. `fmus`
 contains the C and Python sources that FMUs contain. The commands (`eightpost.app`) use all of these and contain none of
-the work. Imports run downwards only; `lint-imports` checks the contracts of `pyproject.toml`.
+the work. Imports run downwards only and form no cycles; `lint-imports` checks the contracts of `pyproject.toml`.
 
 ![folders and their imports](../pictures/architecture.png)
 
@@ -218,10 +218,10 @@ def traced_run() -> Trace:
 
 #: Program that builds FMUs for this platform alone: a sixth of the work, and only their run is traced.
 _BUILD = """
-from builder.native import toolchain
+from builder.native import platforms, toolchain
 from eightpost.__main__ import main
-here = toolchain.this_platform()
-if here.name in toolchain.PLATFORMS:
+here = platforms.this_platform()
+if here.name in platforms.PLATFORMS:
     toolchain.Zig.platforms = (here,)
 main()
 """

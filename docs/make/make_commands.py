@@ -18,7 +18,7 @@ _WIDTH = 120
 
 _INTRODUCTION = """# Commands
 
-<!-- all blocks: not run: examples with names of the reader's own files; tests/docs/test_page_blocks.py parses them -->
+<!-- all blocks: run by tests/docs/test_command_examples.py -->
 
 All commands of `eightpost` in the order of the work, with all their options, as `eightpost VERB --help` prints them.
 This page is generated: `python docs/make/make_commands.py` writes it.

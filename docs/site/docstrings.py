@@ -49,9 +49,13 @@ def converted(lines: list[str]) -> list[str]:
 _COLON = "\ue000"
 
 
-def _process(_: Sphinx, what: str, *rest: Any) -> None:
+#: Module that its page introduces; the docstring is for readers of the source.
+_INTRODUCED = "eightpost"
+
+
+def _process(_: Sphinx, what: str, name: str, *rest: Any) -> None:
     lines: list[str] = rest[-1]
-    lines[:] = converted(lines)
+    lines[:] = converted(lines) if name != _INTRODUCED else []
     if what in ("property", "attribute"):
         lines[:1] = [line.replace(": ", f"{_COLON} ") for line in lines[:1]]
 

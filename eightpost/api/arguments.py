@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from difflib import get_close_matches
 from pathlib import Path
 
-from eightpost.errors import FileFormatError, InputError
+from eightpost.errors import FileFormatError, InputError, missing_file
 
 
 def existing(path: str | Path) -> Path:
@@ -18,17 +17,11 @@ def existing(path: str | Path) -> Path:
     path = Path(path)
     if path.exists():
         return path
-    if not path.parent.is_dir():
-        what = f"the folder {path.parent} does not exist; the current folder is {Path.cwd()}"
-    else:
-        close = get_close_matches(path.name, [one.name for one in path.parent.iterdir()], n=3)
-        advice = f"did you mean {', '.join(close)}?" if close else f"the current folder is {Path.cwd()}"
-        what = f"it does not exist; {advice}"
-    raise FileFormatError(what, path=path)
+    raise FileFormatError(missing_file(path, f"the current folder is {Path.cwd()}"), path=path)
 
 
 def toml_kind(path: Path) -> str:
-    """Return what a TOML file defines: `system`, `study` or `vehicle`.
+    """Return what a TOML file defines: `system`, `study` or `vehicle`; an empty text for any other file.
 
     Raises:
         FileFormatError: It is not a TOML file.
@@ -37,7 +30,10 @@ def toml_kind(path: Path) -> str:
         content = tomllib.loads(path.read_text("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
-    return "study" if "bank" in content else "system" if "components" in content else "vehicle"
+    found = (
+        kind for kind, key in (("study", "bank"), ("system", "components"), ("vehicle", "model")) if key in content
+    )
+    return next(found, "")
 
 
 #: What to do with the files of each kind.
@@ -52,7 +48,7 @@ def existing_toml(path: str | Path, kind: str) -> Path:
         InputError: It is a TOML file of another kind.
     """
     path = existing(path)
-    if path.suffix.lower() == ".toml" and (found := toml_kind(path)) != kind:
+    if path.suffix.lower() == ".toml" and (found := toml_kind(path)) not in ("", kind):
         raise InputError(f"{path} defines a {found}, not a {kind}; {_USES[found]}")
     return path
 

@@ -132,6 +132,7 @@ def read(
         >>> test.plot()
     """
     path = existing(path)
+    _check_options(units, flip)
     if kind is not None and kind not in KINDS:
         raise InputError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
     found = kind or _kind_of(path, _map(channel_map))
@@ -140,6 +141,13 @@ def read(
             raise InputError(f"{path}: channel_map, units and flip belong to records, and this file is a {found}")
         return _document(path, found)
     return _record(path, found, _map(channel_map), dict(units or {}), tuple(flip))
+
+
+def _check_options(units: object, flip: object) -> None:
+    if isinstance(units, str):
+        raise InputError(f"units is {units!r}; give units by channel: {{'force': 'lbf'}}")
+    if isinstance(flip, str):
+        raise InputError(f"flip is {flip!r}; give a list of channels: [{flip!r}]")
 
 
 def _map(given: ChannelMap | str | Path | None) -> ChannelMap | None:

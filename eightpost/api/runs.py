@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from eightpost.api.arguments import a, existing_toml
-from eightpost.errors import InputError, suggestion
+from eightpost.errors import InputError, check_number, suggestion
 
 if TYPE_CHECKING:
     from cosim import Algorithm, Automatic, Result, Scenario, System
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     Value: TypeAlias = float | bool | str
     Run: TypeAlias = Result | SavedRun | str | Path
 
+Engine = Literal["auto", "compiled", "python"]
 SchemeName = Literal["default", "jacobi", "gauss-seidel", "implicit", "adaptive"]
 
 
@@ -34,6 +35,7 @@ def run(
     tolerance: float | None = None,
     compared: bool = True,
     progress: Progress | None = None,
+    engine: Engine = "auto",
 ) -> Result:
     """Run a system of coupled FMUs and state its coupling error.
 
@@ -47,6 +49,8 @@ def run(
         tolerance: Tolerated coupling error [%], of the algorithms `default` and `adaptive`.
         compared: Whether a run at a given step is compared with another one, to state its coupling error.
         progress: Callback that receives the number of completed coupling steps and the total, about ten times a second.
+        engine: `auto`: the compiled loop if an FMU has C functions; `python`: the same loop interpreted, for a
+            debugger, with equal results.
 
     Returns:
         The result: `.series["car.lf.tire_force"]` (SI), `.verdict`, `.coupling_error`, `.to_pandas()`, `.to_xarray()`,
@@ -72,6 +76,7 @@ def run(
         step=case.step,
         compared=compared,
         progress=progress,
+        engine=engine,
     )
 
 
@@ -171,6 +176,8 @@ def _case(
     from cosim.systems.scenario import Scenario
     from cosim.systems.system import System
 
+    check_number("step", step, "s")
+    check_number("tolerance", tolerance, "%")
     if isinstance(scenario, int | float):
         raise InputError(f"the scenario is {scenario!r}; write Scenario(stop={scenario!r}, drive=...)")
     if scenario is not None and not isinstance(scenario, Scenario):

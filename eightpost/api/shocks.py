@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast, overload
 
-from eightpost.api.arguments import a, existing
-from eightpost.errors import InputError
+from eightpost.api.arguments import a, existing, existing_toml
+from eightpost.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from builder.build import Built
@@ -75,6 +75,10 @@ def fit(
     from eightpost.ident import fit_shock
     from eightpost.progress import reported_to
 
+    check_number("order", order)
+    check_number("cutoff", cutoff, "Hz")
+    check_number("transition_speed", transition_speed, "m/s")
+    _check_segment(segment)
     given = tests if isinstance(tests, Sequence) and not isinstance(tests, str) else [tests]
     if not given:
         raise InputError("fit needs at least one dynamometer test; the list is empty")
@@ -93,6 +97,15 @@ def fit(
             cutoff=cutoff,
             transition_speed=transition_speed,
         )
+
+
+def _check_segment(segment: object) -> None:
+    if segment is None:
+        return
+    if isinstance(segment, str) or not isinstance(segment, Sequence) or len(segment) != 2:
+        raise InputError(f"segment is {segment!r}; give its start and end in seconds, such as (1.0, 10.0)")
+    for name, time in zip(("start", "end"), segment, strict=True):
+        check_number(f"the {name} of segment", time, "s")
 
 
 def _tests(given: str | Path | DynoTest) -> Sequence[DynoTest]:
@@ -236,6 +249,8 @@ def build(
     from builder.documents import Disclosure
 
     several = isinstance(sources, Sequence) and not isinstance(sources, str)
+    if several and not sources:
+        raise InputError("build needs at least one shock or vehicle; the list is empty")
     given = cast("Sequence[Source]", sources if several else [sources])
     built = build_fmus(
         [_source_file(source, Path(folder)) for source in given],
@@ -258,7 +273,7 @@ def _source_file(source: object, folder: Path) -> Path:
     from eightpost.vehicle import IdentifiedVehicle, write_vehicle
 
     if isinstance(source, str | Path):
-        return existing(source)
+        return existing_toml(source, "vehicle")
     if isinstance(source, ShockFit | VehicleFit):
         return _source_file(source.shock if isinstance(source, ShockFit) else source.vehicle, folder)
     if not isinstance(source, Shock | IdentifiedVehicle):

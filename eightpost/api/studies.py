@@ -83,7 +83,7 @@ def read_with_fmus(
 
     sources = source_files(existing_toml(path, "study"))
     if missing := [source for source in sources if not source.is_file()]:
-        raise InputError(f"{path}: the file {missing[0]} does not exist")
+        raise InputError(f"{path}: the file {missing[0]} does not exist; correct its name there, or make it first")
     built = build(sources, folder) if sources else []
     fmus = {Path(item.source): item.path for item in built}
     return read_study(path, lambda source: fmus.get(source, source)), built

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eightpost.api.arguments import a, existing
-from eightpost.errors import InputError
+from eightpost.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from eightpost.ident.preparation import Preparation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def identify(
-    tests: Sequence[str | Path | RigTest],
+    tests: Iterable[str | Path | RigTest],
     *,
     recipe: str = "common-poles",
     name: str = "vehicle",
@@ -66,7 +66,10 @@ def identify(
     from eightpost.ident.vehicle.recipes import recipe as recipe_of
     from eightpost.progress import portion, reported_to
 
+    for argument, value, unit in (("damping", damping, "N.s/m"), ("rate", rate, "Hz"), ("settling", settling, "s")):
+        check_number(argument, value, unit)
     recipe_of(recipe)  # refuses an unknown one before the records are read
+    tests = tests if isinstance(tests, str | Path) else list(tests)
     if isinstance(tests, str | Path) or len(tests) < 2:
         raise InputError(
             "one rig test cannot separate shock forces from their causes; give a list with a baseline test, and a test "

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.option("--level", type=click.Choice(["free", "kept"]), default="kept", show_default=True,
               help="Treatment of a constant force over all speeds, such as gas force. kept: it counts as an error. "
               "free: it does not.")  # fmt: skip
-@click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True,
+@click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True, metavar="N",
               help="Number of settings to list.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path),
               help="Picture of the target and the best setting; no default: none is written.")  # fmt: skip

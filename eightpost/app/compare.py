@@ -36,7 +36,7 @@ if TYPE_CHECKING:
               help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
               "a mean.")  # fmt: skip
 @map_option("docs/how_to/rig_data.md", "rig files of --measured")
-@click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True,
+@click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True, metavar="-1..1",
               help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
 @click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
               help="Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no "

@@ -13,6 +13,7 @@ from rich.markup import escape
 
 from eightpost.app.options import COLUMNS, UNITS, Quantity, flip_option, map_option
 from eightpost.errors import InputError
+from eightpost.files import check_output_folder
 from eightpost.shock import LAWS
 from eightpost.verdict import Verdict
 
@@ -315,6 +316,7 @@ def _check_output(output: Path, dyno_file: Path) -> None:
         raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
     if output.suffix != ".json":
         raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
+    check_output_folder(output.parent)
 
 
 def _law(law: str, recipe: str) -> str:

@@ -13,7 +13,8 @@ from rich.markup import escape
 
 from eightpost.app.options import Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import bar, each
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError, missing_file
+from eightpost.files import check_output_folder
 from eightpost.progress import reported_to
 from eightpost.report.console import console_table, right
 
@@ -135,8 +136,14 @@ def identify(  # one parameter per option
 def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
     if output.suffix != ".json":
         raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
+    check_output_folder(output.parent)
     if baseline is not None and baseline not in rig_files:
         raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
+    for path in rig_files:
+        if not path.exists():
+            raise FileFormatError(missing_file(path), path=path)
+    if len(rig_files) == 1 and rig_files[0].is_dir():
+        raise InputError(f"{rig_files[0]} is a folder; name its files, such as {rig_files[0] / '*.parquet'}")
     if len(rig_files) < 2:
         raise InputError(
             f"{rig_files[0]}: one test cannot separate shock forces from their causes; give a baseline test, and a "
@@ -167,7 +174,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
 
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     from eightpost.app.show import show_verdict
-    from eightpost.ident.vehicle.verdict import (
+    from eightpost.ident.vehicle.fit_tables import (
         damping_sentence,
         friction_table,
         measure_table,

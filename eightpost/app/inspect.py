@@ -118,7 +118,7 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def _conditions(test: DynoTest) -> list[str]:
-    from eightpost.rig.temperature import temperature_drift
+    from eightpost.rig.temperature_drift import temperature_drift
 
     known = test.conditions
     values = {
@@ -139,7 +139,7 @@ def _conditions(test: DynoTest) -> list[str]:
 def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
-    from eightpost.rig.temperature import temperature_drift
+    from eightpost.rig.temperature_drift import temperature_drift
 
     rows = []
     for i, run in enumerate(runs, 1):

@@ -29,9 +29,8 @@ FILES = {
 def new(folder: Path) -> None:
     """Write a starter folder, with files to be replaced by your own.
 
-    FOLDER gets dynamometer files, a car, a system, a study, and a README with the five commands. Its files are
-    synthetic examples. No file is overwritten: if one of the names
-    exists, nothing is written.
+    FOLDER gets dynamometer files, a car, a system, a study, and a README with the five commands. The data are
+    SYNTHETIC. No file is overwritten: if one of the names exists, nothing is written.
 
     \b
     Examples:

@@ -83,6 +83,8 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         if self.bare and (number := _plain(text)) is not None:
             warn(f"{option} {text} has no unit; write {option} '{text} {self.unit}', which the next version requires")
             return number
+        if _plain(text) is not None:
+            raise InputError(f"{option} {text!r} has no unit; add it: '{text} {self.unit}' if it is in {self.unit}")
         try:
             return float(units.convert(*units.quantity(text), self.unit))
         except InputError as error:

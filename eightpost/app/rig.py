@@ -11,6 +11,7 @@ from rich.console import Console
 from eightpost.app.options import Quantity, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
+from eightpost.files import check_output_folder
 
 if TYPE_CHECKING:
     from eightpost.rig.post import RigTest
@@ -109,6 +110,7 @@ def rig(  # one parameter per option
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))
+    check_output_folder(output if program_name else output.parent)
     shocks_named((*names, alternate))  # an unknown shock is an error before the first test
     console = Console()
 

@@ -99,6 +99,7 @@ def run(
     import cosim
     from cosim.ssp import Given
     from cosim.system_file import read_case
+    from eightpost.api.arguments import existing_toml
     from eightpost.app.show import show_result, show_verification
 
     if report:
@@ -106,6 +107,7 @@ def run(
 
         check_report_folder(output, "run")
     check_output_folder(output)
+    existing_toml(case_file, "system")
     folder = output.absolute()  # an FMU may change the working directory
     given = Given(drive, stop, record_step, dict(inputs))
     swapped = {name: Path(file) for name, file in swaps}

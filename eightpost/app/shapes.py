@@ -70,7 +70,7 @@ def shapes(
     workers: int | None,
     scheduler: str | None,
 ) -> None:
-    """Find the shock curves to aim at: the best shapes for a study, also such that nobody has built.
+    """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
     STUDY is the TOML file of `eightpost study` with shock files in its bank. A shape has a few numbers: bleed, knee,
     low- and high-speed slopes of each side, lag and gas. The search varies them at each corner within the range of the

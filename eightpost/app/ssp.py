@@ -28,7 +28,9 @@ def ssp(system: Path, output: Path | None) -> None:
     """
     from builder.ssp import write_ssp
     from cosim.system_file import read_case
+    from eightpost.api.arguments import existing_toml
 
+    existing_toml(system, "system")
     output = output or system.with_suffix(".ssp")
     if output.resolve() == system.resolve():
         raise InputError(f"{output}: the output is the input package itself; name another file with -o")

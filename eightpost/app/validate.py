@@ -247,7 +247,7 @@ def _validate_vehicle(
     from eightpost.ident.validation.vehicle_verdict import Limits, keep_verdict, vehicle_verdict
     from eightpost.ident.validation.vehicles import validate_vehicle
     from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.verdict import measure_table, trust_table
+    from eightpost.ident.vehicle.fit_tables import measure_table, trust_table
     from eightpost.rig.post import read_rig_test
     from eightpost.shock import read_shock
     from eightpost.vehicle import read_vehicle

@@ -44,8 +44,8 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
       eightpost vehicle car.toml --vary damping --factors 0.5,1,2,3 -o study
     """
     from eightpost.ident.response import response_of, write_response
+    from eightpost.ident.vehicle.magnitude_plots import plot_magnitudes
     from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
-    from eightpost.ident.vehicle.plots import plot_magnitudes
     from eightpost.vehicle import read_vehicle
 
     frequency = frequencies_to(high)

@@ -142,22 +142,36 @@ def _numbers(values: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(values, dtype=np.float64)
 
 
-def load_lvm(path: Path) -> list[Table]:
-    """Return a table for each segment of a LabVIEW measurement file."""
-    read = importlib.import_module("lvm_read").read
-    content = read(str(path), read_from_pickle=False, dump_file=False)
-    tables = []
+class LvmSegment(NamedTuple):
+    """A segment of a LabVIEW measurement file.
+
+    `names` are the headers of the columns, `data` (N, C) their numbers with NaN for empty cells, `tags` the rows of
+    facts by channel with all cells behind the tag, and `comments` the texts of the last column.
+    """
+
+    names: tuple[str, ...]
+    data: NDArray[np.float64]
+    tags: dict[str, list[str]]
+    comments: tuple[str, ...]
+
+
+def load_lvm(_: Path, lines: list[str], separator: str) -> tuple[dict[str, str], list[LvmSegment]]:
+    """Return the tags of the file's header and the segments of a LabVIEW measurement file.
+
+    Args:
+        lines: Lines of the file, which is not read again.
+        separator: Character between columns.
+    """
+    content = importlib.import_module("lvm_read").read_lines([f"{line}\n" for line in lines], separator=separator)
+    segments = []
     for number in range(int(content["Segments"])):
         segment = content[number]
-        data, names = np.asarray(segment["data"], dtype=np.float64), list(segment["Channel names"])
-        labels = [str(label) for label in segment.get("Y_Unit_Label", [])]
-        step, start = (float(np.ravel(segment.get(key, [0.0]))[0]) for key in ("Delta_X", "X0"))
-        columns = []
-        has_time = str(content.get("X_Columns", "One")) != "No"
-        for i, name in enumerate(names[: data.shape[1]]):
-            title = "time" if has_time and i == 0 else str(name)
-            unit = "s" if title == "time" else labels[i - has_time] if 0 <= i - has_time < len(labels) else ""
-            if title != "Comment":
-                columns.append((title, unit, data[:, i]))
-        tables.append(Table(columns, step, start))
-    return tables
+        tags = {
+            key: [str(value) for value in values]
+            for key, values in segment.items()
+            if isinstance(values, list) and key not in ("Channel names", "comments")
+        }
+        data = np.asarray(segment["data"], dtype=np.float64)
+        names = tuple(segment["Channel names"])
+        segments.append(LvmSegment(names, np.atleast_2d(data), tags, tuple(segment.get("comments", ()))))
+    return {key: value for key, value in content.items() if isinstance(key, str) and isinstance(value, str)}, segments

@@ -3,15 +3,10 @@
 from eightpost.ident.shock.fit import fit_shock
 from eightpost.ident.shock.law_choice import LawChoice, choose_law
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
-from eightpost.ident.shock.plots import (
-    choice_table,
-    fit_table,
-    parameter_table,
-    plot_force_velocity,
-    plot_peak_velocity,
-)
+from eightpost.ident.shock.plots import plot_force_velocity, plot_peak_velocity
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.tables import choice_table, fit_table, parameter_table
 from eightpost.ident.validation.evaluation import Validation, evaluate
 
 __all__ = [

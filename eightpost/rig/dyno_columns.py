@@ -20,25 +20,29 @@ if TYPE_CHECKING:
 #: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
 
-#: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish, Japanese.
+#: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish,
+#: Portuguese, Dutch, Swedish, Japanese, Chinese and Korean.
 #: Files use `F` and `T` in upper and lower case.
 _ALIASES = {
     "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
-             "runningtime", "temps", "tempo", "tiempo", "\u6642\u9593"},
+             "runningtime", "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
     "velocity": {
         "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
-        "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "\u901f\u5ea6",
+        "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "velocidade",
+        "snelheid", "hastighet", "\u901f\u5ea6", "\uc18d\ub3c4",
     },
     "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft",
-              "effort", "forza", "fuerza", "carga", "carico", "\u8377\u91cd", "\u529b"},
+              "effort", "forza", "fuerza", "carga", "carico", "forca", "kracht",
+              "\u8377\u91cd", "\u529b", "\u8f7d\u8377", "\ud558\uc911"},
     "displacement": {
         "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "shocktravel", "dampertravel",
         "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
-        "desplazamiento", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
+        "desplazamiento", "deslocamento", "curso", "verplaatsing", "slag", "forskjutning", "\u4f4d\u79fb",
+        "\ubcc0\uc704", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
     },
     "temperature": {
         "temperature", "temp", "t", "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
-        "temperatur", "temperatura", "\u6e29\u5ea6",
+        "temperatur", "temperatura", "temperatuur", "\u6e29\u5ea6", "\uc628\ub3c4",
     },
 }  # fmt: skip
 
@@ -51,12 +55,24 @@ _QUALIFIERS = {
 }  # fmt: skip
 
 
+#: A factor in a name, as in `Force/10`: the column is not the quantity itself.
+_ARITHMETIC = re.compile(r"[*/^\u00d7]\s*\(?\s*[-+]?\d")
+
+
 def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> ChannelMap:
     """Return the channel map of a dynamometer record: the given map, completed by columns with usual names.
 
     If several columns could be a channel, one without a qualifying word is preferred to a raw, a filtered and a
-    commanded one, and the first of equals is used. A column in volts is used only if there is no other. A column named
-    `T` is the temperature, unless it is the only column that can be the time.
+    commanded one, and the first of equals is used. A motion has the number of the force if there is one (`Disp 2` and
+    `Force 2`). A column in volts is used only if there is no other. A column named `T` is the temperature, unless it is
+    the only column that can be the time. A name with a factor (`Force/10`) is not a usual name.
+
+    Args:
+        record: Columns of the file.
+        channel_map: Columns that the caller named; they take precedence.
+
+    Raises:
+        FileFormatError: A column that the caller named is not unique.
     """
     given = channel_map or ChannelMap()
     for name, pick in given.channels.items():
@@ -64,7 +80,9 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     taken = {pick.source for pick in given.channels.values()} | ({given.time.source} if given.time else set())
     time = given.time or _first(_candidates(record, "time", taken))
     taken |= {time.source} if time else set()
-    found = {name: _first(_candidates(record, name, taken)) for name in DYNO_UNITS if name not in given.channels}
+    ranked = {name: _candidates(record, name, taken) for name in DYNO_UNITS if name not in given.channels}
+    force = given.channels.get("force") or _first(ranked["force"])
+    found = {name: _first(_of_one_number(names, force)) for name, names in ranked.items()}
     channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
     return ChannelMap(channels, time, given.path)
 
@@ -92,6 +110,12 @@ def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
             remedy = f"read another column with --channel {name}='{others[0]}', or confirm with '{used}'"
             yield CHOSEN_COLUMN.reason(f"several columns could be the {name}", figure=figure, origin=origin,
                                        remedy=remedy)  # fmt: skip
+
+
+def _of_one_number(names: list[str], force: MappedChannel | None) -> list[str]:
+    """Return the columns that have the number of the force in their names, or all if no name has it."""
+    number = re.search(r"\d+$", force.source) if force else None
+    return [name for name in names if number and re.search(rf"(?<!\d){number[0]}$", name)] or names
 
 
 def _first(names: list[str]) -> MappedChannel | None:
@@ -122,6 +146,8 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
 def _rank(name: str, channel: str) -> int | None:
     """Return how far a column's name is from a usual name of a channel; None if it is not a name of it."""
     aliases = _ALIASES[channel]
+    if _ARITHMETIC.search(name):
+        return None
     plain_name = _without_accents(name)
     if "".join(re.findall(r"[^\W\d_]", plain_name)) in aliases:
         return 0

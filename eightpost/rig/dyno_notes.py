@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from eightpost.array_types import Array
 from eightpost.rig.lag import correlation_at, lag_between
 from eightpost.rig.plausibility import unit_ratio
-from eightpost.rig.temperature import warming_note
+from eightpost.rig.temperature_drift import warming_note
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 

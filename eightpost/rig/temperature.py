@@ -1,47 +1,14 @@
-"""Temperature in dynamometer records: its drift within a record, and its effect on the force over repeated runs."""
+"""Effect of temperature on the force, estimated from runs that are repeated at several temperatures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eightpost.array_types import Array
-
-if TYPE_CHECKING:
-    from eightpost.rig.dyno_test import DynoTest
-    from eightpost.signals.timeseries import TimeSeries
-
-
-# ---- Drift within a record ------------------------------------------------------------------------------------------
-
-#: Temperature change [K] that gives a note.
-DRIFT = 5.0
-
-
-def warming_note(series: TimeSeries) -> str | None:
-    """Return a note if the temperature changes; None if it is constant or unknown."""
-    if "temperature" not in series:
-        return None
-    drift = temperature_drift(series)
-    if abs(drift) <= DRIFT:
-        return None
-    return (
-        f"temperature: it changes by {drift:+.1f} K over the record, and so does the damping; fit parts of the record "
-        "separately, and compare them"
-    )
-
-
-def temperature_drift(series: TimeSeries) -> float:
-    """Return the change of temperature [K] over a record, from the mean of its first tenth to that of its last."""
-    values = series["temperature"]
-    tenth = max(1, values.size // 10)
-    return float(values[-tenth:].mean() - values[:tenth].mean())
-
-
-# ---- Effect of temperature on the force, estimated from runs that are repeated at several temperatures --------------
+from eightpost.rig.dyno_test import DynoTest
 
 #: Runs are repetitions if the standard deviations of their velocities agree within this share.
 ALIKE = 0.05

@@ -53,7 +53,7 @@ class ChannelMap:
 
     Attributes:
         channels: Column of each channel, by channel name.
-        time: Time column; None to use the column named time or t.
+        time: Time column; None to use the column named time, t, timestamp or zeit.
         path: Path of the file that the map was read from.
     """
 
@@ -79,7 +79,11 @@ class ChannelMap:
         return cls(mapped, time, path)
 
     def flipped(self, names: Iterable[str]) -> ChannelMap:
-        """Return the map with the opposite sign for the channels `names`."""
+        """Return the map with the opposite sign for the channels `names`.
+
+        Raises:
+            MissingChannelError: The map has no channel of a name.
+        """
         channels = dict(self.channels)
         for name in names:
             if name not in channels:

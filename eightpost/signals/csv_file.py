@@ -1,4 +1,4 @@
-"""CSV files of signals: dialect, header, blocks of numbers."""
+"""Delimited text files of signals: dialect, header, blocks of numbers."""
 
 from __future__ import annotations
 
@@ -43,10 +43,11 @@ _LONGEST_LINE = 2**18
 
 
 def read_csv(path: str | Path) -> RawRecord:
-    """Read a delimited text file.
+    """Read a delimited text file with one table.
 
-    Supported are preamble lines; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row under it; the
-    delimiters `,`, `;` and tab; the decimal comma with `;` and tab; UTF-8 and Latin-1.
+    Supported are preamble lines and footers; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row
+    under it; the delimiters `,`, `;`, tab and spaces; decimal points and commas, thousands separators; times of day;
+    UTF-8, UTF-16, Shift-JIS and Latin-1.
 
     Raises:
         FileFormatError: There is no table or more than one, no header, or a line with another number of columns.
@@ -183,6 +184,10 @@ def write_csv(
         decimals: Number of digits after the decimal point, by channel name; default full precision.
         titles: Column titles, by channel name; default the channel name.
         preamble: Lines before the header.
+
+    Raises:
+        UnknownUnitError: A unit is unknown or has another dimension than the channel.
+        FileFormatError: The file cannot be written.
     """
     units, decimals, titles = units or {}, decimals or {}, titles or {}
     columns = {"time": ("s", series.time)}

@@ -185,7 +185,12 @@ def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY
 
 
 def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the indices of the samples that are clipped at the maximum of `values` (N,); empty without clipping."""
+    """Return the indices (K,) of the samples that are clipped at the maximum; empty without clipping.
+
+    Args:
+        values: Samples of the channel (N,).
+        moving: Whether each sample (N,) can be clipped; false while the channel that drives it is constant.
+    """
     tolerance = 1e-9 * float(np.ptp(values))
     top = float(values.max())
     at_top = values >= top - tolerance

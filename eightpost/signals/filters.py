@@ -47,5 +47,14 @@ def derivative(values: Array, rate: float) -> Array:
 
 
 def velocity_from_displacement(displacement: Array, rate: float, cutoff_hz: float) -> Array:
-    """Return the velocity [m/s] of a displacement [m] by a low-pass and central differences (6.1.2)."""
+    """Return the velocity (..., N) [m/s] of a displacement by a low-pass and central differences (6.1.2).
+
+    Args:
+        displacement: Displacement (..., N) [m] with time as the last axis.
+        rate: Sample rate [Hz].
+        cutoff_hz: Cut-off frequency of the low-pass [Hz], below half the sample rate.
+
+    Raises:
+        ValueError: The cut-off is not between 0 and half the rate.
+    """
     return derivative(lowpass(displacement, rate, cutoff_hz), rate)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
 from eightpost.signals.csv_file import read_csv, read_csv_blocks, write_csv
-from eightpost.signals.labview_file import read_lvm, read_tdms
+from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_mat, write_mat
 from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
 from eightpost.signals.spreadsheet_file import read_spreadsheet
+from eightpost.signals.tdms_file import read_tdms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,20 +39,23 @@ SUFFIXES = tuple(dict.fromkeys((*_READERS, *_TABLE_READERS)))
 
 
 def read_record(path: str | Path) -> RawRecord:
-    """Read a file's columns without conversion.
+    """Read the columns of a file with one table, without conversion.
+
+    Args:
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
 
     Raises:
-        FileFormatError: The file is missing or its format is unknown.
+        FileFormatError: The file is missing, its format is unknown, it cannot be read, or it has several tables.
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if path.is_dir():
+        raise FileFormatError("is a folder, not a file; name the files in it", path=path)
     if suffix not in SUFFIXES:
-        what = f"files with the suffix {path.suffix!r} cannot be read; supported: {', '.join(SUFFIXES)}"
+        what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
     with reading(path):
         path.stat()
-    if not path.is_file():
-        raise FileFormatError("is a folder, not a file", path=path)
     return _READERS[suffix](path) if suffix in _READERS else _only_table(_TABLE_READERS[suffix](path), path)
 
 
@@ -66,8 +70,11 @@ def _only_table(records: tuple[RawRecord, ...], path: Path) -> RawRecord:
 def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     """Read all tables of a text, spreadsheet, LabVIEW or MDF file without conversion; other formats have one.
 
+    Args:
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
+
     Raises:
-        FileFormatError: The file is missing or its format is unknown.
+        FileFormatError: The file is missing, its format is unknown, or it cannot be read.
     """
     path = Path(path)
     reader = _TABLE_READERS.get(path.suffix.lower())
@@ -77,13 +84,13 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
 def read_series(
     path: str | Path, *, channel_map: ChannelMap | None = None, units: Mapping[str, str] | None = None
 ) -> TimeSeries:
-    """Read a .csv, .txt, .parquet, .mat or .mf4 file as a time series in SI.
+    """Read a file with one table as a time series in SI.
 
     Without a channel map, every column is a channel with the name of the column (without the unit), and the column
-    `time` or `t` is the time.
+    `time`, `t`, `timestamp` or `zeit` is the time.
 
     Args:
-        path: Path of the file.
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
         channel_map: Columns to read, with channel names, units and signs.
         units: Units by channel name, for columns without a unit in the header.
 
@@ -113,7 +120,7 @@ def write_series(series: TimeSeries, path: str | Path) -> None:
     The file is replaced atomically. `write_csv`, `write_parquet` and `write_mat` have more options.
 
     Raises:
-        FileFormatError: The suffix is unknown.
+        FileFormatError: The suffix is unknown, or the file cannot be written.
     """
     path = Path(path)
     writer = _WRITERS.get(path.suffix.lower())

@@ -67,15 +67,16 @@ _FEWEST_ROWS = 50
 #: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
 _RARE = 0.01
 
-#: A whole number at the end is cut off if it is this many times farther from its predecessors' line than any other.
-_FAR = 3.0
+#: A short number at the end is cut off if it is this many times farther from its predecessors' line than any other.
+_FAR = 2.0
 
 
 def is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
     """Return whether the last number of a file was cut off: it has fewer digits than all numbers above it.
 
     If the file ends with a line end, only a change of a fixed number of decimals counts, because the program that
-    wrote the file ended it. Without one, the digits of an exponent count too, and for whole numbers their size.
+    wrote the file ended it. Without one, the digits of an exponent count too, and so does the value of a number with
+    few digits: it is cut off if it is at least twice as far from the line through its two predecessors as any other.
 
     Args:
         cells: Last cell of each row.
@@ -90,9 +91,7 @@ def is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
         return True
     if has_end:
         return False
-    if exponent < least[1]:
-        return True
-    return most[0] == 0 and _is_off(cells)
+    return exponent < least[1] or _is_off(cells)
 
 
 def _digits(cell: str) -> tuple[int, int]:
@@ -102,13 +101,21 @@ def _digits(cell: str) -> tuple[int, int]:
 
 
 def _is_off(cells: Sequence[str]) -> bool:
-    """Return whether a whole number at the end is shorter than the one before and far from the line through two."""
+    """Return whether the last number has few digits and is far from the line through the two above it."""
+    sizes = [_significant(cell) for cell in cells]
+    if sizes[-1] >= max(sizes[-2], np.median(sizes)):
+        return False
     try:
-        values = np.array([float(cell) for cell in cells])
+        values = np.array([float(cell.replace(",", ".")) for cell in cells])
     except ValueError:
         return False
     bends = np.abs(np.diff(values, 2))
-    return len(cells[-1]) < len(cells[-2]) and bool(bends[-1] > _FAR * bends[:-1].max())
+    return bool(bends[-1] > _FAR * bends[:-1].max())
+
+
+def _significant(cell: str) -> int:
+    """Return the number of digits of a number without its exponent and without zeros in front."""
+    return len(re.sub(r"[eE].*|\D", "", cell).lstrip("0"))
 
 
 CUT_NOTE = (

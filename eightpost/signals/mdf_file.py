@@ -7,18 +7,14 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
-from eightpost.units import compatible, is_unit
+from eightpost.signals.time_axes import by_time, temperatures_at
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.confined.readers import Signal
 
 #: Name of the time axis in the record.
@@ -42,30 +38,17 @@ def read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)
-    first, *others = _by_time(signals, path)
-    first = [*first, *_temperatures(first[0].times, others)]
+    _check_sizes(signals, path)
+    first, *others = by_time(signals)
+    first = [*first, *temperatures_at(first[0].times, others)]
     return tuple(_table(table, path, comment) for table in (first, *others))
 
 
-def _by_time(signals: list[Signal], path: Path) -> list[list[Signal]]:
-    """Return the channels of each time axis, those of the axis with most channels first."""
-    tables: dict[bytes, list[Signal]] = {}
+def _check_sizes(signals: list[Signal], path: Path) -> None:
     for signal in signals:
         if signal.samples.size != signal.times.size:
             what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
             raise FileFormatError(what, path=path, channel=signal.name)
-        tables.setdefault(signal.times.tobytes(), []).append(signal)
-    return sorted(tables.values(), key=lambda table: (len(table), table[0].times.size), reverse=True)
-
-
-def _temperatures(times: NDArray[np.float64], tables: list[list[Signal]]) -> list[Signal]:
-    """Return the temperatures of tables at other times (N,) [s]; beyond their own times they are constant."""
-    warm = [signal for table in tables for signal in table if is_unit(signal.unit) and compatible(signal.unit, "K")]
-    return [
-        signal._replace(samples=np.interp(times, signal.times, signal.samples), times=times)
-        for signal in warm
-        if signal.times.size
-    ]
 
 
 def _table(signals: list[Signal], path: Path, comment: str) -> RawRecord:

@@ -138,7 +138,10 @@ def read_parquet(path: str | Path) -> RawRecord:
     path = Path(path)
     table = read_table(path)
     header = _header(dict(table.schema.metadata or {}), path)
-    split = [_named(name, header) for name in table.column_names]
+    split = [
+        (name, "s") if pa.types.is_duration(column.type) else _named(name, header)
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    ]
     names, units = tuple(name for name, _ in split), tuple(unit for _, unit in split)
     return RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns))
 
@@ -164,6 +167,8 @@ def _named(name: str, header: Mapping[str, Any]) -> tuple[str, str | None]:
 def _vector(column: Any) -> NDArray[Any]:
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return to_numpy(column)
+    if pa.types.is_duration(column.type):
+        return to_numpy(column.cast(pa.duration("ns")).cast(pa.int64())) * 1e-9
     return np.array([str(cell) for cell in column.to_pylist()], dtype=object)
 
 

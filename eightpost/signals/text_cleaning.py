@@ -14,8 +14,23 @@ from numpy.typing import NDArray
 # ---- Encoding -------------------------------------------------------------------------------------------------------
 
 
+#: Full-width letters, digits and marks of East Asian texts, and units in one letter; the others are rarely in tables.
+_WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
+    0x3000: " ", 0x339C: "mm", 0x339D: "cm", 0x338F: "kg", 0x33A7: "m/s",
+}  # fmt: skip
+_ANY_WIDE = re.compile(f"[{''.join(map(chr, _WIDE))}]")
+
+
 def decoded(content: bytes) -> str:
-    """Return the text of a file in UTF-8, UTF-16 (with or without byte order mark) or Latin-1."""
+    """Return the text of a file in UTF-8, UTF-16 (with or without byte order mark), Shift-JIS or Latin-1.
+
+    Full-width letters and digits are replaced by the usual ones.
+    """
+    text = _decoded(content)
+    return text.translate(_WIDE) if _ANY_WIDE.search(text) else text
+
+
+def _decoded(content: bytes) -> str:
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return content.decode("utf-16", errors="replace")
     head = content[:2000]
@@ -47,7 +62,7 @@ _HEADER_LINES, _MOST_LINES = 200, 12
 
 
 def with_whole_headers(lines: list[str]) -> list[str]:
-    """Return lines in which a header with line breaks in quoted cells is one line; the others that it had are empty."""
+    """Return lines in which a header with line breaks in quoted cells is its last line; its other lines are empty."""
     found = list(lines)
     for i in range(min(_HEADER_LINES, len(lines))):
         if found[i].count('"') % 2 == 0 or not _OPEN.search(found[i]):
@@ -157,7 +172,7 @@ _QUOTED_COMMA = re.compile(r'"\s*[+-]?(?:0\d*,\d+|\d{4,},\d+|\d+,(?:\d{1,2}|\d{4
 def decimal_mark(body: str, delimiter: str) -> str:
     """Return the decimal mark of a table: a comma, unless commas delimit or group and points are decimals.
 
-    Where commas delimit, numbers in quotes may have a decimal comma: if one of them is no thousands separator.
+    Where commas delimit, numbers in quotes have a decimal comma if one of their commas cannot separate thousands.
     """
     if delimiter == ",":
         return "," if _QUOTED_COMMA.search(body) and "." not in body else "."

@@ -153,7 +153,11 @@ class TimeSeries(Summarized):
 
     @property
     def sample_rate(self) -> float:
-        """Sample rate [Hz], from the mean step of a uniform series, otherwise from the median step."""
+        """Sample rate [Hz], from the mean step of a uniform series, otherwise from the median step.
+
+        Raises:
+            ValueError: The series has one sample.
+        """
         if self.time.size < 2:
             raise ValueError("a single sample has no sample rate")
         if self.is_uniform:
@@ -167,7 +171,11 @@ class TimeSeries(Summarized):
         return TimeSeries(self.time, _read_only(self.values[rows]), tuple(self.names[row] for row in rows), units)
 
     def window(self, start: float, stop: float) -> TimeSeries:
-        """Return the samples with `start <= time <= stop` [s]; the times are not shifted."""
+        """Return the samples with `start <= time <= stop` [s]; the times are not shifted.
+
+        Raises:
+            ValueError: There is no such sample.
+        """
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, stop, "right")
         if not first < last:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
@@ -175,7 +183,7 @@ class TimeSeries(Summarized):
         return self.at(slice(first, last))
 
     def at(self, chosen: slice | NDArray[np.bool_]) -> TimeSeries:
-        """Return the chosen samples, by position."""
+        """Return the chosen samples: a slice of positions, or whether each sample (N,) is kept."""
         return TimeSeries(self.time[chosen], self.values[:, chosen], self.names, self.units)
 
     def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
@@ -194,6 +202,9 @@ class TimeSeries(Summarized):
         """Return the series on an even grid of `rate` [Hz] by linear interpolation.
 
         No anti-aliasing filter is applied: use a low-pass before resampling to a lower rate.
+
+        Raises:
+            ValueError: The rate is not positive.
         """
         if not rate > 0.0:
             raise ValueError(f"the rate must be positive, not {rate:g} Hz")

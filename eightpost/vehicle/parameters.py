@@ -49,6 +49,12 @@ def read_toml(path: str | Path) -> StructuralVehicle:
     content = toml_content(path)
     check_schema(content, SCHEMA, path)
     model = content.get("model")
+    if model is None:
+        is_other = "bank" in content or "components" in content
+        what = "a study or a system, not a vehicle" if is_other else "no model of a vehicle"
+        raise ParameterError(
+            f"{path}: the file defines {what}; a vehicle file has model = {' or '.join(map(repr, MODELS))}"
+        )
     if not isinstance(model, str) or model not in MODELS:
         raise ParameterError(f"{path}: model is {model!r}; choose one of {', '.join(MODELS)}")
     _check_known(path, "key", content, _TOP_LEVEL)

@@ -157,6 +157,8 @@ def _rows_on_lines(content: dict[str, Any]) -> str:
 
 
 def _check_keys(path: Path, content: dict[str, Any]) -> None:
+    if (kind := content.get("kind", "vehicle")) != "vehicle":
+        raise FileFormatError(f"is a {kind} file, not a vehicle; eightpost identify makes vehicles", path=path)
     if content.get("model", "state_space") != "state_space":
         raise FileFormatError(f"model is {content['model']!r}; a JSON vehicle is a 'state_space'", path=path)
     for key in _NEEDED:

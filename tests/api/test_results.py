@@ -1,6 +1,8 @@
 """Results in a notebook: short, as tables, as pictures; and mistakes of newcomers."""
 
 import sys
+import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,11 +95,19 @@ def test_a_display_cuts_long_values_and_escapes_html():
     assert "&lt;b&gt;" in summary.html()
 
 
-def test_progress_of_a_fit_reaches_the_whole(test):
+def test_every_stage_of_a_fit_is_reported_however_short_it_is(test):
     told = []
     ep.fit(test, "polylinear", gas="included", order=5, progress=lambda *amounts: told.append(amounts))
     assert told[0] == (0.0, 1.0) and told[-1] == (1.0, 1.0)
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    shares = [done for done, _ in told]
+    assert shares == sorted(shares) and {0.0, 0.2, 0.9, 1.0} <= set(shares)
+
+
+def test_a_fit_that_takes_seconds_reports_several_times_per_second(test):
+    times = [time.monotonic()]
+    ep.fit(test, "lpnl2", gas="included", order=5, progress=lambda *_: times.append(time.monotonic()))
+    assert len(times) > 4.0 * (times[-1] - times[0])
+    assert max(after - before for before, after in pairwise(times)) < 0.5 * (times[-1] - times[0])
 
 
 @pytest.fixture
@@ -114,8 +124,8 @@ def folder(tmp_path, monkeypatch):
 
 #: Mistakes of newcomers, with what the message says.
 MISTAKES = {
-    "a misspelled file": (lambda: ep.read("run8.csv"), r"run8\.csv: it does not exist; did you mean run7\.csv\?"),
-    "a folder that does not exist": (lambda: ep.read("data/run8.csv"), r"the folder data does not exist; the current"),
+    "a misspelled file": (lambda: ep.read("run8.csv"), r"run8\.csv: there is no such file; did you mean run7\.csv\?"),
+    "a folder that does not exist": (lambda: ep.read("data/run8.csv"), r"there is no folder data; the current"),
     "a kind that does not exist": (
         lambda: ep.read("run7.csv", "dynamometer"), r"kind is 'dynamometer'; there are: dyno"),
     "a record of another kind": (
@@ -141,12 +151,29 @@ MISTAKES = {
     "one run to compare": (lambda: ep.compare([]), r"at least two runs"),
     "a number to compare": (lambda: ep.compare([1, 2]), r"'run 1' is an int"),
     "one rig test": (lambda: ep.identify(["a.parquet"]), r"one rig test cannot separate"),
-    "a missing rig test": (lambda: ep.identify(["a.parquet", "b.parquet"]), r"a\.parquet: it does not exist"),
+    "a missing rig test": (lambda: ep.identify(["a.parquet", "b.parquet"]), r"a\.parquet: there is no such file"),
     "a recipe that does not exist": (
         lambda: ep.identify(["a", "b"], recipe="greybox"), r"no recipe 'greybox'; use one"),
     "a baseline that is no test": (lambda: ep.identify(["a", "b"], baseline=2), r"the indices 0 to 1"),
     "no worker": (lambda: ep.study("x", "y", workers=0), r"workers is 0"),
     "a number to simulate": (lambda: ep.simulate(5, 6), r"not an int"),
+    "nothing to build": (lambda: ep.build([], "x"), r"at least one shock or vehicle"),
+    "an FMU of a study": (lambda: ep.build(ep.examples() / "study.toml", "x"), r"defines a study, not a vehicle"),
+    "units as a text": (lambda: ep.read("run7.csv", units="force=N"), r"give units by channel: \{'force': 'lbf'\}"),
+    "a channel to flip": (lambda: ep.read("run7.csv", flip="force"), r"give a list of channels: \['force'\]"),
+    "a folder without a run": (lambda: ep.read(DATA), r"there is no run here; name a folder that `eightpost run`"),
+    "an order as a text": (lambda: ep.fit(DATA / "dyno_A.csv", order="9"), r"order is '9'; give a number"),
+    "a frequency as a text": (
+        lambda: ep.fit(DATA / "dyno_A.csv", cutoff="20 Hz"), r"cutoff is '20 Hz'; give a number \[Hz\]"),
+    "a duration as the segment": (
+        lambda: ep.fit(DATA / "dyno_A.csv", segment=5), r"segment is 5; give its start and end in seconds"),
+    "a step as a text": (
+        lambda: ep.run(ep.System({}), ep.Scenario(1.0), step="1 ms"), r"step is '1 ms'; give a number \[s\]"),
+    "a tolerance as a text": (
+        lambda: ep.run(ep.System({}), ep.Scenario(1.0), tolerance="1 %"), r"tolerance is '1 %'; give a number \[%\]"),
+    "a system of nothing": (lambda: ep.run(ep.System({}), ep.Scenario(1.0)), r"no component, .* give FMUs to System"),
+    "an engine that does not exist": (
+        lambda: ep.run(ep.System({}), ep.Scenario(1.0), engine="pyton"), r"one of auto, compiled, python, not 'pyton'"),
 }  # fmt: skip
 
 
@@ -167,5 +194,5 @@ def test_a_channel_or_parameter_that_does_not_exist_is_reported_with_similar_one
         _ = test.series["forse"]
     with pytest.raises(ParameterError, match=r"no parameter 'time_const'; did you mean time_constant\?"):
         fit.parameter("time_const")
-    with pytest.raises(FileFormatError, match="it does not exist"):
+    with pytest.raises(FileFormatError, match="there is no such file"):
         ep.fit("dyno.csv")

@@ -15,7 +15,7 @@ _SPEC = importlib.util.spec_from_file_location(
 example_curve = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(example_curve)
 
-#: All laws; `hysteresis` also with settings that change its lagged curve on their own.
+#: All laws; `hysteresis` also with settings that change its lagged curve and its stop on their own.
 SHOCKS = (*LAWS, "hysteresis_lagged")
 
 
@@ -29,7 +29,7 @@ def shock_of(name):
         half = tuple(0.5 * slope for slope in curve.knot_slope)
         stop = {"stop_stiffness": 2e5, "stop_yield": 4e-4, "stop_time": 0.02}
         own, varied = {"lagged_slope": half, "time_constant": (4e-3, 2e-3, 5e-3), **stop}, ("time_constant",)
-        varied = ("lagged_slope", *varied) if has_lagged else varied
+        varied = ("lagged_slope", "stop_stiffness", *varied) if has_lagged else varied
     random = np.random.default_rng(1)
     axes = (
         Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),

@@ -14,15 +14,14 @@ import pytest
 
 from builder.fmu.interface import source_folder
 from builder.native import toolchain
+from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import (
-    PLATFORMS,
     Library,
     SystemCompiler,
     Zig,
     compile_libraries,
     find_toolchain,
     fmi_headers,
-    this_platform,
     universal,
 )
 from eightpost import cache

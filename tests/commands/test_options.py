@@ -41,7 +41,7 @@ def test_a_default_is_a_quantity_too() -> None:
 @pytest.mark.parametrize(
     ("text", "option", "error", "message"),
     [
-        ("10", options.Quantity("m"), InputError, "--value '10': '10' has no unit"),
+        ("10", options.Quantity("m"), InputError, "--value '10' has no unit; add it: '10 m' if it is in m"),
         ("ten mm", options.Quantity("m", bare=True), InputError, "--value 'ten mm': 'ten mm' is not a value"),
         ("10 s", options.Quantity("m"), InputError, "--value '10 s': cannot convert"),
         ("0 s", options.Quantity("s", positive=True), ParameterError, "--value must be above 0, not '0 s'"),

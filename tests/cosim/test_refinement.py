@@ -10,7 +10,7 @@ import pytest
 
 from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, run
 from cosim.results.error_estimate import Comparison, compare, difference, scales, stated_error
-from cosim.results.result import Coupled
+from cosim.results.run_data import Coupled
 from cosim.session import given_step
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries

@@ -18,7 +18,7 @@ from cosim.report import page as page_module
 from cosim.report import write_report
 from cosim.report.origin import drive_digest
 from cosim.report.wiring import arrows, groups
-from cosim.results.result import BondEnergy, Coupled
+from cosim.results.run_data import BondEnergy, Coupled
 from eightpost import __version__
 from eightpost.errors import OutputError
 from eightpost.report.numbers import figure

@@ -10,7 +10,7 @@ import pytest
 
 from cosim import Result
 from cosim.results import rules
-from cosim.results.result import BondEnergy, Coupled
+from cosim.results.run_data import BondEnergy, Coupled
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Verdict
 

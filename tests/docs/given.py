@@ -74,8 +74,19 @@ GIVEN = {
     "docs/explanation/rig.md": Given(
         shorter={"'100 s'": "'10 s'", "identification -o": "identification --duration '10 s' -o"}
     ),
+    "docs/explanation/vehicle_uncertainty.md": Given(
+        "take('rig')\ntake('car.json')\nimport numpy as np\nfrom eightpost.ident.vehicle import read_fit\n"
+        "names = list(read_fit('car.json').trust.measures)\nshare = dict.fromkeys(names, 0.0)\n"
+        "first, second = dict.fromkeys(names, 1.0), dict.fromkeys(names, 1.05)\n"
+        "predicted = {name: np.linspace(1.0, 1.2, 20) + 0.01 * k for k, name in enumerate(names)}"
+    ),
     "docs/how_to/assembly.md": Given("take('dist')\ntake('system.toml')"),
     "docs/how_to/dyno_report.md": Given("record('dyno_A', 'A.csv')\nrecord('dyno_B', 'B.csv')"),
+    "docs/how_to/exports.md": Given(
+        "take('rig')\ntake('car.json', 'vehicle.json')\nshutil.copy('vehicle.response.npz', 'response.npz')\n"
+        "take('shock.json')\nfor name, clicks in {'c0': '00', 'c4': '07', 'c8': '14'}.items():\n"
+        "    call(f'fit examples/settings/rebound_{clicks}.csv --law lpf1 --gas included -o {name}.json')"
+    ),
     "docs/how_to/foreign_fmus.md": Given(
         "take('dist')\ntake('system.toml')\n"
         "shutil.copy('dist/dyno_A.fmu', 'damper.fmu')\nshutil.copy('dist/car.fmu', 'car.fmu')"

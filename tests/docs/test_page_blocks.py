@@ -16,7 +16,7 @@ import pytest
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError
-from tests.docs.page_blocks import FILES, ROOT, Block, all_blocks, blocks, commands
+from tests.docs.page_blocks import FILES, ROOT, TABLES, Block, all_blocks, blocks, commands, with_coverage
 
 ALL = all_blocks()
 
@@ -42,6 +42,11 @@ def test_every_block_is_run_or_marked():
 def test_a_block_that_is_not_run_has_a_reason():
     reasons = {block.note.removeprefix("not run: ") for block in ALL if block.kind == "not run"}
     assert all(len(reason.split()) > 2 for reason in reasons)
+
+
+def test_the_tables_of_blocks_are_up_to_date():
+    text = TABLES.read_text(encoding="utf-8")
+    assert with_coverage(text) == text, "run: python -m tests.docs.page_blocks"
 
 
 @pytest.mark.parametrize("note", sorted({block.note for block in ALL if block.note}))

@@ -11,13 +11,14 @@ import pytest
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.held_out import HeldOutError
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice, RecipeTrial
 from eightpost.ident.vehicle.recipes import auto, recipe
 from eightpost.ident.vehicle.recipes.auto import Auto
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, write_fit
-from eightpost.ident.vehicle.verdict import CHOSEN, with_validity
+from eightpost.ident.vehicle.verdict import CHOSEN
 from eightpost.signals import TimeSeries
 from tests.ident.friction.conftest import BASELINE, rig_tests
 

@@ -13,11 +13,12 @@ from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
+from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
 from eightpost.ident.vehicle.recipes import recipe, recipe_names
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
-from eightpost.ident.vehicle.verdict import damping_sentence, residual_table
+from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
 
 from .rig_tests import BASELINE, Rig
@@ -37,6 +38,14 @@ def test_the_chain_identifies_the_quarter_car_within_leakage_errors(quarter_car:
     truth, found = (response_of(model, frequency) for model in (quarter_car.truth, fit.vehicle.state_space))
     errors = contribution_error(found, truth, quarter_car.input_power(frequency))
     assert errors.max() < 0.1  # error of the estimate with blocks of 9.5 s; with local polynomials it is below 0.001
+
+
+def test_the_identification_reports_every_stage_and_every_path(quarter_car: Rig) -> None:
+    shares: list[float] = []
+    with reported_to(lambda done, _total: shares.append(done)):
+        found = recipe("boggs").identify(quarter_car.records, _experiment(quarter_car)).vehicle.state_space
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert len({share for share in shares if 0.2 < share <= 0.6}) >= len(found.inputs) * len(found.outputs)
 
 
 def test_the_loop_with_other_dampers_is_stable_and_reported_as_stable(fit: VehicleFit) -> None:

@@ -18,7 +18,8 @@ from fmpy.model_description import read_build_description
 
 from builder.build import build
 from builder.native.headers import fmi_headers, headers_of
-from builder.native.toolchain import PLATFORMS, Zig, find_toolchain, this_platform
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import Zig, find_toolchain
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.shock import LAWS
 from eightpost.vehicle import shipped

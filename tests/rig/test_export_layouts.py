@@ -5,12 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
+from eightpost.signals.left_out_lines import is_cut_off
 from eightpost.signals.raw_record import split_header
 from eightpost.units import convert
 
@@ -300,6 +301,23 @@ def test_a_file_that_ends_within_its_last_number_loses_this_sample_and_no_other(
         return
     assert test.series["force"] == pytest.approx((F + NOISE)[: len(test.series)], abs=1e-3)
     assert len(test.series) == COUNT or any("last sample (line 481) was left out" in note for note in test.notes)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    form=st.sampled_from(["{:.6g}", "{:.4g}", "{:.15g}", "{:.0f}"]),
+    comma=st.booleans(),
+    count=st.integers(100, COUNT),
+    kept=st.integers(1, 12),
+)
+def test_a_number_without_its_last_digits_is_left_out_or_close_to_its_neighbours(form, comma, count, kept):
+    forces = (F + NOISE)[:count]
+    cells = [form.format(value).replace(".", "," if comma else ".") for value in forces]
+    cut = cells[-1][:kept]
+    assume(any(letter.isdigit() for letter in cut))
+    if not is_cut_off([*cells[:-1], cut], has_end=False):
+        bends = np.abs(np.diff(forces, 2))
+        assert float(cut.replace(",", ".")) == pytest.approx(forces[-1], abs=4.0 * bends.max())
 
 
 @pytest.mark.parametrize("form", FORMS)

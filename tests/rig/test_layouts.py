@@ -140,7 +140,7 @@ REFUSED = {
     "unquoted thousands": (text(H, [*SI[:3], grouped("F", "N", quote="")]), "columns"),
     "a picture as a spreadsheet": (lambda folder: _file(folder / "run.xlsx", b"\x89PNG\r\n" * 9), "a spreadsheet"),
     "a damaged TDMS file": (lambda folder: _file(folder / "run.tdms", b"TDSm" + bytes(99)), "TDMS"),
-    "another suffix": (lambda folder: _file(folder / "run.docx", b"words"), "cannot be read; supported: .*xlsx"),
+    "another suffix": (lambda folder: _file(folder / "run.docx", b"words"), "cannot be read as records; .*xlsx"),
 }  # fmt: skip
 
 

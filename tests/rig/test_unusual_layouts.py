@@ -218,7 +218,7 @@ REFUSED = {
     "tdms with two runs": (groups({"Run 1": TDMS, "Run 2": TDMS}), "2 tables"),
     "tdms with a group per channel": (groups({name: [(name, unit, v)] for name, unit, v in TDMS}), "4 tables"),
     "tdms without units": (groups({"Data": [(name, "", v) for name, _, v in TDMS]}), "'Time' has no unit"),
-    "json": (lambda folder: file_with(folder, "run.json", '{"t": [0, 1]}'), "cannot be read; supported"),
+    "json": (lambda folder: file_with(folder, "run.json", '{"t": [0, 1]}'), "cannot be read as records; supported"),
 }  # fmt: skip
 
 

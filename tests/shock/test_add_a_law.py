@@ -29,7 +29,8 @@ from pathlib import Path
 import numpy as np
 import builder.build, cosim, eightpost.shock as shock
 from builder.native import toolchain
-here = (toolchain.this_platform(),)
+from builder.native.platforms import this_platform
+here = (this_platform(),)
 toolchain.Zig.platforms = property(lambda self: here)
 root = Path.cwd()
 assert all(root in Path(m.__file__).parents for m in (builder.build, cosim, shock)), "not the copy"
@@ -68,8 +69,9 @@ print(name)
 CALL = """
 import shlex, sys
 from builder.native import toolchain
+from builder.native.platforms import this_platform
 from eightpost.__main__ import main
-here = (toolchain.this_platform(),)
+here = (this_platform(),)
 platforms, *lines = sys.argv[1:]
 if platforms == "this":
     toolchain.Zig.platforms = property(lambda self: here)

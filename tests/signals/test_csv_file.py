@@ -93,7 +93,7 @@ def test_a_file_is_written_with_the_requested_units_and_digits(tmp_path):
 
 
 def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):
-    with pytest.raises(errors.FileFormatError, match=r"a\.doc: .*'\.doc' cannot be read; supported: \.csv"):
+    with pytest.raises(errors.FileFormatError, match=r"a\.doc: .*'\.doc' cannot be read as records; supported: \.csv"):
         read_series(tmp_path / "a.doc")
     with pytest.raises(errors.FileFormatError, match=r"a\.csv: there is no such file"):
         read_series(tmp_path / "a.csv")

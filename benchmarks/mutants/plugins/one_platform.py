@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from builder.native.toolchain import PLATFORMS, Zig, this_platform
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import Zig
 
 if this_platform().name in PLATFORMS:
     Zig.platforms = (this_platform(),)  # type: ignore[assignment,misc]

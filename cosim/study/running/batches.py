@@ -14,7 +14,7 @@ import numpy as np
 from cosim.components.conversion import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import judged_by
-from cosim.results.result import BondEnergy, Coupled
+from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study.batch.batch import Batch, BatchResult

@@ -9,7 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cosim.results.result import Coupled, Result
+from cosim.results.result import Result
+from cosim.results.run_data import Coupled
 from eightpost.array_types import Array
 
 

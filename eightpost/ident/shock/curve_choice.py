@@ -13,6 +13,7 @@ from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.law_fit import fit_law
 from eightpost.ident.shock.options import LAGGED_VELOCITY, Choices
 from eightpost.ident.shock.runs import Runs
+from eightpost.progress import parts
 from eightpost.shock import LAWS, fit_form, law_title
 
 #: Kinds in words.
@@ -91,7 +92,7 @@ class CurveChooser:
     def _better(self, law: str, kinds: tuple[CurveKind, ...]) -> tuple[CrossValidation, CurveComparison]:
         found: dict[CurveKind, CrossValidation] = {}
         trouble: ValueError | None = None
-        for kind in kinds:
+        for kind in parts(kinds):
             try:
                 found[kind] = self._fit(law, kind)
             except ValueError as error:  # raised by laws and fits that reject the data

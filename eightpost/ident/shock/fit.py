@@ -19,6 +19,7 @@ from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import Robust, screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
+from eightpost.progress import portion
 from eightpost.rig.dyno_test import DynoTest
 
 
@@ -69,8 +70,10 @@ def fit_shock(
 
     # Threads do not speed up matrices this small, and they slow down other work on the same processors.
     with threadpool_limits(1, "blas"):
-        runs, spikes, notes = screened_runs(given, prepared) if choices.is_screened else (prepared(given), 0, [])
-        solved = _solved(runs, law, choices)
+        with portion(0.0, 0.2):
+            runs, spikes, notes = screened_runs(given, prepared) if choices.is_screened else (prepared(given), 0, [])
+        with portion(0.2, 0.9):
+            solved = _solved(runs, law, choices)
         changes = (*runs.changes, *notes, *solved.notes, *solved.solution.notes)
         spread, unfitted = _between_builds(runs, solved, choices)
         changes = (*changes, *unfitted)

@@ -1,112 +1,22 @@
-"""Tables and plots of a fit."""
+"""Plots of force over velocity, measured and fitted (Fig 3.14)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.law_choice import LawChoice, LawScore
-from eightpost.ident.shock.result import ShockFit
-from eightpost.ident.shock.verdict import Parameter, in_field_units
-from eightpost.report.console import Table, console_table, right, unbroken
+from eightpost.ident.shock.uncertainty import CurveBand
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import Shock, StaticCurve, law_title
+from eightpost.signals import TimeSeries
 from eightpost.units import convert
-
-# ---- Tables of fits for the console ---------------------------------------------------------------------------------
-
-
-def fit_table(fits: Sequence[ShockFit]) -> Table:
-    """Return a table of fits like Table 3.4; the reduction is relative to Polylinear of the same shock, if fitted."""
-    static = {fit.shock.name: fit.rms for fit in fits if fit.shock.law_name == "polylinear"}
-    columns = right("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s")
-    rows = [
-        (
-            fit.shock.name,
-            law_title(fit.shock.law_name),
-            *(f"{rms:.2f}" for rms in (convert(fit.rms, "N", "lbf"), fit.rms, fit.percent)),
-            _reduction(fit, static.get(fit.shock.name)),
-            f"{fit.seconds:.2f}",
-        )
-        for fit in fits
-    ]
-    return console_table(["shock", *unbroken("law"), *columns], rows, title="Fits")
-
-
-def parameter_table(fit: ShockFit) -> Table:
-    """Return the parameters of a fit: value, 95 % interval and bounds in SI and in field units."""
-    columns = [*unbroken("parameter"), *right("value", "95 % interval", "SI", "bounds"), "at bound"]
-    title = f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters"
-    return console_table(columns, map(_parameter_row, fit.parameters), title=title)
-
-
-_QUARTERS = "quarters of the record"
-
-
-def choice_table(choice: LawChoice) -> Table:
-    """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost."""
-    columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "cost, x Polylinear")
-    whole = {"builds": "builds, all runs of each,", "runs": "runs,"}
-    what = f"whole {whole[choice.left_out]} without their level" if choice.left_out in whole else _QUARTERS
-    rows = [_choice_row(score, choice) for score in choice.scores]
-    title = f"Choice of the law: errors on left-out {what}"
-    return console_table([*unbroken("law"), *unbroken("curve"), *columns, "note"], rows, title=title)
-
-
-def _choice_row(score: LawScore, choice: LawChoice) -> tuple[str, ...]:
-    cost = "-" if score.step_cost is None else f"{score.step_cost:.2g}"
-    notes = [*(["chosen"] if score.law == choice.law else []), *([score.trouble] if score.trouble else [])]
-    curve = "-" if score.curve is None else score.curve.kind
-    if score.blocks is None:
-        fitted = (f"{score.fit_percent:.3g}", str(score.parameters)) if score.parameters else ("-", "-")
-        return law_title(score.law), curve, "-", "-", *fitted, cost, ", ".join(notes)
-    held = score.held_out
-    figures = (f"{held.percent:.3g}", f"{held.spread:.2g}", f"{score.fit_percent:.3g}", str(score.parameters))
-    return law_title(score.law), curve, *figures, cost, ", ".join(notes)
-
-
-def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
-    value, unit = in_field_units(parameter.value, parameter.unit)
-    si = f"{parameter.value:.4g} {parameter.unit}"
-    return (
-        parameter.name,
-        f"{value:.4g} {unit}",
-        _interval(parameter),
-        si,
-        _bounds(parameter),
-        parameter.at_bound or "-",
-    )
-
-
-def _reduction(fit: ShockFit, static: float | None) -> str:
-    if static is None or fit.shock.law_name == "polylinear":
-        return "-"
-    return f"{100.0 * (1.0 - fit.rms / static):.1f}"
-
-
-def _interval(parameter: Parameter) -> str:
-    if parameter.interval is None:
-        return "not determined"
-    (low, _), (high, unit) = (in_field_units(end, parameter.unit) for end in parameter.interval)
-    return f"{low:.4g} to {high:.4g} {unit}"
-
-
-def _bounds(parameter: Parameter) -> str:
-    if parameter.bounds is None:
-        return "-"
-    (low, unit), (high, _) = (in_field_units(bound, parameter.unit) for bound in parameter.bounds)
-    return f"{low:.4g} to {high:.4g} {unit}" if isfinite(high) else f"{low:.4g} or more"
-
-
-# ---- Plots of force over velocity, measured and fitted (Fig 3.14) ---------------------------------------------------
 
 _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
 
@@ -114,17 +24,51 @@ _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
 _DOTS, _LOOP = 6000, 1.0
 
 
-def plot_force_velocity(fits: ShockFit | tuple[ShockFit, ...] | list[ShockFit], path: str | Path) -> None:
+class DrawnFit(Protocol):
+    """What a picture shows of a fit: see the attributes of `ShockFit`."""
+
+    @property
+    def shock(self) -> Shock:
+        """Fitted shock."""
+        ...
+
+    @property
+    def measured(self) -> TimeSeries:
+        """Measured `velocity` [m/s] and `force` [N]."""
+        ...
+
+    @property
+    def predicted(self) -> TimeSeries:
+        """Fitted `force` [N] and `gas_force` [N] at the measured times."""
+        ...
+
+    @property
+    def band(self) -> CurveBand:
+        """95 % band of the static curve."""
+        ...
+
+    @property
+    def rms(self) -> float:
+        """RMS force error [N]."""
+        ...
+
+    @property
+    def percent(self) -> float:
+        """RMS force error [% of the standard deviation of the force]."""
+        ...
+
+
+def plot_force_velocity(fits: DrawnFit | Sequence[DrawnFit], path: str | Path) -> None:
     """Write a PNG of force over velocity without the gas force: measured dots, model loop, static curve.
 
     Args:
         fits: One fit, or several of one record, with a panel each.
         path: File to write; an existing file is replaced only when the new one is complete.
     """
-    save(force_velocity(list(fits) if isinstance(fits, (tuple, list)) else [fits]), path, format="png")
+    save(force_velocity(fits if isinstance(fits, Sequence) else [fits]), path, format="png")
 
 
-def force_velocity(fits: Sequence[ShockFit]) -> Figure:
+def force_velocity(fits: Sequence[DrawnFit]) -> Figure:
     """Return the figure of `plot_force_velocity`."""
     figure = new_figure(7.2 * len(fits), 6.4)
     for axes, fit in zip(panels_of(figure, len(fits), len(fits), sharex=True, sharey=True), fits, strict=True):
@@ -151,7 +95,7 @@ def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: s
     save(figure, path, format="png")
 
 
-def _panel(axes: Axes, fit: ShockFit) -> None:
+def _panel(axes: Axes, fit: DrawnFit) -> None:
     velocity, gas = _INCH * fit.measured["velocity"], fit.predicted["gas_force"]
     dots = slice(None, None, max(velocity.size // _DOTS, 1))
     loop = _liveliest(fit.measured.time, velocity)

@@ -18,7 +18,7 @@ from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.plausibility import REST_SHARE
 from eightpost.rig.rest_force import pulls_at_standstill
-from eightpost.rig.temperature import DRIFT, temperature_drift, warming_note
+from eightpost.rig.temperature_drift import DRIFT, temperature_drift, warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.ident.vehicle.verdict import with_validity
 from eightpost.rig.post import RigTest
 
 

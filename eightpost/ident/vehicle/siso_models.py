@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.parallel import parallel_model
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, WHEELLOADERS, BandWeights, RationalFit, TransferFunction
+from eightpost.progress import parts
 from eightpost.vehicle.statespace import StateSpace
 
 #: Orders to try if all requested orders give artificial fits.
@@ -104,13 +106,13 @@ class SisoFits:
             InputError: All paths are zero in their weighted bands.
         """
         paths = {}
-        for j, source in enumerate(response.input_names):
-            weight = self._weights(source).at(response.frequency)
-            for i, output in enumerate(response.output_names):
-                counted = weight * _known(response, i, j)
-                if np.abs(response.H[i, j] * counted).any():
-                    direct = self.direct(output, source)
-                    paths[output, source] = self._fit_path(response.frequency, response.H[i, j], counted, direct)
+        weights = [self._weights(source).at(response.frequency) for source in response.input_names]
+        sources, outputs = enumerate(response.input_names), enumerate(response.output_names)
+        for (j, source), (i, output) in parts(product(sources, outputs)):
+            counted = weights[j] * _known(response, i, j)
+            if np.abs(response.H[i, j] * counted).any():
+                direct = self.direct(output, source)
+                paths[output, source] = self._fit_path(response.frequency, response.H[i, j], counted, direct)
         if not paths:
             raise InputError(
                 "every path is zero in its weighted band, so there is nothing to fit; check the inputs of the tests"

@@ -17,6 +17,7 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, 
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
+from eightpost.ident.vehicle.verdict import fit_verdict
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.verdict import Verdict
@@ -89,8 +90,6 @@ class VehicleFit(Summarized):
         """Whether the vehicle can be used, and why (docs/reference/verdict.md)."""
         if self.vehicle.validity is not None:
             return self.vehicle.validity.verdict
-        from eightpost.ident.vehicle.verdict import fit_verdict  # noqa: PLC0415 -- it judges fits: this module is below
-
         return fit_verdict(self)
 
     def _summary(self) -> Summary:
@@ -153,7 +152,7 @@ class VehicleFit(Summarized):
         Raises:
             ParameterError: There is no such output.
         """
-        from eightpost.ident.vehicle.plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.ident.vehicle.magnitude_plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
         from eightpost.report.pictures import Picture  # noqa: PLC0415
 
         shown = output or max(self.residual, key=lambda name: self.residual[name])

@@ -239,7 +239,7 @@ def read_rig_test(
         record.check_unique(pick.source, channel=name)
     series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
     corners = _corners_of(series)
-    _check_channels(series, corners, path)
+    _check_channels(series, corners, record, path)
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")
     series, derived = _with_velocities(series, corners)
@@ -260,13 +260,13 @@ def read_rig_tests(
         yield pending.result()
 
 
-def _check_channels(series: TimeSeries, corners: tuple[str, ...], path: Path) -> None:
+def _check_channels(series: TimeSeries, corners: tuple[str, ...], record: RawRecord, path: Path) -> None:
     for corner in corners:
         prefix = f"{corner}." if corner else ""
         for options in (("road",), ("tire_force",), ("force",), ("displacement", "velocity")):
             if not any(prefix + name in series for name in options):
                 what = (
-                    f"a rig test needs this channel; the file has: {', '.join(series.names)}; name its column in a "
+                    f"a rig test needs this channel; the file has: {', '.join(record.names)}; name its column in a "
                     "channel map"
                 )
                 raise MissingChannelError(what, path=path, channel=" or ".join(prefix + name for name in options))

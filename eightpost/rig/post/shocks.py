@@ -57,7 +57,8 @@ def _damping(text: str) -> float:
     try:
         damping = float(units.convert(*units.quantity(text), "N.s/m"))
     except InputError as error:
-        raise InputError(f"--shock {text!r}: {error}") from error
+        forms = "demo:A, configuration:1, build:C/B, a damping such as '20 lbf.s/in', or a shock.json"
+        raise InputError(f"--shock {text!r}: {error}; a shock is one of {forms}") from error
     if not damping > 0.0:
         raise ParameterError(f"--shock must be above 0, not {text!r}")
     return damping

@@ -2,7 +2,7 @@
 
 from click.testing import CliRunner
 
-from builder.native.toolchain import this_platform
+from builder.native.platforms import this_platform
 from eightpost.app.build import build as command
 
 

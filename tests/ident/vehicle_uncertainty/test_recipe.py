@@ -7,9 +7,9 @@ import pytest
 
 from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
+from eightpost.ident.vehicle.fit_tables import measure_table, worst_measures
 from eightpost.ident.vehicle.model_form import removable_tests
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle.verdict import measure_table, worst_measures
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 
 FRICTIONLESS = CommonPoles(friction=None, springs=None, samples=2)

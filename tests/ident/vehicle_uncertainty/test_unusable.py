@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.ident.vehicle.recipes import common_poles
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.trust import UNUSABLE
-from eightpost.ident.vehicle.verdict import NOT_SIMULATED, fit_verdict, with_validity
+from eightpost.ident.vehicle.verdict import NOT_SIMULATED, fit_verdict
 from eightpost.verdict import Grade
 from tests.ident.friction.conftest import BASELINE, rig_tests
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm, t
 
 from eightpost.array_types import Array
 from eightpost.ident.preparation.plausibility.regression import Regression
@@ -33,7 +35,7 @@ class Comparison(NamedTuple):
         kind: Whether the figure is the logarithm of a ratio or a time [s].
         value: Figure minus its expectation.
         tolerance: Absolute value that a sound record and a usual car may reach.
-        deviation: Standard deviation of the figure from the record's noise.
+        deviation: Standard deviation of the figure from the record's noise, with `few_blocks_factor`.
         effect: Change of the figure per logarithm of the gain, or per delay, of each channel.
     """
 
@@ -72,7 +74,10 @@ def ratio(
     """Return the comparison of a ratio, computed from coefficients (..., P), with its expected value."""
     value, samples = (figure(np.atleast_2d(c)) / expected for c in (fit.values, fit.samples))
     size = max(float(value[0]), _SMALLEST)
-    return Comparison(law, Kind.GAIN, float(np.log(size)), tolerance, fit.deviation(samples) / size, effect)
+    gain = float(np.log(size))
+    # A ratio and its inverse are tested; the weaker test counts. They differ if the ratio is not well determined.
+    slope = 1.0 / size if size <= 1.0 else gain / (size - 1.0)
+    return Comparison(law, Kind.GAIN, gain, tolerance, slope * _deviation(fit, samples), effect)
 
 
 def delay(
@@ -82,8 +87,40 @@ def delay(
     *,
     effect: Mapping[str, float],
     tolerance: float,
+    over: Sequence[int] = (),
     expected: float = 0.0,
 ) -> Comparison:
-    """Return the comparison of a time, computed from coefficients (..., P), with its expected value [s]."""
+    """Return the comparison of a time, computed from coefficients (..., P), with its expected value [s].
+
+    Args:
+        law: Law of mechanics, as a message names it.
+        fit: Coefficients.
+        figure: Function that computes the time.
+        effect: Change of the figure per delay of each channel.
+        tolerance: Absolute value that a sound record and a usual car may reach [s].
+        over: Columns of the coefficients by which `figure` divides. If one of them is not significant, the record does
+            not determine the time, and its deviation is infinite.
+        expected: Expected time [s].
+    """
     value, samples = (figure(np.atleast_2d(c)) - expected for c in (fit.values, fit.samples))
-    return Comparison(law, Kind.DELAY, float(value[0]), tolerance, fit.deviation(samples), effect)
+    is_known = all(abs(fit.values[k]) > SIGNIFICANT * _deviation(fit, fit.samples[:, k]) for k in over)
+    deviation = _deviation(fit, samples) if is_known else np.inf
+    return Comparison(law, Kind.DELAY, float(value[0]), tolerance, deviation, effect)
+
+
+def _deviation(fit: Regression, samples: Array) -> float:
+    """Return the standard deviation of a figure, from its values (B,) without each block, as of a normal figure."""
+    return few_blocks_factor(len(samples)) * fit.deviation(samples)
+
+
+@cache
+def few_blocks_factor(blocks: int) -> float:
+    """Return by how much a deviation from a few blocks must be larger to be exceeded as rarely as a known one.
+
+    A figure over its jackknife deviation from B blocks has Student's distribution with B - 1 degrees of freedom:
+    chance exceeds four standard deviations of 8 blocks 80 times as often as four known ones.
+
+    Args:
+        blocks: Number of blocks B, at least 2.
+    """
+    return float(t.isf(norm.sf(SIGNIFICANT), blocks - 1)) / SIGNIFICANT

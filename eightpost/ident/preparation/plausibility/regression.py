@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.preparation.plausibility.spectra import Spectrum
 
-#: Number of blocks that the jackknife leaves out in turn.
-BLOCKS = 8
+#: Largest number of blocks that the jackknife leaves out in turn; a short record has one per segment.
+BLOCKS = 16
 
 
 class Regression(NamedTuple):

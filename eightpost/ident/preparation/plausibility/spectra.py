@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.corners import CORNERS, channel
 from eightpost.signals.timeseries import TimeSeries
 
 Spectrum = NDArray[np.complex128]
@@ -24,6 +25,9 @@ HIGHEST = 0.08
 
 #: Quantity with the direction of a shock's velocity, on which friction depends, ...
 DIRECTION = "direction"
+#: ... that of the difference of the velocities left and right, on which friction in an anti-roll bar depends, with the
+#: left corner as its prefix, ...
+TWIST_DIRECTION = "twist_direction"
 #: ... and velocity of the transition between the directions [m/s].
 SLOW = 0.01
 
@@ -83,11 +87,28 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
     lines = np.fft.rfftfreq(size, 1.0 / rate)
     used = (lines >= BAND[0]) & (lines <= min(BAND[1], HIGHEST * rate))
     window = np.hanning(size)
+
+    def segments(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack([values[start : start + size] for start in starts])
+
+    def transformed(cut: NDArray[np.float64]) -> Spectrum:
+        return np.asarray(np.fft.rfft(window * cut, axis=1)[:, used])
+
     rows = {}
     for name, values in zip(series.names, series.values, strict=True):
-        cut = np.stack([values[start : start + size] for start in starts])
-        rows[name] = np.fft.rfft(window * (cut - cut.mean(axis=1, keepdims=True)), axis=1)[:, used]
-        if name.rpartition(".")[2] == "velocity":
-            direction = f"{name.removesuffix('velocity')}{DIRECTION}"
-            rows[direction] = np.fft.rfft(window * np.tanh(cut / SLOW), axis=1)[:, used]
+        cut = segments(values)
+        rows[name] = transformed(cut - cut.mean(axis=1, keepdims=True))
+    for name, velocity in _velocities(series).items():
+        rows[name] = transformed(np.tanh(segments(velocity) / SLOW))
     return Spectra(np.asarray(lines[used], dtype=np.float64), rows)
+
+
+def _velocities(series: TimeSeries) -> dict[str, NDArray[np.float64]]:
+    """Return the velocities (N,) on which friction depends, by the channel of their direction."""
+    own = [name for name in series.names if name.rpartition(".")[2] == "velocity"]
+    found = {f"{name.removesuffix('velocity')}{DIRECTION}": series[name] for name in own}
+    for left, right in (CORNERS[:2], CORNERS[2:]):
+        names = [channel(corner, "velocity") for corner in (left, right)]
+        if all(name in own for name in names):
+            found[channel(left, TWIST_DIRECTION)] = series[names[0]] - series[names[1]]
+    return found

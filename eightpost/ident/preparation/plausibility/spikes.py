@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.preparation.plausibility.finding import Finding
@@ -17,6 +18,9 @@ FACTOR = 12.0
 SHARE = 0.5
 #: Deviation of another channel at the same time that makes it a bump, in multiples of its usual deviation.
 BUMP = 6.0
+#: Share of its deviation by which a spike must also deviate from the samples of each side alone. Friction that
+#: reverses, or breaks away, is a step or a kink of an acceleration, and continues one of the sides.
+ONE_SIDED = 0.5
 #: Distance in time within which channels see the same bump [s].
 SAME_TIME = 0.02
 #: Distances of the neighbours in samples: longer ones find spikes of several samples.
@@ -32,7 +36,8 @@ MOST = 1000
 def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> tuple[Finding, ...]:
     """Return the channels with spikes.
 
-    A sample is predicted by the cubic through its neighbours: x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6.
+    A sample is predicted by the cubic through its neighbours, x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6, and by the
+    parabolas through those of each side: a spike deviates from all three.
 
     Args:
         series: Record.
@@ -46,7 +51,9 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> tuple[Finding
         for name, score in scores.items():
             candidates = np.flatnonzero(score > FACTOR)[:MOST]
             sizes = np.abs(_deviations(series[name], distance)[candidates])
-            candidates = candidates[sizes > SHARE * float(series[name].std())]
+            large = sizes > SHARE * float(series[name].std())
+            alone = _one_sided(series[name], candidates, distance) > ONE_SIDED * sizes
+            candidates = candidates[large & alone]
             measured = [other for other in series.names if other != name and other not in computed]
             others = [scores[other] for other in measured]
             places = [place for place in candidates.tolist() if not _is_bump(others, place, reach)]
@@ -69,6 +76,21 @@ def _deviations(values: Array, distance: int) -> Array:
     far = values[: size - 4 * d] + values[4 * d :]
     deviations[2 * d : size - 2 * d] = centre - (4.0 * near - far) / 6.0
     return deviations
+
+
+def _one_sided(values: Array, places: NDArray[np.intp], distance: int) -> Array:
+    """Return the smaller deviation of samples from the parabolas before and after, x_0 = 3 x_d - 3 x_2d + x_3d.
+
+    Args:
+        values: Samples (N,).
+        places: Indices of the samples (K,).
+        distance: Distance d of the neighbours; negative before the sample.
+    """
+    sides = []
+    for d in (-distance, distance):
+        near = [values[np.clip(places + k * d, 0, values.size - 1)] for k in (1, 2, 3)]
+        sides.append(np.abs(values[places] - (3.0 * (near[0] - near[1]) + near[2])))
+    return np.asarray(np.minimum(*sides))
 
 
 def _scores(values: Array, distance: int, block: int) -> Array:

@@ -1,51 +1,26 @@
-"""Joint fit of all files of a shock: a curve for each setting, on the same knots, and one law for all."""
+"""Model of all files of a shock: a curve for each setting, on the same knots, and one law for all; and its fit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.errors import ParameterError
-from eightpost.ident.shock.closed import projected
-from eightpost.ident.shock.curve import WorkingBasis, rising_constraint, slope_constraint
-from eightpost.ident.shock.curve_choice import CurveChooser
-from eightpost.ident.shock.fitted_law import FittedLaw
+from eightpost.ident.shock.curve import rising_constraint, slope_constraint
 from eightpost.ident.shock.force import Dynamics, ForceModel
-from eightpost.ident.shock.gas import GasColumns, gas_columns
-from eightpost.ident.shock.knots import CELLS, KnotBasis
-from eightpost.ident.shock.law_choice import LawChoice, best_law
-from eightpost.ident.shock.law_fit import fit_law
-from eightpost.ident.shock.options import AUTO, LAGGED_VELOCITY, Choices
-from eightpost.ident.shock.problem import TOLERANCE, Inequalities, Solution, constrained_least_squares
-from eightpost.ident.shock.robust import weights_for
+from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.law_choice import LawChoice
+from eightpost.ident.shock.problem import Inequalities, Solution
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.uncertainty import covariances, quantile, standard_error
-from eightpost.shock import LAWS, FitParameter, Port, ShockLaw, fit_form, fit_parameters, own_parameters
+from eightpost.ident.shock.uncertainty import quantile, standard_error
+from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
 from eightpost.shock.curve import KNOTS
-
-#: Laws that can be fitted: their parameters are numbers with bounds of their own, or the law has a recipe of its own.
-_OVER_SETTINGS = tuple(
-    name
-    for name, law in LAWS.items()
-    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or fit_form(law) == LAGGED_VELOCITY
-)
-
-#: Name of the time constants of the law `hysteresis`, which change by one factor.
-LAG = "time_constant"
-
-#: Maximum number of evaluations of the residual, and of reweightings.
-_EVALUATIONS, _WEIGHINGS = 100, 2
 
 #: A slope times the highest speed is at its constraint within this share of the force's standard deviation; in the
 #: covariance, a violation of the constraint by 1 N then counts like a force error of this many N everywhere.
 _AT_CONSTRAINT, _STIFF = 1e-3, 10.0
-
-#: A law's own parameters differ from setting to setting only if this lowers the sum of squares by this share.
-_WORTHWHILE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +34,13 @@ class JointModel:
         models: Force model of each setting; all have the same knots and the same dynamics.
         is_shared: Whether theta is shared.
         local: Number of leading elements of a shared theta that each setting has for itself.
+        factors: Parameters of the law `hysteresis` that differ from setting to setting by a factor.
     """
 
     models: tuple[ForceModel, ...]
     is_shared: bool = True
     local: int = 0
+    factors: tuple[str, ...] = ()
 
     @property
     def dynamics(self) -> Dynamics:
@@ -128,7 +105,7 @@ class JointModel:
         return np.vstack([*rows, *penalties])
 
     def inequalities(self, x: Array) -> Inequalities:
-        """Return that no slope is negative (for a law that needs it: that all rise), with the bounds of theta."""
+        """Return the constraints: no slope is negative (for some laws: every curve rises), theta within its bounds."""
         matrices, floors = [], []
         for model, place in zip(self.models, self.places, strict=True):
             b = x[place[: model.curve_count]]
@@ -222,150 +199,14 @@ class JointFit:
         kind = self.model.dynamics.kind
         if self.model.is_shared:
             return ()
-        return (LAG,) if self.model.local or kind is None else tuple(parameter.name for parameter in _positive(kind))
+        if self.model.local or kind is None:
+            return self.model.factors
+        return tuple(parameter.name for parameter in positive_parameters(kind))
 
     def _part(self, number: int) -> tuple[Array, Array, Array]:
         return self.model.models[number].split(self.x[self.model.places[number]])
 
 
-def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
-    """Fit one law with a curve for each setting.
-
-    The law is chosen, and the search for its parameters started, on the setting with the largest force.
-
-    Args:
-        groups: Runs of each setting.
-        law: Name of the law, or `auto`.
-        choices: Options; the curve always has knots.
-    """
-    choices = replace(choices, curve="knots")
-    hardest = max(groups, key=lambda runs: runs.deviation)
-    choice: LawChoice | None = None
-    fit: FittedLaw | None = None
-    if law == AUTO:
-        choice, fit, _ = best_law(hardest, choices, _OVER_SETTINGS)
-        law = choice.law
-    elif law not in _OVER_SETTINGS:
-        known = ", ".join(_OVER_SETTINGS)
-        raise ParameterError(
-            f"law {law!r} cannot be fitted over settings, because its file does not declare how its own parameters are "
-            f"fitted; use one of {known}"
-        )
-    if fit_form(LAWS[law]) == LAGGED_VELOCITY:
-        return _fit_lagged(groups, fit or CurveChooser(hardest, choices)(law)[0].fit, choices, choice)
-    first = fit_law(hardest, law, choices, "knots")
-    minimum = first.sketch.minimum
-    theta = minimum.problem.model.split(minimum.parameters)[2]
-    gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
-    model = _joint_model(groups, gas, minimum.problem.model.dynamics)
-    x = _start(model, theta)
-    fitted = _searched(model, x, choices)
-    if model.dynamics.names and len(groups) > 1:
-        fitted, more = _with_own_parameters(fitted, choices)
-        notes += more
-    model, x, converged, status = fitted
-    spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
-    return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
-
-
-def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices, choice: LawChoice | None) -> JointFit:
-    # The compiler takes a second to load.
-    from eightpost.ident.shock.hysteresis_fit import HysteresisFit  # noqa: PLC0415
-    from eightpost.ident.shock.settings.lagged import fit_lagged  # noqa: PLC0415
-
-    assert isinstance(first, HysteresisFit)
-    gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
-    model = replace(_joint_model(groups, gas, first.model.dynamics, cells=KNOTS // 2), local=KNOTS)
-    fit = fit_lagged(model, first, choices.robust, choice)
-    return replace(fit, notes=(*fit.notes, *notes))
-
-
-_Search = tuple[JointModel, Array, bool, str]
-
-
-def _joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, cells: int = CELLS) -> JointModel:
-    fastest = np.concatenate([runs.velocity[runs.inside] for runs in groups])
-    knots = KnotBasis.of(fastest, cells=cells)
-    models, start, offset = [], 0, 0
-    for runs in groups:
-        stop, last = start + runs.velocity.size, offset + (len(runs.prepared) if gas.offsets else 0)
-        kept = [*range(offset, last), *([gas.columns.shape[1] - 1] if gas.size else [])]
-        part = GasColumns(gas.columns[start:stop, kept], last - offset, gas.size, gas.reference)
-        models.append(ForceModel(runs, _working_basis(knots, runs), part, dynamics))
-        start, offset = stop, last
-    return JointModel(tuple(models))
-
-
-def _working_basis(knots: KnotBasis, runs: Runs) -> WorkingBasis:
-    """Return the basis of a setting on shared knots; its coefficients are slopes times the highest speed [N]."""
-    to_curve = np.eye(knots.count) / knots.speed
-    grid = np.linspace(knots.knots[0], knots.knots[-1], 401)
-    columns = np.asfortranarray(knots.design(runs.velocity) / knots.speed)
-    return WorkingBasis(knots, columns, grid, knots.design(grid) / knots.speed, to_curve, knots.penalty() @ to_curve)
-
-
-def _start(model: JointModel, theta: Array) -> Array:
-    """Return a start: each curve by linear least squares without a lag, and a given theta."""
-    x = np.zeros(model.size)
-    for one, place in zip(model.models, model.places, strict=True):
-        found = projected(one, one.curve_rows())[0]
-        least = 0.05 * max(float(found[: one.curve_count].mean()), 0.0)
-        found[: one.curve_count] = np.maximum(found[: one.curve_count], least)
-        x[place] = np.concatenate([found, theta])
-    return x
-
-
-def _searched(model: JointModel, x: Array, choices: Choices) -> _Search:
-    """Return the minimum with weights that follow its residuals."""
-    weigh: Callable[[Array, float], Array] | None = weights_for(choices.robust)
-    for _ in range(_WEIGHINGS + 1):
-        low, high = model.bounds()
-        ended = constrained_least_squares(
-            model.residual,
-            model.jacobian,
-            np.clip(x, low, high),
-            model.inequalities(x),
-            tolerance=TOLERANCE,
-            evaluations=_EVALUATIONS,
-        )
-        x = np.clip(ended.x, low, high)
-        if weigh is None:
-            break
-        weights = np.concatenate(
-            [
-                weigh(one.rows(x[place]) - one.runs.target, one.runs.deviation)
-                for one, place in zip(model.models, model.places, strict=True)
-            ]
-        )
-        if np.abs(weights - model.runs.weights).max() < 0.05:
-            break
-        model = model.weighted(weights)
-    return model, x, ended.converged, ended.status
-
-
-def _positive(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
+def positive_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
     """Return the own parameters of a law that are fitted on a logarithmic scale."""
     return tuple(parameter for parameter in fit_parameters(law) if parameter.scale == "logarithmic")
-
-
-def _with_own_parameters(shared: _Search, choices: Choices) -> tuple[_Search, list[str]]:
-    """Return the fit with the law's positive parameters for each setting if that is worthwhile, and a note."""
-    model, x, _, _ = shared
-    assert model.dynamics.kind is not None
-    if not _positive(model.dynamics.kind):
-        return shared, []
-    separate = replace(model, is_shared=False)
-    start = np.zeros(separate.size)
-    for before, after in zip(model.places, separate.places, strict=True):
-        start[after] = x[before]
-    found = _searched(separate, start, replace(choices, robust="none"))
-    costs = [float(np.sum(m.residual(p) ** 2)) for m, p in ((model, x), found[:2])]
-    gain = 1.0 - costs[1] / costs[0]
-    if gain < _WORTHWHILE:
-        return shared, [
-            "the law's own parameters are the same at all settings: separate ones would lower the sum of squares by "
-            f"{100.0 * gain:.2g} % only"
-        ]
-    return found, [
-        f"the law's own parameters depend on the setting, which lowers the sum of squares by {100.0 * gain:.2g} %"
-    ]

@@ -22,27 +22,31 @@ class JointProjection:
     """Force error over all settings, minimised over the curves and offsets of each setting.
 
     The parameters of the search are those of the states (3,) or (5,), then the force of the stop at its yield travel if
-    there is a stop, and the weight of the gas stiffness if it is fitted, both as shares of the force's standard
+    the settings share one, and the weight of the gas stiffness if it is fitted, both as shares of the force's standard
     deviation.
 
     Attributes:
         parts: Force error of each setting.
         deviation: Standard deviation of the force [N].
+        has_own_stop: Whether each setting has a stop of its own stiffness.
     """
 
     parts: tuple[Projection, ...]
     deviation: float
+    has_own_stop: bool = False
 
     @classmethod
-    def of(cls, model: JointModel, *, is_thin: bool) -> JointProjection:
+    def of(cls, model: JointModel, *, is_thin: bool, has_own_stop: bool = False) -> JointProjection:
         """Return the problem of a joint model."""
-        return cls(tuple(Projection(one, is_thin=is_thin) for one in model.models), model.runs.deviation)
+        parts = tuple(Projection(one, is_thin=is_thin) for one in model.models)
+        return cls(parts, model.runs.deviation, has_own_stop)
 
     @cached_property
     def shared(self) -> NDArray[np.intp]:
         """The places of the linear parameters that all settings share."""
         first = self.parts[0]
-        stop, stiffness = [2 * KNOTS] * first.dynamics.has_stop, [-1] * bool(first.model.gas.size)
+        has_stop = first.dynamics.has_stop and not self.has_own_stop
+        stop, stiffness = [2 * KNOTS] * has_stop, [-1] * bool(first.model.gas.size)
         return np.array([*stop, *stiffness], dtype=np.intp)
 
     def bounds(self) -> tuple[Array, Array]:
@@ -104,7 +108,7 @@ class JointPoint:
 
     @cached_property
     def normal_equations(self) -> tuple[Array, Array]:
-        """Matrix and right side for a step of the shared parameters; the free curves of each setting follow it."""
+        """Matrix (n, n) and right side (n,) for a step of the shared parameters, which the free curves follow."""
         pairs = [self._equations(part) for part in self.parts]
         return np.sum([matrix for matrix, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
 

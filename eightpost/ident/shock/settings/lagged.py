@@ -1,8 +1,9 @@
-"""Joint fit of the law `hysteresis` over settings: two curves for each setting, one stop, and one lag or one for each.
+"""Joint fit of the law `hysteresis` over settings: two curves, and a lag and a stop of all settings or of each.
 
 For given lag and stop the force is linear in the slopes of both curves, and every setting has curves of its own. So the
 search is over the parameters that all settings share, and the curves of each setting follow from non-negative least
-squares: no curve falls, and the law is passive at every setting. At the end, time constants of each setting are tried.
+squares: no curve falls, and the law is passive at every setting. At the end, time constants and the stiffness of
+the stop are tried for each setting.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.settings.joint import JointFit, JointModel
 from eightpost.ident.shock.settings.joint_projection import JointPoint, JointProjection
 from eightpost.ident.shock.settings.lag_by_setting import lag_by_setting
+from eightpost.ident.shock.settings.stop_by_setting import stop_by_setting
 from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock.curve import KNOTS
 
@@ -33,7 +35,7 @@ _STIFF = 10.0
 
 
 def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: LawChoice | None) -> JointFit:
-    """Fit the curves of all settings together with one lag and stop.
+    """Fit the curves of all settings together, with a lag and a stop that are common or belong to each setting.
 
     Args:
         model: Model of all settings with the dynamics of the first fit.
@@ -42,13 +44,19 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: Law
         choice: Comparison of the laws if the law was chosen automatically.
     """
     found, model = _searched(model, first, weights_for(robust))  # type: ignore[arg-type]
-    lags = lag_by_setting(found.end.problem, found.end)
-    end, model = lags.end or found.end, replace(model, is_shared=lags.end is None)
+    end, notes, factors = found.end, [first.stop_note, "both curves depend on the setting"], []
+    if end.problem.parts[0].dynamics.has_stop:
+        stops = stop_by_setting(end, _with_own_stops(model, first))
+        end, notes = stops.end or end, [*notes, stops.note]
+        factors += ["stop_stiffness"] * (stops.end is not None)
+    lags = lag_by_setting(end)
+    end, notes = lags.end or end, [*notes, lags.note]
+    factors += ["time_constant"] * (lags.end is not None)
+    model = replace(model, factors=tuple(factors), is_shared=not factors)
     x = np.zeros(model.size)
     for part, place in zip(end.parts, model.places, strict=True):
         x[place] = np.linalg.solve(_coordinates(part.problem.model), np.append(part.linear, part.parameters))
     spread = _covariances(model, x, end)
-    notes = (first.stop_note, "the stop is the same at all settings; both curves depend on the setting", lags.note)
     return JointFit(model, x, spread, found.converged, found.status, choice, (*first.notes, *notes))
 
 
@@ -72,12 +80,22 @@ def _searched(
     return minimum_from(problem, found.end.parameters, tolerance=_TOLERANCE, evaluations=_EVALUATIONS), model
 
 
+def _with_own_stops(model: JointModel, first: HysteresisFit) -> JointPoint:
+    """Return the minimum on the whole records with a stop of each setting."""
+    problem = JointProjection.of(model, is_thin=True, has_own_stop=True)
+    start = np.append(first.found.end.parameters, _start_forces(problem, first))
+    thin = minimum_from(problem, start, tolerance=_TOLERANCE, evaluations=_EVALUATIONS)
+    problem = JointProjection.of(model, is_thin=False, has_own_stop=True)
+    return minimum_from(problem, thin.end.parameters, tolerance=_TOLERANCE, evaluations=_EVALUATIONS).end
+
+
 def _start_forces(problem: JointProjection, first: HysteresisFit) -> Array:
     """Return the shared forces of the first fit, as shares of the force's standard deviation of all settings."""
     gas = first.model.gas
     stiffness = float(first.found.end.linear[-1]) / gas.size if gas.size else 0.0  # [N/m]
     common = problem.parts[0].model.gas.size
-    forces = [float(first.found.end.linear[2 * KNOTS])] if problem.parts[0].dynamics.has_stop else []
+    has_stop = problem.parts[0].dynamics.has_stop and not problem.has_own_stop
+    forces = [float(first.found.end.linear[2 * KNOTS])] if has_stop else []
     return np.array([*forces, *([stiffness * common] if common else [])]) / problem.deviation
 
 

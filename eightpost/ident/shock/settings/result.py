@@ -16,7 +16,8 @@ from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings.joint import JointFit, fit_jointly
+from eightpost.ident.shock.settings.joint import JointFit
+from eightpost.ident.shock.settings.joint_fit import fit_jointly
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.settings.terms import Effects, effects_of
 from eightpost.ident.shock.simulation import simulate

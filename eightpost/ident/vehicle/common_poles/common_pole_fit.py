@@ -14,6 +14,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, points_of, solve_inputs
 from eightpost.ident.vehicle.common_poles.refinement import (
+    FASTEST,
     Refinement,
     RefinementResult,
     Solution,
@@ -191,9 +192,6 @@ _EXPLAINED = 1.1
 #: Ratio of the rate of the road lags to the upper end of the band [1].
 _FAST = 20.0
 
-#: Ratio of the natural frequency of a block to the upper end of the band from which the block is removed [1].
-_FAST_BLOCK = 5.0
-
 #: Number of frequencies at which models of increasing order are compared.
 _STUDIED = 100
 
@@ -251,18 +249,22 @@ class CommonPoleFit:
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
     ) -> RefinementResult:
-        """Return the model without lags if it explains the response, else the better of those without and with lags.
-
-        Blocks far above the band are removed first: they imitate lags and direct terms in the band, and beyond it they
-        give responses that grow without limit.
-        """
-        slow = blocks.slower_than(_FAST_BLOCK * 2.0 * np.pi * self.high)
-        refined = self.refinement.refine(points, slow, plain)
+        """Return the model without lags if it explains the response, else the better of those without and with lags."""
+        refined = self._without_fast_blocks(points, blocks, plain)
         excess = np.sqrt(refined.solution.cost / points.known.sum())
         if not self.lags or excess < _EXPLAINED or not lagged.any():
             return refined
-        other = self.refinement.refine(points, refined.solution.blocks, plain.with_lags(lagged))
+        other = self._without_fast_blocks(points, refined.solution.blocks, plain.with_lags(lagged))
         return min(refined, other, key=lambda tried: _description_length(tried.solution, points))
+
+    def _without_fast_blocks(self, points: Points, blocks: Blocks, through: Feedthrough) -> RefinementResult:
+        """Return the refined model; blocks faster than `FASTEST` are removed before and after, until none is found."""
+        limit = FASTEST * 2.0 * np.pi * self.high
+        found = self.refinement.refine(points, blocks.slower_than(limit), through)
+        while (slow := found.solution.blocks.slower_than(limit)).states < found.solution.blocks.states:
+            again = self.refinement.refine(points, slow, through)
+            found = again._replace(iterations=found.iterations + again.iterations)
+        return found
 
     def _orders(self) -> tuple[int, ...]:
         return tuple(range(2, self.max_states + 1, 2))

@@ -121,6 +121,11 @@ _MIN_DAMPING, _MAX_DAMPING = 1e-9, 1e8
 #: has no mode below the first; the fit gives one to a mode that only follows rounding.
 _LEAST, _BEYOND = 2e-3, 0.7
 
+#: Largest ratio of a natural frequency, and of a pole, to the upper end of the band [1]. Faster blocks imitate lags and
+#: direct terms in the band; beyond it, they give a shock port that is not passive, so that friction that sticks there
+#: makes the car unstable.
+FASTEST = 5.0
+
 #: Mean square misfit, in squared standard deviations, below which the fit is exact [1].
 _EXACT = 1e-12
 
@@ -193,11 +198,11 @@ class Refinement:
     def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""
         fastest = float(np.abs(points.s).max())
-        best, damping = evaluate(points, sufficiently_damped(start, fastest).normalised(), through), 1e-3
+        best, damping = evaluate(points, plausibly_damped(start, fastest).normalised(), through), 1e-3
         for iteration in range(self.max_iterations):
             slope = curvature(points, best)
             while True:
-                moved = sufficiently_damped(_stepped(best.blocks, slope.step(damping)), fastest)
+                moved = plausibly_damped(_stepped(best.blocks, slope.step(damping)), fastest)
                 tried = evaluate(points, moved, through)
                 if tried.cost < best.cost or damping > _MAX_DAMPING:
                     break
@@ -291,20 +296,23 @@ def _real(values: Complex) -> Array:
     return np.concatenate((values.real, values.imag), axis=-1)
 
 
-def sufficiently_damped(blocks: Blocks, fastest: float) -> Blocks:
+def plausibly_damped(blocks: Blocks, fastest: float) -> Blocks:
     """Return the blocks with at least a damping ratio of `(w / w_max - 1) / 2`, at most 0.7, above the fitted band.
 
-    In the band the damping ratio is at least 0.002.
+    In the band the damping ratio is at least 0.002. Its upper limit is that at which the faster of two real poles is at
+    `FASTEST` times w_max.
 
-    The response in the band hardly depends on the damping of a mode beyond it. Without this limit such a mode may ring
-    in simulations, or be unstable with other shocks.
+    The response in the band hardly depends on the damping of a mode beyond it. Without the lower limit such a mode may
+    ring in simulations, or be unstable with other shocks.
 
     Args:
         blocks: Poles and inputs.
         fastest: Highest angular frequency w_max of the band [1/s].
     """
     least = np.clip(0.5 * (blocks.w / fastest - 1.0), _LEAST, _BEYOND)
-    return replace(blocks, zeta=np.maximum(blocks.zeta, least))
+    ratio = np.maximum(FASTEST * fastest / blocks.w, 1.0)
+    most = np.maximum(0.5 * (ratio + 1.0 / ratio), least)
+    return replace(blocks, zeta=np.clip(blocks.zeta, least, most))
 
 
 def _stepped(blocks: Blocks, step: Array) -> Blocks:

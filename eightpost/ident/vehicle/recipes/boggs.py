@@ -22,6 +22,7 @@ from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.progress import beats, portion
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
@@ -94,18 +95,23 @@ class Boggs:
         started = process_time()
         chapter = self.chapter or chapter_of(experiment)
         records = gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
-        estimate, notes = _estimated(records, experiment, chapter)
-        if chapter.preconditioning is not None:
-            estimate, more = chapter.preconditioning.apply(estimate)
-            estimate, notes = _thinned(estimate, chapter.preconditioning.width), (*notes, *more)
-        fits = _fits(chapter, experiment, self.tolerance).fit(estimate)
-        weight = _weighted_power(records, estimate, experiment, chapter)
-        model, more = self._model(fits, estimate, weight)
+        with portion(0.0, 0.2):
+            estimate, notes = _estimated(records, experiment, chapter)
+            if chapter.preconditioning is not None:
+                estimate, more = chapter.preconditioning.apply(estimate)
+                estimate, notes = _thinned(estimate, chapter.preconditioning.width), (*notes, *more)
+        with portion(0.2, 0.6):
+            fits = _fits(chapter, experiment, self.tolerance).fit(estimate)
+        with portion(0.6, 0.7):
+            weight = _weighted_power(records, estimate, experiment, chapter)
+            model, more = self._model(fits, estimate, weight)
         vehicle = IdentifiedVehicle(
             experiment.name, model, experiment.baseline_damping, experiment.static, experiment.sources
         )
-        residual = contribution_error(response_of(model, estimate.frequency), estimate, weight)
-        stability = closed_loop_stability(vehicle)
+        with portion(0.7, 0.8):
+            residual = contribution_error(response_of(model, estimate.frequency), estimate, weight)
+        with portion(0.8, 0.9):
+            stability = closed_loop_stability(vehicle)
         return VehicleFit(
             vehicle,
             "boggs",
@@ -124,7 +130,7 @@ class Boggs:
             return whole, (size,)
         exact = fits.response(estimate.frequency)
         ordered = balance(whole, *_sizes(estimate, weight))
-        for states in _STATES:
+        for states in beats(_STATES):
             model = ordered.truncated(states)
             error = float(contribution_error(response_of(model, estimate.frequency), exact, weight).max())
             if error <= self.reduction:

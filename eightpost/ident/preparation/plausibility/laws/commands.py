@@ -43,7 +43,8 @@ def _actuator(spectra: Spectra, name: str) -> tuple[Comparison, Comparison] | No
     if fit is None:
         return None
     gain = ratio(LAW, fit, lambda c: c[:, 0], effect={name: 1.0, command: -1.0}, tolerance=GAIN)
-    late = delay(LAW, fit, lambda c: -c[:, 1] / c[:, 0], effect={name: 1.0, command: -1.0}, tolerance=TIME)
+    late = delay(LAW, fit, lambda c: -c[:, 1] / c[:, 0], effect={name: 1.0, command: -1.0}, tolerance=TIME,
+                 over=(0,))  # fmt: skip
     return gain, late
 
 

@@ -124,7 +124,8 @@ def _aero(fit: Regression, terms: _Terms, loads: dict[str, float], forces: Seque
         at = terms.place(load)
         yield ratio(LAW, fit, lambda c, k=at, s=sign: s * c[:, k], effect={load: -1.0, **share}, tolerance=AERO)  # type: ignore[misc]
         less = {name: -part for name, part in share.items()}
-        yield delay(LAW, fit, lambda c, k=at: c[:, k + 1] / c[:, k], effect={load: 1.0, **less}, tolerance=AERO_TIME)  # type: ignore[misc]
+        yield delay(LAW, fit, lambda c, k=at: c[:, k + 1] / c[:, k], effect={load: 1.0, **less},  # type: ignore[misc]
+                    tolerance=AERO_TIME, over=(at,))  # fmt: skip
 
 
 def _mass(

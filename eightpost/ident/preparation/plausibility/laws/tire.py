@@ -47,9 +47,9 @@ def tire_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Compa
         stiffness[corner] = ratio(LAW, fit, lambda c: -c[:, 3], effect={force: 1.0, hub: -1.0},
                                   tolerance=STIFFNESS_RANGE, expected=STIFFNESS)  # fmt: skip
         yield delay(LAW, fit, lambda c: c[:, 1] / c[:, 0] - c[:, 4] / c[:, 3], effect={road: 1.0, hub: -1.0},
-                    tolerance=SAME_TIME)  # fmt: skip
+                    tolerance=SAME_TIME, over=(0, 3))  # fmt: skip
         times[corner] = delay(LAW, fit, lambda c: c[:, 4] / c[:, 3], effect={force: -1.0, hub: 1.0},
-                              tolerance=DAMPING_TIME_RANGE, expected=DAMPING_TIME)  # fmt: skip
+                              tolerance=DAMPING_TIME_RANGE, over=(3,), expected=DAMPING_TIME)  # fmt: skip
     yield from (*stiffness.values(), *times.values())
     for left, right in axles(fits):
         yield difference(stiffness[left], stiffness[right], SYMMETRIC)

@@ -58,7 +58,7 @@ def travel_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Com
                                tolerance=MOTION_RATIO_RANGE, expected=MOTION_RATIO)  # fmt: skip
         for column, accelerometer in ((0, hub), (2, chassis)):
             yield delay(LAW, fit, lambda c, k=column: c[:, k + 1] / c[:, k],  # type: ignore[misc]
-                        effect={pot: -1.0, accelerometer: 1.0}, tolerance=SAME_TIME)  # fmt: skip
+                        effect={pot: -1.0, accelerometer: 1.0}, tolerance=SAME_TIME, over=(column,))  # fmt: skip
     yield from ratios.values()
     for left, right in axles(ratios):
         yield difference(ratios[left], ratios[right], SYMMETRIC)
@@ -75,4 +75,4 @@ def slope_comparisons(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comp
         if fit is not None:
             yield ratio(SLOPE, fit, lambda c: c[:, 0], effect={velocity: 1.0, pot: -1.0}, tolerance=SLOPE_RATIO)
             yield delay(SLOPE, fit, lambda c: c[:, 1] / c[:, 0], effect={velocity: -1.0, pot: 1.0},
-                        tolerance=SLOPE_TIME)  # fmt: skip
+                        tolerance=SLOPE_TIME, over=(0,))  # fmt: skip

@@ -1,4 +1,4 @@
-"""LabVIEW measurements: .tdms (npTDMS) and .lvm (lvm_read)."""
+"""LabVIEW measurements in .tdms files, read with npTDMS."""
 
 from __future__ import annotations
 
@@ -20,34 +20,18 @@ if TYPE_CHECKING:
 
 
 def read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read a .tdms file: one table per group; a waveform's increment gives the time.
+    """Read a .tdms file: one table per group; without a column of time, a waveform's increment gives the time [s].
+
+    Groups of single values become the preamble of the other tables. A channel with another increment or start than the
+    others is left out with a note.
 
     Raises:
-        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
-            numbers.
+        FileFormatError: npTDMS is not installed, or the file cannot be read or has no channel of numbers.
     """
-    _check_reader(path, "nptdms", "reading TDMS files")
-    return _records(Path(path), "load_tdms", "a TDMS file")
-
-
-def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read a .lvm file: one table per segment.
-
-    Raises:
-        FileFormatError: The package that reads it is not installed, or the file cannot be read or has no channel of
-            numbers.
-    """
-    _check_reader(path, "lvm_read", "reading LabVIEW measurements (.lvm)")
-    return _records(Path(path), "load_lvm", "a LabVIEW measurement (.lvm)")
-
-
-def _check_reader(path: str | Path, name: str, purpose: str) -> None:
-    if not is_installed(name):
-        raise FileFormatError(requirement(purpose, name, "files"), path=path)
-
-
-def _records(path: Path, function: str, kind: str) -> tuple[RawRecord, ...]:
-    tables: list[Table] = read_confined(f"eightpost.confined.readers:{function}", path, kind=kind)
+    path = Path(path)
+    if not is_installed("nptdms"):
+        raise FileFormatError(requirement("reading TDMS files", "nptdms", "files"), path=path)
+    tables: list[Table] = read_confined("eightpost.confined.readers:load_tdms", path, kind="a TDMS file")
     tables = [table for table in tables if table.columns]
     if not tables:
         raise FileFormatError("it contains no channel of numbers", path=path)

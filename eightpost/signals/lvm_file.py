@@ -1,0 +1,272 @@
+"""LabVIEW measurement files (.lvm), read with lvm_read: segments, and one, several or no columns of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eightpost.confined import read_confined
+from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
+from eightpost.files import reading
+from eightpost.signals.csv_file import read_csv_blocks
+from eightpost.signals.faults import Origin
+from eightpost.signals.lvm_text import has_header, readable_lines, separator_of
+from eightpost.signals.raw_record import RawRecord, split_header
+from eightpost.signals.text_cleaning import decoded, seconds_of
+from eightpost.signals.time_axes import by_time, temperatures_at
+from eightpost.units import compatible, convert, is_unit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eightpost.confined.readers import LvmSegment, Signal
+
+#: Largest difference between two axes of time that are the same, in median steps.
+_SAME = 0.01
+
+#: Largest deviation of the time between two segments that follow each other from one step, in steps.
+_FOLLOWS = 0.25
+
+#: Times above this are not relative to the start of the segment but to 1904 [s].
+_ABSOLUTE = 1e9
+
+_COMMENT, _X = "Comment", "X_Value"
+
+#: Tags of the header that describe the file, not the test.
+_TECHNICAL = (
+    "Writer_Version", "Reader_Version", "Separator", "Decimal_Separator", "Multi_Headings", "X_Columns", "Time_Pref",
+    "Time", "",
+)  # fmt: skip
+#: Names of the tested unit in the header, as a preamble names them.
+_TAGS = {"UUT_Name": "Shock", "UUT_S/N": "Serial Number"}
+
+
+def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read a .lvm file: one table per segment and axis of time, with the time [s] as its column `time`.
+
+    The time is that of the X columns; without X columns, it follows from the start and the increment of each channel.
+    Channels of a segment whose times differ by more than 1 % of a step make tables of their own, and a note names
+    them; temperatures are interpolated. Segments of the same channels that follow each other within a quarter of a step
+    are joined. A file without the header of a LabVIEW measurement is read as a text file.
+
+    Raises:
+        FileFormatError: lvm_read is not installed, or the file cannot be read or has no channel of numbers.
+    """
+    path = Path(path)
+    with reading(path):
+        text = decoded(path.read_bytes())
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if not has_header(lines):
+        return read_csv_blocks(path)
+    if not is_installed("lvm_read"):
+        raise FileFormatError(requirement("reading LabVIEW measurements (.lvm)", "lvm_read", "files"), path=path)
+    clean, notes = readable_lines(lines, path)
+    kind = "a LabVIEW measurement (.lvm)"
+    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, separator_of(lines), kind=kind)
+    segments = [_segment(one, tags.get("X_Columns", "One").strip(), path) for one in found]
+    segments = [one for one in segments if one.signals]
+    if not segments:
+        raise FileFormatError("it contains no channel of numbers", path=path)
+    comments = [comment.strip() for one in found for comment in one.comments if comment.strip()]
+    if comments:
+        notes = (*notes, f"{len(comments)} comments beside the samples were not read, the first is {comments[0]!r}")
+    preamble = tuple((f"{_TAGS.get(k, k.replace('_', ' '))}: {v}",) for k, v in tags.items() if k not in _TECHNICAL)
+    return tuple(record for one in _joined(segments) for record in _records(one, path, preamble, notes))
+
+
+# ---- Channels of a segment ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    """Channels with their times [s] from the start of the first one, and that start: number of the day, seconds."""
+
+    signals: tuple[Signal, ...]
+    start: tuple[int, float]
+
+    @property
+    def kind(self) -> tuple[tuple[str, str], ...]:
+        """Names and units of the channels."""
+        return tuple((signal.name, signal.unit) for signal in self.signals)
+
+
+def _segment(found: LvmSegment, x_columns: str, path: Path) -> _Segment:
+    from eightpost.confined.readers import Signal  # noqa: PLC0415 -- for .lvm files only
+
+    names = found.names[:-1] if found.names[-1:] == (_COMMENT,) else found.names
+    columns = _columns(names, x_columns, path)
+    if max((y for _, y in columns), default=0) >= found.data.shape[1]:
+        what = (
+            f"its rows have {found.data.shape[1]} numbers, and its header names {len(names)} columns; export it again"
+        )
+        raise FileFormatError(what, path=path)
+    spread = 2 if x_columns == "Multi" else 1
+    facts = [_facts(found.tags, k, len(columns), spread, path) for k in range(len(columns))]
+    signals = []
+    for (x, y), fact in zip(columns, facts, strict=True):
+        samples = found.data[:, y]
+        size = int(np.flatnonzero(np.isfinite(samples))[-1]) + 1 if np.isfinite(samples).any() else 0
+        if not size:
+            continue
+        if x is None and not fact.step > 0.0:
+            what = "it has neither X values nor an increment (Delta_X), so its times are unknown; export with X values"
+            raise FileFormatError(what, path=path, channel=names[y])
+        is_own = x_columns != "Multi" and not fact.is_like(facts[0])
+        times = fact.times(size) if x is None or is_own else fact.x_scale * found.data[:size, x]
+        offset = 0.0 if times[0] > _ABSOLUTE else _between(facts[0].start, fact.start)
+        plain, stated = (names[y], fact.unit) if fact.unit else split_header(names[y])
+        signals.append(Signal(plain, stated or "", samples[:size], times + offset))
+    return _Segment(tuple(_with_shared_times(signals)), facts[0].start if facts else (0, 0.0))
+
+
+def _columns(names: Sequence[str], x_columns: str, path: Path) -> list[tuple[int | None, int]]:
+    """Return the columns of the time and of the samples of each channel; None for a time without a column."""
+    if x_columns == "No":
+        return [(None, y) for y in range(len(names))]
+    if x_columns != "Multi":
+        return [(0, y) for y in range(1, len(names))]
+    pairs = [(x, x + 1) for x in range(0, len(names), 2)]
+    if len(names) % 2 or any(names[x] != _X for x, _ in pairs):
+        what = f"it has an X column for each channel (X_Columns Multi), but its columns are {', '.join(names)}"
+        raise FileFormatError(what, path=path)
+    return list(pairs)
+
+
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """Unit of a channel, first X value and increment [s], start (number of the day, seconds), unit of X in seconds."""
+
+    unit: str
+    first: float
+    step: float
+    start: tuple[int, float]
+    x_scale: float
+
+    def times(self, size: int) -> NDArray[np.float64]:
+        """Return the times (size,) [s] that follow from the first one and the increment."""
+        return np.asarray(self.first + self.step * np.arange(size), dtype=np.float64)
+
+    def is_like(self, other: _Facts) -> bool:
+        """Return whether a channel has the times of another one, as far as the file states them."""
+        if not self.step:
+            return True
+        limit = _SAME * other.step
+        return (
+            abs(self.step - other.step) <= 1e-6 * other.step
+            and abs(self.first - other.first) <= limit
+            and abs(_between(other.start, self.start)) <= limit
+        )
+
+
+def _facts(tags: dict[str, list[str]], k: int, count: int, spread: int, path: Path) -> _Facts:
+    """Return the facts of a channel; with an X column for each one, they stand two cells apart, if they are spread."""
+
+    def cell(tag: str) -> str:
+        cells = ["" if one == "nan" else one.strip() for one in tags.get(tag, [])]
+        is_dense = any(cells[1 : 2 * count : 2])
+        place = k if is_dense else spread * k
+        return cells[place] if place < len(cells) else ""
+
+    dimension, label = cell("X_Dimension"), cell("X_Unit_Label")
+    if dimension.lower().startswith(("freq", "fréq")):
+        what = f"its X axis is {dimension!r}, not the time; export the record over time"
+        raise FileFormatError(what, path=path)
+    scale = convert(1.0, label, "s") if label and is_unit(label) and compatible(label, "s") else 1.0
+    first, step = (float(cell(tag) or 0.0) * scale for tag in ("X0", "Delta_X"))
+    return _Facts(cell("Y_Unit_Label"), first, step, _moment(cell("Date"), cell("Time")), scale)
+
+
+def _moment(day: str, clock: str) -> tuple[int, float]:
+    """Return the number of a day and the seconds of a time of day; 0 if they cannot be read."""
+    try:
+        number = date(*(int(part) for part in day.split("/"))).toordinal()
+    except (TypeError, ValueError):
+        number = 0
+    return number, seconds_of(clock) or 0.0
+
+
+def _between(start: tuple[int, float], stop: tuple[int, float]) -> float:
+    """Return the time between two moments [s]."""
+    return 86400.0 * (stop[0] - start[0]) + stop[1] - start[1]
+
+
+def _with_shared_times(signals: Sequence[Signal]) -> Iterator[Signal]:
+    """Yield channels whose times differ by less than 1 % of a step with the times of the first one."""
+    known: list[Signal] = []
+    for signal in signals:
+        same = next((one for one in known if _is_same(one.times, signal.times)), signal)
+        known.append(same)
+        yield signal._replace(times=same.times)
+
+
+def _is_same(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    if times.size != others.size:
+        return False
+    step = float(np.median(np.diff(times))) if times.size > 1 else 1.0
+    return bool(np.abs(times - others).max(initial=0.0) <= _SAME * step)  # False if there is a NaN
+
+
+# ---- Segments and tables --------------------------------------------------------------------------------------------
+
+
+def _joined(segments: Sequence[_Segment]) -> Iterator[_Segment]:
+    """Yield segments; those that follow each other without a gap are one."""
+    last = segments[0]
+    for segment in segments[1:]:
+        shift = _between(last.start, segment.start)
+        if last.kind == segment.kind and all(
+            _follows(a.times, b.times + shift) for a, b in zip(last.signals, segment.signals, strict=True)
+        ):
+            signals = (
+                a._replace(
+                    samples=np.concatenate([a.samples, b.samples]), times=np.concatenate([a.times, b.times + shift])
+                )
+                for a, b in zip(last.signals, segment.signals, strict=True)
+            )
+            last = replace(last, signals=tuple(_with_shared_times(list(signals))))
+        else:
+            yield last
+            last = segment
+    yield last
+
+
+def _follows(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    if times.size < 2:
+        return False
+    step = float(np.median(np.diff(times)))
+    return bool(abs(others[0] - times[-1] - step) <= _FOLLOWS * step)
+
+
+def _records(
+    segment: _Segment, path: Path, preamble: tuple[tuple[str, ...], ...], notes: tuple[str, ...]
+) -> Iterator[RawRecord]:
+    """Yield a table for each axis of time; the first one has the temperatures of the others too."""
+    first, *others = by_time(segment.signals)
+    warm = temperatures_at(first[0].times, others)
+    read = {signal.name for signal in warm}
+    apart = [[signal for signal in table if signal.name not in read] for table in others]
+    notes = (*notes, *(_apart(table, first) for table in apart if table))
+    for table in ([*first, *warm], *(table for table in apart if table)):
+        columns = (table[0].times, *(signal.samples for signal in table))
+        names, units = ("time", *(signal.name for signal in table)), ("s", *(signal.unit or None for signal in table))
+        yield RawRecord(Origin(path), names, units, columns, preamble, notes)
+
+
+def _apart(table: Sequence[Signal], first: Sequence[Signal]) -> str:
+    names = ", ".join(repr(signal.name) for signal in table)
+    these, those = (_words(one[0].times) for one in (table, first))
+    return (
+        f"the channels {names} were sampled at other times than {first[0].name!r} ({these}, not {those}) and are read "
+        "as a table of their own; to use them together, export all channels with one rate and one start"
+    )
+
+
+def _words(times: NDArray[np.float64]) -> str:
+    step = f"steps of {1e3 * float(np.median(np.diff(times))):.6g} ms, " if times.size > 1 else ""
+    return f"{times.size} samples, {step}first at {float(times[0]):.6g} s"

@@ -1,0 +1,69 @@
+"""A newcomer's wrong file, unit, name or verb ends a command with exit code 2, advice, and every file as it was.
+
+The starter folder is in a path with spaces and umlauts.
+"""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from eightpost.__main__ import main
+from eightpost.examples_folder import examples_folder
+
+#: Command and what its message says, for each kind of reader.
+WRONG = {
+    # Damper engineer
+    "fitt shocks/dyno_A.csv": "there is no verb 'fitt'; did you mean fit",
+    "fit shocks/dyno_a.csv": "there is no such file; did you mean dyno_A.csv?",
+    "fit shoks/dyno_A.csv": "there is no folder shoks; the current folder is",
+    "fit shocks": "shocks: is a folder, not a file; name the files in it",
+    "fit B_B.json": "files with the suffix '.json' cannot be read as records; supported: .csv",
+    "fit shocks/dyno_A.csv --law lpnl3": "'lpnl3' is not one of 'auto', 'polylinear'",
+    "fit shocks/dyno_A.csv --lew lpnl2": "No such option '--lew'. Did you mean '--law'?",
+    "fit shocks/dyno_A.csv --law lpf1 -o car.toml": "a shock file ends in .json; write -o car.json",
+    "fit no_unit.csv": "the column 'Force' has no unit; add it to the header as `Force [unit]`",
+    "dyno --build C/B --gas 150 -o d.csv": "--gas '150' has no unit; add it: '150 Pa' if it is in Pa",
+    # Rig engineer
+    "identify rig/*.parquet -o c.json": "there is no such file: there is no folder rig",
+    "identify shocks -o c.json": "shocks is a folder; name its files, such as",
+    "identify shocks/dyno_A.csv shocks/dyno_B.csv -o c.json": "the file has: Time, Position, Velocity, Force",
+    "rig --test random --shock dmo:B -o r.parquet": "a shock is one of demo:A, configuration:1, build:C/B",
+    "vehicle B_B.json -o modes": "B_B.json: is a shock file, not a vehicle; eightpost identify makes vehicles",
+    # Simulation engineer
+    "build other.json -o dist": "is not a file that eightpost wrote or documents: it contains 'a'",
+    "build study.toml -o dist": "the file defines a study or a system, not a vehicle; a vehicle file has model =",
+    "build --assemble car.toml -o car.fmu": "car.toml defines a vehicle, not a system; make an FMU of it with build",
+    "check car.toml": "is not a readable zip archive (File is not a zip file); name an .fmu file",
+    "ssp car.toml": "car.toml defines a vehicle, not a system",
+    # Python developer and researcher
+    "run car.toml": "car.toml defines a vehicle, not a system; make an FMU of it with build",
+    "run study.toml": "study.toml defines a study, not a system; run it with study",
+    "run B_B.json": "is a .json file; a .toml file is needed here",
+    "run sytem.toml": "there is no such file; did you mean system.toml?",
+    "compare shocks nowhere": "shocks: there is no run here; name a folder that `eightpost run` wrote",
+    "study study.toml -o out": "the file shocks/dyno_A.json does not exist; correct its name there, or make it first",
+    "reproduce 99.9 -o out": "there is no item '99.9'; the nearest are",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def starter(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("Prüfstand 7") / "Dämpfer (neu)"
+    assert CliRunner().invoke(main, ["new", str(folder)]).exit_code == 0
+    shutil.copy(examples_folder() / "bank" / "B_B.json", folder)
+    record = (folder / "shocks" / "dyno_A.csv").read_text(encoding="utf-8")
+    (folder / "no_unit.csv").write_text(record.replace("Force [lbf]", "Force"), encoding="utf-8")
+    (folder / "other.json").write_text('{"a": 1}', encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_a_wrong_input_ends_with_2_and_advice_and_loses_nothing(starter, monkeypatch, line):
+    monkeypatch.chdir(starter)
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    shown = CliRunner().invoke(main, line.split(), env={"COLUMNS": "400"})
+    assert shown.exit_code == 2, shown.output
+    assert WRONG[line] in " ".join(shown.output.split()), shown.output
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before

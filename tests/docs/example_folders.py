@@ -1,0 +1,127 @@
+"""What the examples of `--help` find in their folder, and which of them no test runs, with the reason.
+
+The code of a verb runs in the folder before its examples, with the functions of tests/docs/given.py: `record` copies a
+shipped dynamometer record, `take` brings what several verbs need, `call` runs a command line of eightpost.
+"""
+
+from __future__ import annotations
+
+_IDENTIFY = "compares two recipes for minutes: tests/ident_response/test_identify_command.py"
+
+#: Examples that are not run, by their first words, and why.
+NOT_RUN = {
+    "dyno --configuration 1 --test all": "writes every test of a chapter: tests/rig/test_virtual_dynamometer.py",
+    "inspect run7.mf4": "needs an MDF record: tests/signals/test_mdf_file.py reads them",
+    "inspect rig.csv --map": "needs a channel map of a rig: tests/commands/test_inspect.py",
+    "rig --program all": "simulates half an hour of rig tests; the same program is run for identification",
+    "identify rig/*.parquet -o": _IDENTIFY,
+    "identify rig/*.parquet --static": _IDENTIFY,
+    "identify base.parquet": _IDENTIFY,
+    "drivefile": "needs an iteration on a rig: tests/drivefile/test_stand_in.py",
+    "export c0.json": "needs shocks of one law at three settings: tests/ident/exports/test_shock_tables.py",
+    "run car.ssp": "needs a package whose road is open: tests/cosim/ssp/test_packages.py",
+    "study examples/study.toml -o out/ --trace": "names a setup of 2401: tests/commands/test_study.py",
+    "shapes": "optimises for minutes: tests/commands/test_shapes.py",
+    "whatif": "needs a study of shocks with adjusters: tests/commands/test_shapes.py",
+    "robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust_study.py",
+    "confirm": "needs rig runs: tests/cosim/study/test_compare_commands.py",
+    "compare": "needs rig runs or two studies: tests/cosim/study/test_compare_commands.py",
+    "reproduce --all": "the page docs/evidence/reproduce.md runs it",
+}
+
+#: Replacements in examples that would take too long.
+SHORTER = {"'100 s'": "'10 s'"}
+
+#: Examples that simulate a rig without a stated duration, and get one.
+RIG = " --duration '10 s'"
+
+#: Exit codes of verbs whose verdict on these data may be negative.
+CODES = {"inspect": (0, 1), "validate": (0, 1), "identify": (0, 1), "settings": (0, 1), "compare": (0, 1)}
+
+_RECORDS = "record('dyno_A', 'run1.csv', 'run2.csv', 'dyno.csv', 'a.csv', 'b.csv', 'A.csv', 'day.csv', 'data/a.csv')\n"
+
+#: A record whose force has no unit and the opposite sign.
+_RUN7 = """
+lines = Path("run1.csv").read_text(encoding="utf-8").splitlines()
+at = next(number for number, line in enumerate(lines) if line.startswith("Time"))
+column = [name.strip().startswith("Force") for name in lines[at].split(",")].index(True)
+for number in range(at + 1, len(lines)):
+    cells = lines[number].split(",")
+    cells[column] = repr(-float(cells[column]))
+    lines[number] = ",".join(cells)
+lines[at] = lines[at].replace("Force [lbf]", "Force")
+Path("run7.csv").write_text("\\n".join(lines) + "\\n", encoding="utf-8")
+"""
+
+_SINES = "call(\"dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o sines.csv\")\n"
+
+_PEAKS = """
+Path("peak_velocities.csv").write_text(
+    "speed (mm/s),comp 3 (N),reb 3 (N),comp 6 (N),reb 6 (N)\\n"
+    "50,200,250,120,160\\n150,420,560,300,400\\n300,600,840,450,640\\n500,760,1150,600,900\\n")
+"""
+
+_SETTINGS = "shutil.copytree('examples/settings', '.', dirs_exist_ok=True)\n"
+
+#: A second adjuster, of compression: 4 clicks instead of 8 raise its forces by 30 %.
+_ADJUSTABLE = (
+    _SETTINGS
+    + """
+lines = Path("rebound_14.csv").read_text(encoding="utf-8").splitlines()
+at = next(number for number, line in enumerate(lines) if line.startswith("Time"))
+column = [name.strip().startswith("Force") for name in lines[at].split(",")].index(True)
+for number in range(at + 1, len(lines)):
+    cells = lines[number].split(",")
+    cells[column] = repr(float(cells[column]) * (1.3 if float(cells[column]) > 0.0 else 1.0))
+    lines[number] = ",".join(cells)
+Path("stiff.csv").write_text("\\n".join(lines) + "\\n", encoding="utf-8")
+with Path("rebound.toml").open("a", encoding="utf-8") as table:
+    table.write('[adjuster.compression]\\ncounted = "from full hard"\\nlowest = 0\\nhighest = 16\\nreference = 8\\n')
+    table.write('[[file]]\\npath = "stiff.csv"\\nclicks.compression = 4\\n')
+call("settings rebound.toml --law lpf1 -o shock.json", (0, 1))
+shutil.copy("examples/bank/B_B.json", "other_shock.json")
+Path("target.csv").write_text("velocity [m/s],force [N]\\n-0.2,-900\\n-0.1,-600\\n0,0\\n0.1,400\\n0.2,700\\n")
+"""
+)
+
+_CAR = "take('rig')\ntake('car.json', 'vehicle.json')\n"
+
+_BUILDS = "shutil.copy('examples/bank/B_B.json', 'A.json')\nshutil.copy('examples/bank/C_C.json', 'B.json')\n"
+
+#: Preparation by verb.
+BEFORE = {
+    "inspect": "record('dyno_A', 'run7.csv')\n",
+    "fit": _RECORDS + _RUN7 + _SINES + _PEAKS,
+    "settings": _SETTINGS,
+    "clicks": _ADJUSTABLE,
+    "report": _RECORDS + "record('dyno_B', 'B.csv')\ntake('shock.json')\n" + _BUILDS + """
+Path("bank").mkdir()
+for name in "AB":
+    shutil.copy(f"{name}.json", "bank")
+shutil.copy("examples/car.toml", "car.toml")
+call("dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o day.csv")
+""",
+    "validate": _RECORDS + _CAR + _BUILDS + """
+take("shock.json")
+call("fit data/a.csv --law polylinear --gas included -o static.json")
+shutil.copy("shock.json", "lpnl2.json")
+call("dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o run7.csv")
+call("dyno --build C/B --duration '61 s' -o track.csv")
+""",
+    "identify": """
+for name, configuration in {"q1": 1, "q5": 5}.items():
+    call(f"rig --car quarter_car --test random --shock configuration:{configuration} --duration '30 s' -o {name}.csv")
+""",
+    "vehicle": "shutil.copy('examples/car.toml', 'car.toml')\n" + _CAR,
+    "export": _CAR + "take('shock.json')\n" + _SETTINGS + """
+shutil.copy("vehicle.response.npz", "response.npz")
+call("settings rebound.toml --law lpf1 -o adjustable.json", (0, 1))
+""",
+    "build": "take('shock.json')\ntake('dist')\ntake('system.toml')\nshutil.copy('examples/car.toml', 'car.toml')\n",
+    "page": "take('shock.json')\ncall('build shock.json -o dist')\n",
+    "check": "take('dist')\nshutil.copy('dist/car.fmu', 'supplier.fmu')\n",
+    "run": "take('dist')\n",
+    "ssp": "take('dist')\n",
+    "sensitivity": "take('out')\n",
+    "select": "take('out')\n",
+}  # fmt: skip
