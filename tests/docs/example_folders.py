@@ -26,6 +26,7 @@ NOT_RUN = {
     "robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust_study.py",
     "confirm": "needs rig runs: tests/cosim/study/test_compare_commands.py",
     "compare": "needs rig runs or two studies: tests/cosim/study/test_compare_commands.py",
+    "select": "needs a study of many setups: tests/cosim/study/test_selection.py",
     "reproduce --all": "the page docs/evidence/reproduce.md runs it",
 }
 
@@ -123,5 +124,4 @@ call("settings rebound.toml --law lpf1 -o adjustable.json", (0, 1))
     "run": "take('dist')\n",
     "ssp": "take('dist')\n",
     "sensitivity": "take('out')\n",
-    "select": "take('out')\n",
 }  # fmt: skip
