@@ -141,14 +141,14 @@ def outcome(kind: Kind, seed: int, folder: Path | None = None, recipe: str = "sh
 
 def _identified(kind: Kind, seed: int, recipe: CommonPoles) -> Outcome:
     car, laws = truth(kind, seed), (*bank(), *close_bank())
-    prepared = prepare(_tests(car, seed), Preparation())
+    prepared = prepare(rig_tests(car, seed), Preparation())
     baseline = find_baseline(prepared.records, prepared.corners, test=0)
     experiment = experiment_of(prepared.channels, baseline.damping, name=f"{kind}_{seed}")
     experiment = replace(experiment, means=prepared.means[0])
     experiment = experiment.of(*[n for n in experiment.outputs if n.endswith((*QUANTITIES, "displacement"))])
     fit = recipe.identify(prepared.records, experiment)
     lap = Actuators().follow(track_drive(car, 40000 + seed, duration=LAP).series, car)
-    setups = _setups(seed, len(bank()), len(close_bank()))
+    setups = draw_setups(seed, len(bank()), len(close_bank()))
     true = list(truths_of(car, lap, [tuple(laws[i] for i in setup) for setup in setups]))
     predicted, shares = predictions(fit, lap, setups)
     return Outcome(kind, seed, prepared.records, experiment, fit, setups, true, predicted, shares)
@@ -206,14 +206,16 @@ def _stand_in(seed: int) -> Car:
     )
 
 
-def _tests(car: AnyCar, seed: int) -> Iterator[RigTest]:
+def rig_tests(car: AnyCar, seed: int) -> Iterator[RigTest]:
+    """Yield the rig tests of a true car: the baseline, then another damper at each corner."""
     drive, sensors = random_drive(car, 20000 + seed, duration=TEST), RigSensors.perfect(relative=NOISE)
     for number in range(5):
         shocks = [LinearDamper(ALTERNATE if place == number - 1 else BASELINE) for place in range(4)]
         yield run_test(car, drive, shocks, seed=30000 + 10 * seed + number, sensors=sensors, drift=NO_DRIFT)
 
 
-def _setups(seed: int, builds: int, similar: int) -> tuple[tuple[int, ...], ...]:
+def draw_setups(seed: int, builds: int, similar: int) -> tuple[tuple[int, ...], ...]:
+    """Return the bank indices of unseen setups: of the builds, then of similar laws."""
     generator = np.random.default_rng([9, seed])
     wide = generator.integers(0, builds, (WIDE, 4))
     close = generator.integers(builds, builds + similar, (CLOSE, 4))

@@ -244,17 +244,19 @@ def _initial(assembly: Assembly) -> dict[str, tuple[str, ...]]:
 def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
     """Return the inputs and port springs that each vehicle output, state and derivative depends on in steady state.
 
-    Without a steady state these are the inputs that matter in a start from zero.
+    Without a steady state these are the inputs that matter in a start from zero. A rate is zero at rest, unless it
+    depends on springs there: accelerations of a fitted vehicle have small constant parts.
     """
     interface = assembly.vehicle.interface
     units = {v.name: v.unit for v in interface.variables}
-    known_at_rest = {*interface.names("input"), *(f"{port}port_spring" for port in spring_ports(interface))}
+    springs = {f"{port}port_spring" for port in spring_ports(interface)}
+    known_at_rest = {*interface.names("input"), *springs}
     at_rest = {*interface.derivatives}
     if "HAS_EQUILIBRIUM = 0" in assembly.vehicle.data:
         return _from_zero(interface)
     return {
         name: ()
-        if units[name] in RATES or name in at_rest
+        if (units[name] in RATES and springs.isdisjoint(names)) or name in at_rest
         else tuple(known for known in names if known in known_at_rest)
         for name, names in interface.initial.items()
     }

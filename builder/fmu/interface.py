@@ -347,11 +347,17 @@ def _dependencies(
 
 
 def steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state."""
+    """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state.
+
+    At rest, velocities are zero, and so are the accelerations of a physical model, up to rounding of their terms. Those
+    of a model that was fitted to responses may have small constant parts, which count.
+    """
     try:
         gain = model.dc_gain()
     except ValueError:
         return np.ones(model.D.shape, dtype=bool)
-    scale = np.abs(gain).max(axis=1, keepdims=True)
-    rate = np.array([channel.unit in RATES for channel in model.outputs])
-    return np.asarray((np.abs(gain) > 1e-9 * scale) & ~rate[:, None])
+    units = np.array([channel.unit for channel in model.outputs])[:, None]
+    acceleration, rate = units == "m/s2", np.isin(units, list(RATES))
+    # Where direct term and response of the states cancel, only rounding remains.
+    scale = np.where(acceleration, np.abs(model.D), np.abs(gain).max(axis=1, keepdims=True))
+    return np.asarray((np.abs(gain) > 1e-9 * scale) & (~rate | (acceleration & (model.D != 0.0))))

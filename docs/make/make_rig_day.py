@@ -198,7 +198,8 @@ def measures_table(found: Sequence[Mapping[str, Any]], stated: Mapping[str, Sequ
     """Return the accuracy of each predicted measure as Markdown; sigma is from the baseline's five runs."""
     lines = [
         "| RMS | measured, minimum to maximum | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
-        "| scatter about the line | a run's sigma | in the band | stated 95 % interval | in the interval |",
+        "| scatter about the line | a run's sigma | in the two-sigma band "
+        "| stated 95 % interval | in the 95 % interval |",
         "|---" * 13 + "|",
     ]
     for entry in found:

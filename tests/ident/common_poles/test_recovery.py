@@ -7,10 +7,13 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement
-from eightpost.ident.vehicle.common_poles.points import points_of
+from eightpost.ident.vehicle.common_poles.points import Blocks, points_of
+from eightpost.ident.vehicle.common_poles.refinement import FASTEST, plausibly_damped
 from eightpost.vehicle import Channel, StateSpace, discretise
 
 from .conftest import FREQUENCY, noisy
@@ -34,6 +37,24 @@ def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
     assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
     _close(found.model, model, 1e-8)
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
+
+
+def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof: StateSpace) -> None:
+    """A car with a lag of 200 Hz in its accelerometers: in the band of 20 Hz, a fast pole would explain it."""
+    response = noisy(seven_dof, 2e-3, 5)
+    lag = 1.0 / (1.0 + 1j * FREQUENCY / 200.0)
+    late = np.array([name.endswith("acceleration") for name in response.output_names])
+    delayed = replace(response, H=np.where(late[:, None, None], response.H * lag, response.H))
+    found = CommonPoleFit(high=HIGH, max_states=20, order=20, lags=False).fit(delayed)
+    assert np.abs(found.model.poles()).max() <= 1.001 * FASTEST * 2.0 * np.pi * HIGH
+
+
+@given(w=st.floats(1.0, 1e4), zeta=st.floats(1e-5, 1e4))
+def test_the_faster_pole_of_a_block_is_limited_too(w: float, zeta: float) -> None:
+    fastest = 100.0
+    blocks = plausibly_damped(Blocks(np.array([w]), np.array([zeta]), np.ones((1, 2, 1))), fastest)
+    assert np.abs(blocks.poles).max() <= 1.001 * max(FASTEST * fastest, w)
+    assert blocks.zeta[0] >= np.clip(0.5 * (w / fastest - 1.0), 2e-3, 0.7)
 
 
 @pytest.mark.parametrize("seed", range(4))

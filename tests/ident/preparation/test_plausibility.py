@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm, t
 
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
 from eightpost.ident.preparation.plausibility import Finding, record_findings
+from eightpost.ident.preparation.plausibility.comparison import SIGNIFICANT, few_blocks_factor
 from eightpost.ident.preparation.plausibility.rules import DISCONNECTED, SPIKES, SWAPPED, WRONG_DELAY, WRONG_SCALE
-from eightpost.rig.post import RigTest
+from eightpost.ident.preparation.plausibility.spikes import spikes
+from eightpost.rig.post import NO_DRIFT, LinearDamper, RigTest, flexible_truth, run_test, track_drive
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
@@ -66,6 +69,19 @@ def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: 
     assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
 
 
+@settings(max_examples=8, deadline=None)
+@given(corner=st.sampled_from(CORNERS), delay=st.floats(15.0, 60.0), with_velocity=st.booleans())
+def test_a_potentiometer_that_is_tens_of_milliseconds_late_is_named_and_nothing_else(
+    sound: TimeSeries, corner: str, delay: float, with_velocity: bool
+) -> None:
+    """Its velocity is late with it if the logger computes it from the potentiometer."""
+    names = [f"{corner}.{what}" for what in ("displacement", "velocity")][: 2 if with_velocity else 1]
+    found = record_findings(advance_channels(sound, dict.fromkeys(names, -1e-3 * delay)), CORNERS)
+    assert [(one.rule, one.channels) for one in found] == [(WRONG_DELAY, (name,)) for name in names]
+    for one in found:
+        assert float(one.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(1e-3 * delay, abs=3e-3)
+
+
 @pytest.mark.parametrize("name", CHANNELS[::3])
 def test_a_channel_that_carries_noise_is_named(sound: TimeSeries, name: str) -> None:
     noise = sound[name].std() * np.random.default_rng(0).standard_normal(len(sound))
@@ -89,6 +105,34 @@ def test_a_bump_that_several_channels_see_is_no_spike(sound: TimeSeries) -> None
         values[12_500] += 8.0 * values.std()
         bumped = with_row(bumped, name, values)
     assert not [one for one in record_findings(bumped, CORNERS) if one.rule is SPIKES]
+
+
+def test_friction_that_reverses_is_a_kink_of_an_acceleration_and_no_spike(sound: TimeSeries) -> None:
+    """The force drops within four samples and stays there, or rises to breakaway and drops."""
+    kinked, height = sound, 4.0 * float(sound["lf.hub_acceleration"].std())
+    for name, shape in (
+        ("lf.hub_acceleration", np.clip(np.arange(-3.0, 25_000.0) / 3.0, 0.0, 1.0)),
+        ("rr.hub_acceleration", np.exp(-np.arange(25_003.0) / 200.0)),
+    ):
+        values = sound[name].copy()
+        for place in (5000, 12_500, 20_000):
+            values[place:] += height * shape[: values.size - place]
+        kinked = with_row(kinked, name, values)
+    assert spikes(kinked) == ()
+
+
+def test_friction_in_an_anti_roll_bar_is_not_a_wrong_load_cell_of_a_soft_shock() -> None:
+    """A soft shock in front beside a stiff one, on a lap of a car with 31 N of friction in its front bar."""
+    car, shocks = flexible_truth(1010), [LinearDamper(rate) for rate in (3600.0, 1000.0, 3600.0, 3600.0)]
+    lap = run_test(car, track_drive(car, 51010, duration=20.0), shocks, seed=1510, drift=NO_DRIFT)
+    assert [str(one) for one in record_findings(lap.series, lap.corners) if one.rule is not SPIKES] == []
+
+
+def test_a_deviation_of_few_blocks_is_exceeded_as_rarely_as_a_known_one() -> None:
+    for blocks in (6, 9, 16):
+        limit = SIGNIFICANT * few_blocks_factor(blocks)
+        assert t.sf(limit, blocks - 1) == pytest.approx(norm.sf(SIGNIFICANT), rel=1e-6)
+    assert few_blocks_factor(9) > few_blocks_factor(16) > few_blocks_factor(10_000) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("pair", [("lf", "rf"), ("lr", "rr"), ("rf", "lr")])

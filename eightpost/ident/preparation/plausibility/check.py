@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from functools import partial
 
 from eightpost.corners import channel
-from eightpost.ident.preparation.plausibility.attribution import attribute
+from eightpost.ident.preparation.plausibility.attribution import Attribution, Fault, attribute
+from eightpost.ident.preparation.plausibility.comparison import Kind
 from eightpost.ident.preparation.plausibility.description import findings_of
 from eightpost.ident.preparation.plausibility.disconnected import disconnected
 from eightpost.ident.preparation.plausibility.drive import is_broadband
 from eightpost.ident.preparation.plausibility.finding import Finding
+from eightpost.ident.preparation.plausibility.large_delays import large_delays, without_delays
 from eightpost.ident.preparation.plausibility.laws import comparisons
 from eightpost.ident.preparation.plausibility.spectra import Spectra, spectra_of
 from eightpost.ident.preparation.plausibility.spikes import spikes
@@ -62,5 +64,19 @@ def law_findings(spectra: Spectra, corners: Sequence[str], *, mass: float | None
     spectra = spectra.without(name for finding in noise for name in finding.channels)
     swapped = swaps(spectra, corners)
     spectra = exchanged(spectra, swapped)
-    scales = attribute(spectra, partial(comparisons, corners=corners, mass=mass))
-    return (*noise, *swapped, *findings_of(scales))
+    late = large_delays(spectra, corners)
+    spectra = without_delays(spectra, late)
+    rest = attribute(spectra, partial(comparisons, corners=corners, mass=mass))
+    return (*noise, *swapped, *findings_of(_joined(late, rest)))
+
+
+def _joined(late: Sequence[Fault], rest: Attribution) -> Attribution:
+    """Return an attribution with large delays, to which the delays of the same channels that remained are added."""
+    delays = {fault.name: fault for fault in late}
+    others = []
+    for fault in rest.faults:
+        if fault.kind is Kind.DELAY and fault.name in delays:
+            delays[fault.name] = fault._replace(value=delays[fault.name].value + fault.value)
+        else:
+            others.append(fault)
+    return rest._replace(faults=(*delays.values(), *others))
