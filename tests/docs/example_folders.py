@@ -26,7 +26,7 @@ NOT_RUN = {
     "robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust_study.py",
     "confirm": "needs rig runs: tests/cosim/study/test_compare_commands.py",
     "compare": "needs rig runs or two studies: tests/cosim/study/test_compare_commands.py",
-    "validate vehicle.json rig/ --shock": "needs records of shocks named A and B: tests/ident/vehicle_validation/test_validate_command.py",
+    "validate vehicle.json rig/ --shock": "needs named shocks: tests/ident/vehicle_validation/test_validate_command.py",
     "select": "needs a study of many setups: tests/cosim/study/test_selection.py",
     "reproduce --all": "the page docs/evidence/reproduce.md runs it",
 }
