@@ -21,6 +21,10 @@ BUMP = 6.0
 #: Share of its deviation by which a spike must also deviate from the samples of each side alone. Friction that
 #: reverses, or breaks away, is a step or a kink of an acceleration, and continues one of the sides.
 ONE_SIDED = 0.5
+#: Deviation of the other accelerometer of a corner, in multiples of its usual deviation, that shows friction ...
+PARTNER = 3.0
+#: ... if the shock of the corner also reverses within this number of distances of the neighbours.
+REVERSAL = 3
 #: Distance in time within which channels see the same bump [s].
 SAME_TIME = 0.02
 #: Distances of the neighbours in samples: longer ones find spikes of several samples.
@@ -56,7 +60,18 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> tuple[Finding
             candidates = candidates[large & alone]
             measured = [other for other in series.names if other != name and other not in computed]
             others = [scores[other] for other in measured]
-            places = [place for place in candidates.tolist() if not _is_bump(others, place, reach)]
+            partner = scores.get(_partner(name))
+            velocity = f"{name.rpartition('.')[0]}.velocity"
+            places = [
+                place
+                for place in candidates.tolist()
+                if not _is_bump(others, place, reach)
+                and not (
+                    partner is not None
+                    and velocity in series.names
+                    and _is_friction(series[velocity], partner, place, distance)
+                )
+            ]
             found[name] = np.union1d(found.get(name, np.array([], dtype=np.intp)), places).astype(np.intp)
     return tuple(_finding(series, name, places) for name, places in found.items() if places.size)
 
@@ -65,6 +80,27 @@ def _is_bump(others: Sequence[Array], place: int, reach: int) -> bool:
     """Return whether another channel deviates from its neighbours at about the same time."""
     near = slice(max(0, place - reach), place + reach + 1)
     return any(float(score[near].max()) > BUMP for score in others)
+
+
+def _partner(name: str) -> str:
+    """Return the accelerometer on the other side of the shock; "" if the channel is no accelerometer of a corner."""
+    place, _, quantity = name.rpartition(".")
+    other = {"hub_acceleration": "chassis_acceleration", "chassis_acceleration": "hub_acceleration"}.get(quantity)
+    return f"{place}.{other}" if other and place else ""
+
+
+def _is_friction(velocity: Array, partner: Array, place: int, distance: int) -> bool:
+    """Return whether the shock reverses, and its friction pushes the mass on its other side at the same time.
+
+    Args:
+        velocity: Velocity of the shock (N,) [m/s].
+        partner: Scores of the accelerometer on the other side of the shock (N,).
+        place: Index of the sample.
+        distance: Distance of the neighbours in samples.
+    """
+    near = slice(max(0, place - REVERSAL * distance), place + REVERSAL * distance + 1)
+    same = slice(max(0, place - distance), place + distance + 1)
+    return bool(velocity[near].min() < 0.0 < velocity[near].max() and partner[same].max() > PARTNER)
 
 
 def _deviations(values: Array, distance: int) -> Array:
