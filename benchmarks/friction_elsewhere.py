@@ -32,7 +32,7 @@ NEARLY_NOTHING = 1e-3
 
 
 def without_bar_friction(car: FlexibleCar) -> FlexibleCar:
-    """Return the car with hardly any friction at its anti-roll bars, the last two of its sliders."""
+    """Return the car with a thousandth of the friction at its anti-roll bars, the last two of its sliders."""
     sizes = np.array([1.0, 1.0, 1.0, 1.0, NEARLY_NOTHING, NEARLY_NOTHING])
     friction = car.friction
     return replace(
@@ -42,7 +42,7 @@ def without_bar_friction(car: FlexibleCar) -> FlexibleCar:
 
 
 def without_hysteresis(car: FlexibleCar) -> FlexibleCar:
-    """Return the car with hardly any hysteresis in its tires."""
+    """Return the car with a thousandth of the hysteresis in its tires."""
     return replace(car, tires=replace(car.tires, hysteresis=car.tires.hysteresis.scaled(NEARLY_NOTHING)))
 
 

@@ -98,7 +98,7 @@ def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) ->
 
 
 def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each channel that was read from one of several columns without being told which."""
+    """Yield a reason for each channel for which one of several possible columns was chosen."""
     for name in ("displacement", "velocity", "force"):
         if name not in mapping.channels or (given is not None and name in given.channels):
             continue

@@ -129,13 +129,13 @@ def _columns(names: Sequence[str], x_columns: str, path: Path) -> list[tuple[int
     """Return the columns of the time and of the samples of each channel; None for a time without a column."""
     if x_columns == "No":
         return [(None, y) for y in range(len(names))]
-    if x_columns != "Multi":
-        return [(0, y) for y in range(1, len(names))]
     pairs = [(x, x + 1) for x in range(0, len(names), 2)]
-    if len(names) % 2 or any(names[x] != _X for x, _ in pairs):
-        what = f"it has an X column for each channel (X_Columns Multi), but its columns are {', '.join(names)}"
+    if x_columns == "Multi" and not len(names) % 2 and all(names[x] == _X for x, _ in pairs):
+        return list(pairs)
+    if x_columns == "Multi" or _X in names[1:]:
+        what = f"its header states the X columns {x_columns!r}, but its columns are {', '.join(names)}; export it again"
         raise FileFormatError(what, path=path)
-    return list(pairs)
+    return [(0, y) for y in range(1, len(names))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,10 @@ def _facts(tags: dict[str, list[str]], k: int, count: int, spread: int, path: Pa
         what = f"its X axis is {dimension!r}, not the time; export the record over time"
         raise FileFormatError(what, path=path)
     scale = convert(1.0, label, "s") if label and is_unit(label) and compatible(label, "s") else 1.0
-    first, step = (float(cell(tag) or 0.0) * scale for tag in ("X0", "Delta_X"))
+    try:
+        first, step = (float(cell(tag) or 0.0) * scale for tag in ("X0", "Delta_X"))
+    except ValueError as error:
+        raise FileFormatError(f"its start X0 or increment Delta_X is not a number: {error}", path=path) from error
     return _Facts(cell("Y_Unit_Label"), first, step, _moment(cell("Date"), cell("Time")), scale)
 
 
@@ -208,8 +211,9 @@ def _with_shared_times(signals: Sequence[Signal]) -> Iterator[Signal]:
 def _is_same(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     if times.size != others.size:
         return False
-    step = float(np.median(np.diff(times))) if times.size > 1 else 1.0
-    return bool(np.abs(times - others).max(initial=0.0) <= _SAME * step)  # False if there is a NaN
+    with np.errstate(invalid="ignore"):  # infinite times; they are refused with their line
+        step = float(np.median(np.diff(times))) if times.size > 1 else 1.0
+        return bool(np.abs(times - others).max(initial=0.0) <= _SAME * step)  # False if there is a NaN
 
 
 # ---- Segments and tables --------------------------------------------------------------------------------------------

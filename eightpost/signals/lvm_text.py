@@ -76,7 +76,7 @@ def _without_breaks(lines: Iterator[str], separator: str, path: Path) -> Iterato
     x_columns = ""
     for number, line in enumerate(lines, 1):
         if line.startswith("X_Columns"):
-            x_columns = line.split(separator)[1].strip()
+            x_columns = line.partition(separator)[2].strip()
         if line in ("", separator):
             was_empty = True
             continue

@@ -94,6 +94,7 @@ def test_a_value_may_have_another_unit_and_be_a_number_of_numpy(loaded):
     ({"shock.velocity": 1.0}, r"shock\.velocity is an input, not a parameter"),
     ({"shock.compression_scale": -1.0}, r"outside its range, 0 to any"),
     ({"shock.gas_preload": "30 mm"}, r"dimensions differ"),
+    ({"shock.gas_preload": None}, r"the value is None; give a number, or a text such as"),
 ])  # fmt: skip
 def test_a_wrong_parameter_is_an_error_of_the_call(loaded, scenario, values, message):
     with pytest.raises(WiringError, match=message):

@@ -26,6 +26,8 @@ NOT_RUN = {
     "robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust_study.py",
     "confirm": "needs rig runs: tests/cosim/study/test_compare_commands.py",
     "compare": "needs rig runs or two studies: tests/cosim/study/test_compare_commands.py",
+    "validate vehicle.json rig/ --shock": "needs named shocks: tests/ident/vehicle_validation/test_validate_command.py",
+    "select": "needs a study of many setups: tests/cosim/study/test_selection.py",
     "reproduce --all": "the page docs/evidence/reproduce.md runs it",
 }
 
@@ -36,7 +38,14 @@ SHORTER = {"'100 s'": "'10 s'"}
 RIG = " --duration '10 s'"
 
 #: Exit codes of verbs whose verdict on these data may be negative.
-CODES = {"inspect": (0, 1), "validate": (0, 1), "identify": (0, 1), "settings": (0, 1), "compare": (0, 1)}
+CODES = {
+    "inspect": (0, 1),
+    "linearity": (0, 1),
+    "validate": (0, 1),
+    "identify": (0, 1),
+    "settings": (0, 1),
+    "compare": (0, 1),
+}
 
 _RECORDS = "record('dyno_A', 'run1.csv', 'run2.csv', 'dyno.csv', 'a.csv', 'b.csv', 'A.csv', 'day.csv', 'data/a.csv')\n"
 
@@ -109,8 +118,12 @@ call("dyno --configuration 5 --test sine --amplitude '1 in' --speed '10 in/s' -o
 call("dyno --build C/B --duration '61 s' -o track.csv")
 """,
     "identify": """
-for name, configuration in {"q1": 1, "q5": 5}.items():
-    call(f"rig --car quarter_car --test random --shock configuration:{configuration} --duration '30 s' -o {name}.csv")
+for name, damping in {"q1": 31.03, "q5": 15.0}.items():
+    call(f"rig --car quarter_car --test random --shock '{damping} lbf.s/in' --duration '30 s' -o {name}.csv")
+""",
+    "linearity": """
+for road in ("lf.road", "rf.road"):
+    call(f"rig --test single --only {road} --duration '60 s' -o rig/{road.replace('.', '_')}.parquet")
 """,
     "vehicle": "shutil.copy('examples/car.toml', 'car.toml')\n" + _CAR,
     "export": _CAR + "take('shock.json')\n" + _SETTINGS + """
@@ -123,5 +136,4 @@ call("settings rebound.toml --law lpf1 -o adjustable.json", (0, 1))
     "run": "take('dist')\n",
     "ssp": "take('dist')\n",
     "sensitivity": "take('out')\n",
-    "select": "take('out')\n",
 }  # fmt: skip

@@ -101,7 +101,7 @@ class LawChoice:
 
     @property
     def left_out(self) -> LeftOutParts:
-        """What was left out for the errors that decide: `builds`, `runs`, or `quarters` of them."""
+        """Parts that were left out for the errors that decide: `builds`, `runs`, or `quarters` of them."""
         return self.chosen.decides if self.chosen.runs is not None else "quarters"
 
     def __getitem__(self, law: str) -> LawScore:

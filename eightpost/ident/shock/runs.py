@@ -88,7 +88,7 @@ class Runs:
 
     @cached_property
     def covariate(self) -> Array:
-        """What may change a shock slowly, at the rows (R,): the temperature [K] about its mean over all runs.
+        """Slow influence on a shock at the rows (R,): the temperature [K] about its mean over all runs.
 
         If a run has no temperature, or if it changes by less than 1 K, it is the time of each run about its middle [s].
         """

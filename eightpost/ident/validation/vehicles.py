@@ -103,7 +103,7 @@ class VehicleValidation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of the records, a sentence each."""
+        """Remarks on the records, a sentence each."""
         return tuple(note for case in self.cases for note in case.extrapolations + case.notes)
 
     @property

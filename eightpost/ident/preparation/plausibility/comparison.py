@@ -115,7 +115,7 @@ def _deviation(fit: Regression, samples: Array) -> float:
 
 @cache
 def few_blocks_factor(blocks: int) -> float:
-    """Return by how much a deviation from a few blocks must be larger to be exceeded as rarely as a known one.
+    """Return the factor by which a deviation from a few blocks must be larger to be exceeded as rarely as a known one.
 
     A figure over its jackknife deviation from B blocks has Student's distribution with B - 1 degrees of freedom:
     chance exceeds four standard deviations of 8 blocks 80 times as often as four known ones.
