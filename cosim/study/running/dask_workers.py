@@ -206,8 +206,11 @@ class DaskWorkers:
         """Wait briefly for a task to finish; return the finished ones."""
         if not running:  # there are no workers
             time.sleep(_POLL)
-        with suppress(TimeoutError), self._client.as_current():
-            wait(list(running), timeout=_POLL, return_when="FIRST_COMPLETED")
+        try:
+            with suppress(TimeoutError), self._client.as_current():
+                wait(list(running), timeout=_POLL, return_when="FIRST_COMPLETED")
+        except CancelledError as error:  # the client has lost its scheduler, and all tasks with it
+            raise self._lost(error) from error
         return [future for future in running if future.done()]
 
     def _result(self, future: Any) -> Any:
