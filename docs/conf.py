@@ -35,7 +35,7 @@ extensions = [
 root_doc = "docs/index"
 include_patterns = [
     "docs/**.md", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fmus/*/README.md", "fmus/common/shock.md",
-    "docs/notebooks/*.ipynb", "examples/notebooks/*.ipynb",
+    "examples/notebooks/*.ipynb",
 ]  # fmt: skip
 exclude_patterns = ["out", ".venv", "build", "dist", "demo", "tests", "benchmarks", ".git", "**/.ipynb_checkpoints"]
 source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
@@ -73,6 +73,8 @@ smartquotes = False  # options begin with two hyphens
 html_static_path = ["site/static"]
 templates_path = ["site/templates"]
 html_css_files = ["eightpost.css"]
+html_search_scorer = str(HERE / "site" / "search_order.js")
+html_context = {"default_mode": "auto"}
 html_copy_source = False
 html_show_sourcelink = False
 html_math_renderer = "mathml"

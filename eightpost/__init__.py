@@ -6,13 +6,13 @@ is first used: `import eightpost as ep`, then `ep.read`, `ep.fit`, `ep.run`. Typ
 
 __version__ = "0.2.0"
 
-#: Modules of the public names. They are above this package in the order of imports (pyproject.toml), so that they are
-#: named, not imported: no module below loads them by loading this package.
+#: Modules of the public names, in the order of the work. They are above this package in the order of imports
+#: (pyproject.toml), so that they are named, not imported: no module below loads them by loading this package.
 _HOMES = {
-    "eightpost.api.reading": ("examples", "read"),
-    "eightpost.api.shocks": ("build", "fit", "simulate"),
+    "eightpost.api.reading": ("read", "examples"),
+    "eightpost.api.shocks": ("fit", "simulate", "build"),
     "eightpost.api.vehicles": ("identify",),
-    "eightpost.api.runs": ("compare", "run", "sweep"),
+    "eightpost.api.runs": ("run", "sweep", "compare"),
     "eightpost.api.studies": ("study",),
     "eightpost.errors": ("EightpostError",),
     "eightpost.signals": ("Drivefile", "TimeSeries"),
@@ -21,7 +21,7 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [  # noqa: PLE0604 -- the literal list is in __init__.pyi
-    *sorted(_HOME)
+    *_HOME
 ]
 
 

@@ -1,6 +1,5 @@
-"""What the site needs of the repository: titles in place of file names, the list of notebooks, a page in its root."""
+"""What the site needs of the repository: titles in place of file names, a page in its root."""
 
-import os
 import posixpath
 import re
 from pathlib import Path
@@ -12,20 +11,6 @@ from sphinx.application import Sphinx
 _FRONT = """<!doctype html><meta charset="utf-8"><title>eightpost</title>
 <meta http-equiv="refresh" content="0; url=docs/index.html"><a href="docs/index.html">eightpost</a>
 """
-
-#: Page and mark that the list of notebooks replaces.
-_LIST, _MARK = "docs/notebooks/index", "<!-- list of notebooks -->"
-
-
-def _list_notebooks(app: Sphinx, name: str, source: list[str]) -> None:
-    """Put the notebooks that are there into the page of notebooks."""
-    if name != _LIST:
-        return
-    here = Path(app.srcdir, *_LIST.split("/")).parent
-    found = sorted(doc for doc in app.env.found_docs if str(app.env.doc2path(doc)).endswith(".ipynb"))
-    links = [Path(os.path.relpath(Path(app.srcdir, doc), here)).as_posix() for doc in found]
-    tree = "\n".join(["```{toctree}", ":maxdepth: 1", "", *links, "```"]) if links else "No notebook is there yet."
-    source[0] = source[0].replace(_MARK, tree)
 
 
 def _title_links(app: Sphinx, doctree: nodes.document, name: str) -> None:
@@ -46,9 +31,7 @@ def _front_page(app: Sphinx, error: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect the list, the titles and the front page."""
-    app.connect("source-read", _list_notebooks)
-    app.connect("env-get-outdated", lambda *_: [_LIST])
+    """Connect the titles and the front page."""
     app.connect("doctree-resolved", _title_links)
     app.connect("build-finished", _front_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
