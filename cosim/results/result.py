@@ -13,14 +13,13 @@ from cosim.results.run_data import RunData
 from cosim.results.run_verdict import verdict_of
 from eightpost import __version__
 from eightpost.array_types import Array
-from eightpost.display import Summarized, Summary
+from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
-from eightpost.signals import TimeSeries, read_series, write_series
+from eightpost.signals import Recording, TimeSeries, read_series, write_series
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from eightpost.report.pictures import Picture
@@ -30,8 +29,45 @@ if TYPE_CHECKING:
 SCHEMA = 1
 
 
+class RunChannels(Recording):
+    """Channels of a run: by name, as tables and as a picture."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def order(self) -> tuple[str, ...]:
+            """Components in the order of stepping."""
+
+    def plot(
+        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
+    ) -> Picture:
+        """Return a picture of recorded channels over time.
+
+        Args:
+            channels: Names of the channels; default: the first twelve.
+            start: Start of the shown part [s]; default: so that a long run shows its middle.
+            stop: End of the shown part [s].
+
+        Raises:
+            MissingChannelError: A channel was not recorded.
+        """
+        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return picture(self.series, channels, start=start, stop=stop, title=", ".join(self.order))
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a recorded channel (N,) in its SI unit.
+
+        Raises:
+            MissingChannelError: The channel was not recorded.
+        """
+        return self.series[name]
+
+
 @dataclass(frozen=True, repr=False)
-class Result(RunData, Summarized):
+class Result(RunData, RunChannels):
     """Result of one run: its data, which `RunData` describes, with verdict, pictures and files."""
 
     @cached_property
@@ -60,14 +96,6 @@ class Result(RunData, Summarized):
             ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
         )
 
-    def to_pandas(self) -> pd.DataFrame:
-        """Return the recorded channels, in SI, over the time [s]; units are in `attrs["units"]`.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
-        return self.series.to_pandas()
-
     def to_xarray(self) -> xr.Dataset:
         """Return the recorded channels, in SI, over `time` [s]; the attributes state verdict, scheme and step.
 
@@ -76,31 +104,6 @@ class Result(RunData, Summarized):
         """
         stated = {"verdict": self.verdict.grade.value, "algorithm": self.scheme or self.algorithm, "step": self.step}
         return self.series.to_xarray().assign_attrs(stated)
-
-    def plot(
-        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
-    ) -> Picture:
-        """Return a picture of recorded channels over time.
-
-        Args:
-            channels: Names of the channels; default: the first twelve.
-            start: Start of the shown part [s]; default: so that a long run shows its middle.
-            stop: End of the shown part [s].
-
-        Raises:
-            MissingChannelError: A channel was not recorded.
-        """
-        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
-
-        return picture(self.series, channels, start=start, stop=stop, title=", ".join(self.order))
-
-    def __getitem__(self, name: str) -> Array:
-        """Return a recorded channel (N,) in its SI unit.
-
-        Raises:
-            MissingChannelError: The channel was not recorded.
-        """
-        return self.series[name]
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write series.parquet, series.csv and result.json; an old file is replaced only by a complete one."""
@@ -128,8 +131,8 @@ class Result(RunData, Summarized):
 # ---- A run in a folder -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class SavedRun:
+@dataclass(frozen=True, repr=False)
+class SavedRun(RunChannels):
     """A run that `Result.write` wrote.
 
     Attributes:
@@ -141,6 +144,33 @@ class SavedRun:
     series: TimeSeries
     document: Mapping[str, Any]
     sources: str
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Verdict of the run.
+
+        Raises:
+            InputError: The document has none, or a damaged one.
+        """
+        return Verdict.from_json(self.document.get("verdict"))
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Components in the order of stepping; those with a recorded channel if the document does not state it."""
+        stated = self.document.get("order")
+        recorded = dict.fromkeys(name.partition(".")[0] for name in self.series.names)
+        return tuple(map(str, stated if isinstance(stated, list) else recorded))
+
+    def _summary(self) -> Summary:
+        stated = self.document.get("verdict")
+        verdict = stated.get("summary") if isinstance(stated, Mapping) else None
+        return Summary.of(
+            "Run in a folder",
+            ("verdict", str(verdict or "not stated")),
+            ("components", ", ".join(self.order)),
+            ("sources", self.sources),
+            *self.series.summary_rows(),
+        )
 
     @classmethod
     def load(cls, folder: str | Path) -> SavedRun:

@@ -10,6 +10,7 @@ from cosim.session.automatic import SCHEMES, Automatic
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import DEFAULT_STEP, System
+from eightpost.display import Summarized, Summary
 from eightpost.errors import InputError
 from eightpost.wiring import Wiring
 
@@ -17,8 +18,8 @@ from eightpost.wiring import Wiring
 PERCENT = 0.01
 
 
-@dataclass(frozen=True)
-class Case:
+@dataclass(frozen=True, repr=False)
+class Case(Summarized):
     """Contents of a system file or a package, ready to run.
 
     Attributes:
@@ -38,6 +39,16 @@ class Case:
     step: float | None = None
     fmus: Mapping[str, Path] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def _summary(self) -> Summary:
+        step = "" if self.step is None else f", step {1e3 * self.step:g} ms"
+        return Summary.of(
+            f"System {self.name}",
+            *self.system.summary_rows(),
+            *self.scenario.summary_rows(),
+            ("algorithm", f"{self.algorithm.name}{step}"),
+            ("notes", f"{len(self.notes)}; see .notes" if self.notes else ""),
+        )
 
     @property
     def wiring(self) -> Wiring:
@@ -72,4 +83,4 @@ def _with_tolerance(algorithm: Algorithm | Automatic, percent: float) -> Algorit
         return replace(algorithm, tolerance=percent)
     if isinstance(algorithm, Adaptive):
         return replace(algorithm, relative=PERCENT * percent)
-    raise InputError(f"--tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")
+    raise InputError(f"tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")

@@ -55,15 +55,18 @@ class Scenario(Summarized):
             if isinstance(value := getattr(self, name), str):
                 raise InputError(f"scenario: {name} is {value!r}; give a number of seconds")
         if self.drive is not None and not isinstance(self.drive, Drivefile):
-            what = f"Drivefile.read({self.drive!r})" if isinstance(self.drive, str | Path) else "a Drivefile"
+            what = f"Drivefile.read({str(self.drive)!r})" if isinstance(self.drive, str | Path) else "a Drivefile"
             raise InputError(f"scenario: drive is a {type(self.drive).__name__}; give {what}")
         if isinstance(self.record, str):
             raise InputError(f"scenario: record is a text; give a list of names: [{self.record!r}]")
 
     def _summary(self) -> Summary:
+        return Summary.of("Scenario", *self.summary_rows())
+
+    def summary_rows(self) -> tuple[tuple[str, str], ...]:
+        """Return duration, drive and recorded variables as rows of a summary."""
         every = "every step" if self.record_step is None else f"every {1e3 * self.record_step:g} ms"
-        return Summary.of(
-            "Scenario",
+        return (
             ("duration", f"{self.stop:g} s"),
             ("drive", "none" if self.drive is None else f"{some(self.drive.names)} from {self.drive_start:g} s"),
             ("record", f"{some(self.record) or 'every output'}, {every}"),

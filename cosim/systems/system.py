@@ -152,9 +152,12 @@ class System(Summarized):
         return system.with_parameters({name: value for name, value in given.items() if name not in own})
 
     def _summary(self) -> Summary:
+        return Summary.of("System", *self.summary_rows())
+
+    def summary_rows(self) -> tuple[tuple[str, str], ...]:
+        """Return components, bonds and other connections, and changed values, as rows of a summary."""
         changed = [f"{part}.{name} = {value}" for part, own in self.parameters.items() for name, value in own.items()]
-        return Summary.of(
-            "System",
+        return (
             ("components", some((f"{name} ({Path(c.source).name})" for name, c in self.components.items()), 8)),
             ("bonds", some((bond.name for bond in self.bonds), 8)),
             ("connections", some((f"{c.source} -> {c.target}" for c in self.connections), 3)),

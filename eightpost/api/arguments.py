@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError, InputError, missing_file
+
+if TYPE_CHECKING:
+    from eightpost.signals import ChannelMap
 
 
 def existing(path: str | Path) -> Path:
     """Return the path of a file or folder.
 
     Raises:
+        InputError: It is not a path.
         FileFormatError: It does not exist; the message lists similar names in its folder.
     """
+    if not isinstance(path, str | Path):
+        raise InputError(f"a file is needed here, as a text or a Path, not {a(path)}")
     path = Path(path)
     if path.exists():
         return path
@@ -53,11 +61,33 @@ def existing_toml(path: str | Path, kind: str) -> Path:
     return path
 
 
+def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) -> ChannelMap | None:
+    """Return the channel map of an argument: a map, a file of one, or the name of the column by channel.
+
+    Raises:
+        InputError: It is none of them.
+        FileFormatError: The file cannot be read.
+    """
+    from eightpost.signals import ChannelMap, MappedChannel
+
+    if given is None or isinstance(given, ChannelMap):
+        return given
+    if isinstance(given, str | Path):
+        return ChannelMap.read(given)
+    if not isinstance(given, Mapping) or not all(isinstance(column, str) for column in given.values()):
+        raise InputError(
+            f"channel_map is {given!r}; give a file, a ChannelMap, or columns by channel: {{'force': 'Load cell 2'}}"
+        )
+    return ChannelMap({name: MappedChannel(column) for name, column in given.items()})
+
+
 def a(value: object) -> str:
     """Return the type of a value with its article.
 
-    >>> a(1.0)
-    'a float'
+    >>> a(1.0), a(None)
+    ('a float', 'None')
     """
+    if value is None:
+        return "None"
     name = type(value).__name__
     return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"

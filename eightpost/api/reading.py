@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
-from eightpost.api.arguments import existing, toml_kind
+from eightpost.api.arguments import channel_map_of, existing, toml_kind
 from eightpost.errors import InputError, suggestion
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def read(
     path: str | Path,
     kind: Literal["dyno"],
     *,
-    channel_map: ChannelMap | str | Path | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> DynoTest: ...
@@ -66,7 +66,7 @@ def read(
     path: str | Path,
     kind: Literal["rig"],
     *,
-    channel_map: ChannelMap | str | Path | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> RigTest: ...
@@ -75,7 +75,7 @@ def read(
     path: str | Path,
     kind: Literal["drive"],
     *,
-    channel_map: ChannelMap | str | Path | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Drivefile: ...
 @overload
@@ -97,7 +97,7 @@ def read(
     path: str | Path,
     kind: None = None,
     *,
-    channel_map: ChannelMap | str | Path | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> Readable: ...
@@ -105,7 +105,7 @@ def read(
     path: str | Path,
     kind: Kind | None = None,
     *,
-    channel_map: ChannelMap | str | Path | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> Readable:
@@ -118,7 +118,8 @@ def read(
     Args:
         path: Path of the file, or of the folder of a run.
         kind: Kind of the content; default: found in the file. A type checker then knows what is returned.
-        channel_map: Columns by channel, or the file with them, for records with other column names.
+        channel_map: Columns by channel, for records with other column names: a file, a ChannelMap, or a mapping such as
+            {"force": "Load cell 2"}.
         units: Units by channel, for columns without a unit in the header of a record.
         flip: Channels of a record whose sign is changed.
 
@@ -135,12 +136,12 @@ def read(
     _check_options(units, flip)
     if kind is not None and kind not in KINDS:
         raise InputError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
-    found = kind or _kind_of(path, _map(channel_map))
+    found = kind or _kind_of(path, channel_map_of(channel_map))
     if found not in _RECORDS:
         if channel_map is not None or units or tuple(flip):
             raise InputError(f"{path}: channel_map, units and flip belong to records, and this file is a {found}")
         return _document(path, found)
-    return _record(path, found, _map(channel_map), dict(units or {}), tuple(flip))
+    return _record(path, found, channel_map_of(channel_map), dict(units or {}), tuple(flip))
 
 
 def _check_options(units: object, flip: object) -> None:
@@ -148,12 +149,6 @@ def _check_options(units: object, flip: object) -> None:
         raise InputError(f"units is {units!r}; give units by channel: {{'force': 'lbf'}}")
     if isinstance(flip, str):
         raise InputError(f"flip is {flip!r}; give a list of channels: [{flip!r}]")
-
-
-def _map(given: ChannelMap | str | Path | None) -> ChannelMap | None:
-    from eightpost.signals import ChannelMap
-
-    return ChannelMap.read(given) if isinstance(given, str | Path) else given
 
 
 def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:

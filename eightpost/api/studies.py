@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eightpost.api.arguments import existing_toml
-from eightpost.errors import InputError
+from eightpost.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from builder.build import Built
@@ -50,6 +50,7 @@ def study(
     from eightpost.progress import advance, portion, reported_to
     from eightpost.workers.process import usable_processors
 
+    check_number("workers", workers)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers!r}; it must be 1 or more")
     with reported_to(progress):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eightpost.api.arguments import a, existing
+from eightpost.api.arguments import a, channel_map_of, existing
 from eightpost.errors import InputError, check_number
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def identify(
     preparation: Preparation | None = None,
     static: Sequence[str | Path | RigTest] = (),
     outputs: Sequence[str] = (),
-    channel_map: ChannelMap | None = None,
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     progress: Progress | None = None,
 ) -> VehicleFit:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
@@ -45,7 +45,7 @@ def identify(
         preparation: Settings that replace rate and settling.
         static: Tests with held loads, for static tire forces and ride heights.
         outputs: Outputs of the model; default: all possible ones.
-        channel_map: Columns by channel, for files with other column names.
+        channel_map: Columns by channel, for files with other column names: a file, a ChannelMap, or a mapping.
         progress: Callback that receives the amount of work done and the total.
 
     Returns:
@@ -69,6 +69,9 @@ def identify(
     for argument, value, unit in (("damping", damping, "N.s/m"), ("rate", rate, "Hz"), ("settling", settling, "s")):
         check_number(argument, value, unit)
     recipe_of(recipe)  # refuses an unknown one before the records are read
+    if not isinstance(tests, Iterable):
+        raise InputError(f"identify takes a list of rig tests and their files, not {a(tests)}")
+    mapped = channel_map_of(channel_map)
     tests = tests if isinstance(tests, str | Path) else list(tests)
     if isinstance(tests, str | Path) or len(tests) < 2:
         raise InputError(
@@ -80,14 +83,14 @@ def identify(
     how = preparation or Preparation(Decimation(rate), settling=settling)
     with reported_to(progress):
         with portion(0.0, 0.2):
-            prepared = prepare(_tests(tests, channel_map), how)
+            prepared = prepare(_tests(tests, mapped), how)
         plan = plan_identification(
             prepared,
             name=name,
             baseline=baseline,
             damping=damping,
             outputs=outputs,
-            static=_tests(static, channel_map),
+            static=_tests(static, mapped),
         )
         with portion(0.2, 1.0):
             return plan.identify(recipe)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from eightpost import units
 from eightpost.array_types import Array
+from eightpost.errors import InputError, check_number
 from eightpost.report.pictures import Axes, Figure, Picture, new_figure, panels_of
 from eightpost.signals import TimeSeries
 
@@ -71,11 +72,17 @@ def picture(
 
     Raises:
         MissingChannelError: The series has no such channel.
+        InputError: There is no sample between start and stop.
     """
+    for name, value in (("start", start), ("stop", stop)):
+        check_number(name, value, "s")
     shown = tuple([channels] if isinstance(channels, str) else channels) or series.names[:PANELS]
     series = series.select(shown)
     begin, end = excerpt(series) if start is None and stop is None else (float(series.time[0]), float(series.time[-1]))
     begin, end = begin if start is None else start, end if stop is None else stop
+    if not (max(begin, series.time[0]) < min(end, series.time[-1])):
+        span = f"{series.time[0]:g} to {series.time[-1]:g} s"
+        raise InputError(f"start = {begin:g} s and stop = {end:g} s contain no sample; the channels cover {span}")
     return Picture(traces({title or "series": series}, shown, start=begin, stop=end, title=title))
 
 

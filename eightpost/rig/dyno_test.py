@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eightpost.display import Summarized, Summary
+from eightpost.display import Summary
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map
@@ -25,12 +25,10 @@ from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
 from eightpost.signals.raw_record import mapped_series
+from eightpost.signals.recording import Recording
 from eightpost.verdict import Reason
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
     from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
@@ -46,7 +44,7 @@ SHORTEST, FEWEST = 0.5, 200
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DynoTest(Summarized):
+class DynoTest(Recording):
     """A dynamometer test that passed all checks.
 
     Attributes:
@@ -95,22 +93,6 @@ class DynoTest(Summarized):
             ("derived", "; ".join(self.derived)),
             ("warnings", "; ".join(self.warnings)),
         )
-
-    def to_pandas(self) -> pd.DataFrame:
-        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
-        return self.series.to_pandas()
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return the channels, in SI, over the coordinate `time` [s].
-
-        Raises:
-            MissingExtraError: xarray is not installed.
-        """
-        return self.series.to_xarray()
 
     def plot(self) -> Picture:
         """Return a picture of force over velocity."""

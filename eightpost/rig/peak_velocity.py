@@ -1,4 +1,4 @@
-"""Tables of peak velocities and forces (PVP), and their files."""
+"""Files with tables of peak velocities and forces (PVP)."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from eightpost.array_types import Array
 from eightpost.errors import (
     DataError,
     MissingChannelError,
-    TooShortError,
     UnknownUnitError,
     WrongSignError,
 )
 from eightpost.files import sha256_of
 from eightpost.rig.continuous_velocity import MOST_PEAKS, is_loop, loop_means
 from eightpost.rig.dyno_conditions import conditions_from
+from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.signals.faults import check_finite
 from eightpost.signals.formats import read_records
 from eightpost.signals.raw_record import is_number, letters_of
@@ -30,65 +30,6 @@ from eightpost.units import compatible, convert
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
 
-
-# ---- Peak-velocity table --------------------------------------------------------------------------------------------
-
-#: Minimum number of speeds for a curve.
-FEWEST = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PeakVelocityTable:
-    """Force by speed in both strokes, at one setting of the adjusters and without dynamics.
-
-    Attributes:
-        speed: Peak speeds (K,) [m/s], positive and increasing.
-        compression: Force in compression (K,) [N], positive.
-        rebound: Force in rebound (K,) [N], negative.
-        clicks: Adjuster settings and how they are counted, in the team's words.
-        source: Path of the file, None for a table created in memory.
-        sha256: SHA-256 digest of the file, empty without a file.
-        gas_force: Gas force in the table [N]; `compression` and `rebound` are without it.
-        gas_source: Description of how the gas force was found; empty without a gas force.
-
-    Raises:
-        TooShortError: There are fewer than two speeds.
-        DataError: The columns differ in length or contain NaN, or the speeds are not positive and increasing.
-    """
-
-    speed: Array
-    compression: Array
-    rebound: Array
-    clicks: str | None = None
-    source: Path | None = None
-    sha256: str = ""
-    gas_force: float = 0.0
-    gas_source: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "compression", "rebound"):
-            values = np.asarray(getattr(self, name), dtype=np.float64)
-            object.__setattr__(self, name, values)
-            if values.shape != (len(self),):
-                what = f"has {values.size} values, but speed has {len(self)}; every row needs all three values"
-                raise DataError(what, path=self.source, channel=name)
-            if not np.isfinite(values).all():
-                row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-                what = f"row {row} is not a number; enter a number or delete the row"
-                raise DataError(what, path=self.source, channel=name)
-        if len(self) < FEWEST:
-            what = f"the table has {len(self)} speeds; a curve needs at least {FEWEST}"
-            raise TooShortError(what, path=self.source)
-        if self.speed[0] <= 0.0 or (np.diff(self.speed) <= 0.0).any():
-            what = f"speeds must be positive and increase from row to row, not {self.speed.tolist()}"
-            raise DataError(what, path=self.source, channel="speed")
-
-    def __len__(self) -> int:
-        """Return the number of speeds K."""
-        return int(np.size(self.speed))
-
-
-# ---- Reading of peak-velocity tables from text files, in the layouts of manufacturers and dynamometers --------------
 
 _SPEED = {"speed", "velocity", "vel", "v", "peakvelocity", "peakspeed", "shaftspeed", "pistonspeed"}
 _FORCE = {"force", "f", "load", "peakforce"}

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from eightpost import __version__
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.at_setting import band_section, force_half_width, setting_reasons, setting_text
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import LAWS, law_name, own_parameters
+from eightpost.shock.laws import LAWS, law_name, law_title, own_parameters, parameter_units
 from eightpost.shock.port import Port
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, setting_of
 from eightpost.validity import Validity
@@ -25,8 +26,8 @@ from eightpost.verdict import Verdict
 SCHEMA = 1
 
 
-@dataclass(frozen=True)
-class Shock:
+@dataclass(frozen=True, repr=False)
+class Shock(Summarized):
     """A shock: a law, and what is known about its origin.
 
     Args:
@@ -52,6 +53,20 @@ class Shock:
     def __post_init__(self) -> None:
         if self.settings is not None and not self.law.curve.has_knots:
             raise ValueError("settings: the curve must have knots, because a setting changes the slopes at them")
+
+    def _summary(self) -> Summary:
+        verdict = self.validity.verdict if self.validity else None
+        axes = self.settings.axes if self.settings else ()
+        return Summary.of(
+            f"Shock {self.name}: {law_title(self.law_name)}",
+            ("verdict", verdict.headline if verdict else "not stated"),
+            ("reason", str(verdict.decisive[0]) if verdict and verdict.reasons else ""),
+            ("parameters", some(_own_texts(self.law))),
+            ("curve", _curve_text(self.law)),
+            ("settings", ", ".join(axis.name for axis in axes)),
+            ("ranges", some(f"{known.variable} {known}" for known in (self.validity.ranges if self.validity else ()))),
+            ("made from", some(str(entry.get("name", "")) for entry in self.inputs)),
+        )
 
     @property
     def law_name(self) -> str:
@@ -100,6 +115,24 @@ class Shock:
                 raise ParameterError(
                     f"shock {self.name!r}: {axis.name} = {value:g} is beyond the adjuster's stops, {low:g} to {high:g}"
                 )
+
+
+def _own_texts(law: ShockLaw) -> Iterator[str]:
+    """Yield the law's own parameters that are single numbers, as text with the unit."""
+    units = parameter_units(type(law))
+    for name in own_parameters(type(law)):
+        value = getattr(law, name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            yield f"{name} {value:.4g} {units.get(name, '')}".rstrip()
+
+
+#: Velocity at which a summary states both forces [m/s].
+_SHOWN = 0.1
+
+
+def _curve_text(law: ShockLaw) -> str:
+    compression, rebound = (law.curve.force(sign * _SHOWN) for sign in (1.0, -1.0))
+    return f"{compression:.4g} N and {rebound:.4g} N at {_SHOWN:g} m/s in compression and rebound"
 
 
 def write_shock(shock: Shock, path: str | Path) -> None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.display import Summarized, Summary
+from eightpost.display import Summary
 from eightpost.signals.faults import Origin, check_gaps
 from eightpost.signals.formats import read_series, write_series
+from eightpost.signals.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +26,7 @@ _EVEN_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Drivefile(Summarized):
+class Drivefile(Recording):
     """A time series as a continuous signal: linear between the samples, constant before the first and after the last.
 
     Attributes:

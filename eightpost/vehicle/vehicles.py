@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Literal, NamedTuple
 
 from eightpost.corners import channel
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import ParameterError
 from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
@@ -21,8 +22,8 @@ from eightpost.vehicle.statespace import StateSpace
 Model = Literal["quarter_car", "seven_dof", "state_space"]
 
 
-@dataclass(frozen=True, slots=True)
-class StructuralVehicle:
+@dataclass(frozen=True, slots=True, repr=False)
+class StructuralVehicle(Summarized):
     """Vehicle that is defined by its masses, springs and dampers.
 
     Attributes:
@@ -39,6 +40,19 @@ class StructuralVehicle:
     def __post_init__(self) -> None:
         """Check the static state against the outputs."""
         object.__setattr__(self, "static", check_static(self.static, self.coupled().output_names, self.name))
+
+    def _summary(self) -> Summary:
+        known = self.parameters
+        sprung = known.sprung_mass
+        unsprung = known.unsprung_mass if isinstance(known, QuarterCar) else sum(known.unsprung_mass)
+        model = self.coupled()
+        return Summary.of(
+            f"Vehicle {self.name}: {self.model}",
+            ("masses", f"{sprung:.4g} kg sprung, {unsprung:.4g} kg unsprung"),
+            ("inputs", some(model.input_names)),
+            ("outputs", some(model.output_names)),
+            ("static state", some(f"{name} {value:.4g}" for name, value in self.static.items() if value)),
+        )
 
     @property
     def model(self) -> Model:
@@ -110,8 +124,8 @@ def _plain(law: Friction) -> Friction:
     return Friction(float(law.force), float(law.velocity), own, float(law.spring))
 
 
-@dataclass(frozen=True, slots=True)
-class IdentifiedVehicle:
+@dataclass(frozen=True, slots=True, repr=False)
+class IdentifiedVehicle(Summarized):
     """Vehicle that is defined by an identified linear model.
 
     Attributes:
@@ -152,6 +166,22 @@ class IdentifiedVehicle:
                     f"{self.name}: the port {port!r} has a spring of {law.spring!r} N/m2, but the model has no output "
                     f"{channel(port, 'displacement')}; identify that output, or remove the spring"
                 )
+
+    def _summary(self) -> Summary:
+        verdict = self.validity.verdict if self.validity else None
+        model = self.state_space
+        damping = (f"{port or 'port'} {value:.4g} N.s/m" for port, value in self.baseline_damping.items())
+        friction = (f"{port or 'port'} {law.sliding_force:.3g} N" for port, law in self.friction.items() if law.acts)
+        return Summary.of(
+            f"Identified vehicle {self.name}",
+            ("verdict", verdict.headline if verdict else "not stated"),
+            ("reason", str(verdict.decisive[0]) if verdict and verdict.reasons else ""),
+            ("model", f"{len(model.A)} states"),
+            ("inputs", some(model.input_names)),
+            ("outputs", some(model.output_names)),
+            ("baseline damping", some(damping)),
+            ("friction", some(friction)),
+        )
 
     def _check_ports(self, what: str, given: Iterable[str]) -> None:
         inputs = self.state_space.input_names

@@ -12,6 +12,8 @@ from eightpost.display import Summary, some
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.extras import MissingExtraError
 from eightpost.ident import fit_shock
+from eightpost.signals import Drivefile, TimeSeries
+from eightpost.vehicle import IdentifiedVehicle
 
 DATA = ep.examples() / "data"
 BANK = ep.examples() / "bank"
@@ -60,6 +62,57 @@ def test_a_record_is_a_table_and_a_picture(test, tmp_path):
     test.plot().save(tmp_path / "test.png")
     assert (tmp_path / "test.png").read_bytes().startswith(b"\x89PNG")
     assert len(repr(test).splitlines()) <= 10
+
+
+@pytest.fixture(scope="module")
+def corner_run(fit, tmp_path_factory, one_platform):
+    """Return the result of a run, and the folder of its FMUs with the result in it."""
+    folder = tmp_path_factory.mktemp("run")
+    with one_platform():
+        fmus = {"car": ep.build(ep.examples() / "corner.toml", folder), "shock": ep.build(fit, folder)}
+    system = ep.System.load(fmus, bonds=[("car", "shock")], constants={"car.aero_force": 0.0})
+    drive = Drivefile(TimeSeries.from_channels([0.0, 0.5, 1.0], {"road": ("m", [0.0, 0.01, 0.0])}))
+    result = ep.run(system, ep.Scenario(stop=1.0, drive=drive, record_step=0.01), step=1e-3)
+    result.write(folder / "result")
+    return result, folder
+
+
+def test_a_run_in_a_folder_has_the_tables_and_the_picture_of_its_result(corner_run):
+    result, folder = corner_run
+    saved = ep.read(folder / "result", "run")
+    assert saved.to_pandas().equals(result.to_pandas())
+    assert (saved.to_xarray()["car.tire_force"] == result["car.tire_force"]).all()
+    assert saved.verdict.grade is result.verdict.grade and saved.order == result.order
+    assert saved.plot("car.tire_force")._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"start = 5 s and stop = 4 s contain no sample; the channels cover 0 to 1 s"):
+        saved.plot("car.tire_force", start=5.0, stop=4.0)
+
+
+def test_everything_that_is_read_shows_itself_in_at_most_ten_lines(corner_run, fit, tmp_path):
+    _, folder = corner_run
+    table = "speed [in/s],compression [lbf],rebound [lbf]\n1,50,-60\n5,90,-120\n10,120,-180\n"
+    (tmp_path / "pvp.csv").write_text(table)
+    (tmp_path / "system.toml").write_text(
+        f"schema = 1\nname = 'corner'\n[components]\ncar.fmu = '{folder / 'corner.fmu'}'\n"
+        f"shock.fmu = '{folder / 'dyno_A.fmu'}'\n[[bond]]\nbetween = ['car', 'shock']\n[scenario]\nstop = '2 s'\n"
+    )
+    model = ep.read(ep.examples() / "corner.toml", "vehicle")
+    identified = IdentifiedVehicle("corner", model.coupled(), {"": 900.0})
+    given = (BANK / "B_B.json", DATA / "track.parquet", folder / "result")
+    for one in (model, identified, fit.shock, *map(ep.read, (*given, tmp_path / "pvp.csv", tmp_path / "system.toml"))):
+        lines = repr(one).splitlines()
+        assert 2 <= len(lines) <= 10 and max(map(len, lines)) <= 120, f"{type(one).__name__}: {lines}"
+        assert one._repr_html_().startswith("<table>")
+    assert list(ep.read(tmp_path / "pvp.csv").to_pandas()["compression"].round()) == [222.0, 400.0, 534.0]
+    assert list(ep.read(DATA / "track.parquet", "drive").to_pandas()) == list(ep.read(DATA / "track.parquet").names)
+
+
+def test_columns_are_named_by_channel_in_a_mapping(folder):
+    time = np.linspace(0.0, 2.0, 2001)
+    rows = np.column_stack([time, np.sin(20.0 * time), 900.0 * np.sin(20.0 * time)])
+    np.savetxt("named.csv", rows, delimiter=",", header="time [s],rod [m/s],cell 2 [N]", comments="")
+    test = ep.read("named.csv", "dyno", channel_map={"velocity": "rod", "force": "cell 2"})
+    assert np.array_equal(test.series["force"], rows[:, 2])
 
 
 def test_a_shock_simulates_a_record_as_its_fit_does(test, fit):
@@ -172,6 +225,12 @@ MISTAKES = {
     "a tolerance as a text": (
         lambda: ep.run(ep.System({}), ep.Scenario(1.0), tolerance="1 %"), r"tolerance is '1 %'; give a number \[%\]"),
     "a system of nothing": (lambda: ep.run(ep.System({}), ep.Scenario(1.0)), r"no component, .* give FMUs to System"),
+    "no file at all": (lambda: ep.read(None), r"a file is needed here, as a text or a Path, not None"),
+    "a list as a channel map": (
+        lambda: ep.read("run7.csv", channel_map=["force"]), r"columns by channel: \{'force': 'Load cell 2'\}"),
+    "a number as rig tests": (lambda: ep.identify(3), r"a list of rig tests and their files, not an int"),
+    "workers as a text": (lambda: ep.study("x", "y", workers="2"), r"workers is '2'; give a number"),
+    "nothing as a study": (lambda: ep.study(None, "y"), r"a file is needed here, .* not None"),
     "an engine that does not exist": (
         lambda: ep.run(ep.System({}), ep.Scenario(1.0), engine="pyton"), r"one of auto, compiled, python, not 'pyton'"),
 }  # fmt: skip

@@ -26,7 +26,7 @@ from eightpost.ident.dyno_report.velocity_curve import (
 )
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.lag import LONGEST, lag_between
-from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.rig.temperature_drift import temperature_drift
 from eightpost.shock import Shock, law_title
 from eightpost.signals import TimeSeries

@@ -17,7 +17,8 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
 from eightpost.ident.shock.options import GasTreatment
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.rig.peak_velocity import PeakVelocityTable, is_peak_velocity, read_peak_velocity
+from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
+from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS
 from eightpost.signals import read_records

@@ -14,7 +14,8 @@ from eightpost.ident.shock.between_builds import POINTS, BuildSpread, side_scale
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.options import GasTreatment
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity, is_table
-from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
+from eightpost.rig.peak_velocity import read_peak_velocity
+from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Shock
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eightpost.corners import CORNERS, channel
-from eightpost.display import Summarized, Summary
+from eightpost.display import Summary
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
@@ -21,11 +21,9 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
 from eightpost.signals.raw_record import find_time, mapped_series
+from eightpost.signals.recording import Recording
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
     from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
@@ -112,7 +110,7 @@ class RigConditions:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class RigTest(Summarized):
+class RigTest(Recording):
     """A rig test with the channel names of docs/explanation/rig.md.
 
     Attributes:
@@ -144,22 +142,6 @@ class RigTest(Summarized):
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),
         )
-
-    def to_pandas(self) -> pd.DataFrame:
-        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
-        return self.series.to_pandas()
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return the channels, in SI, over the coordinate `time` [s].
-
-        Raises:
-            MissingExtraError: xarray is not installed.
-        """
-        return self.series.to_xarray()
 
     def plot(
         self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
