@@ -311,7 +311,7 @@ def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "")
 
 
 def searched_groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of alike corners that contain one of the corners; all groups if there are none.
+    """Return the groups of alike corners that contain one of the corners; without corners all groups.
 
     Raises:
         InputError: There is no such corner.
