@@ -92,8 +92,8 @@ def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Ve
         result: Result of the study.
         certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
     """
-    own = (*_setups(result), *_marks(result), *_coupling(result), *_band(result), *_models(result))
-    return Verdict((*own, *certainty_reasons(certainty)))
+    own = (*_marks(result), *_coupling(result), *_band(result), *_means(result), *_models(result))
+    return Verdict((*_setups(result), *certainty_reasons(certainty), *own))
 
 
 def _setups(result: StudyResult) -> Iterator[Reason]:
@@ -109,6 +109,9 @@ def _setups(result: StudyResult) -> Iterator[Reason]:
     if result.partial:
         figure = f"{count} of {len(result.study.space)} setups were run"
         yield PARTIAL.reason("the study is not complete", figure=figure, origin="the study was stopped")
+
+
+def _means(result: StudyResult) -> Iterator[Reason]:
     if not result.study.vehicle.means_trusted:
         yield NO_MEANS.reason("means are not trusted", figure="0 measures of means", origin=result.study.vehicle.name)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,11 @@ UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
     why="errors of the car are not in the gain and its band",
     remedy="identify the vehicle (eightpost identify), which states its uncertainty",
 )  # fmt: skip
+SWITCHED_OFF = RULES.add("uncertainty of the gain not computed", ABOUT, Grade.LIMITED,
+    condition="the errors of the vehicle are left out on request (--no-certainty)",
+    why="the gain and its band are those of the model; the true car may have none",
+    remedy="run it again without --no-certainty",
+)  # fmt: skip
 NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
     condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
     why="the search found nothing better within the ranges of the numbers",
@@ -74,7 +80,9 @@ def aim_verdict(found: Aim) -> Verdict:
 
 def _of_the_car(found: Aim) -> Iterator[Reason]:
     """Yield what the stated uncertainty of the vehicle means for the gain."""
-    if found.curves.car is None or not found.curves.car.is_known:
+    if not found.request.uncertain:
+        yield SWITCHED_OFF.reason("uncertainty of the vehicle", figure="not computed", origin="--no-certainty")
+    elif found.curves.car is None or not found.curves.car.is_known:
         missing = (
             "no measure"
             if found.curves.car is None
@@ -195,6 +203,8 @@ def _lead(found: Aim) -> str:
 
 def car_text(found: Aim) -> str:
     """Return a sentence about what the vehicle's uncertainty does to the gain."""
+    if not found.request.uncertain:
+        return "The errors of the vehicle are left out on request: the gain and its band are those of the model."
     if found.curves.car is None:
         return (
             "The vehicle states no uncertainty: the gain and its band are those of this vehicle, as if it were exact."
@@ -203,8 +213,20 @@ def car_text(found: Aim) -> str:
     unknown = f" The uncertainty of {', '.join(missing)} is not known and not included." if missing else ""
     return (
         f"With the errors that the vehicle states, the targets are better than the best setup of the bank with a "
-        f"probability of {100.0 * found.curves.chance:.3g} %.{unknown}"
+        f"probability of {chance_text(found.curves.chance, len(found.curves.car.draws.common))}.{unknown}"
     )
+
+
+def chance_text(share: float, cars: int) -> str:
+    """Return the share of drawn cars with a gain as a probability, no more extreme than the number of cars resolves.
+
+    >>> chance_text(0.873, 256), chance_text(1.0, 256), chance_text(0.0, 256)
+    ('87.3 %', 'more than 99 %', 'less than 1 %')
+    """
+    finest = ceil(100.0 / cars)
+    if 100.0 * share > 100.0 - finest:
+        return f"more than {100 - finest} %"
+    return f"{100.0 * share:.3g} %" if 100.0 * share >= finest else f"less than {finest} %"
 
 
 def band_text(found: Aim) -> str:

@@ -38,7 +38,7 @@ from eightpost.app.shape_target import Target, targets_of
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import CURVE_NUMBERS, Shape, ShapeFit, range_of
+from eightpost.shock.shape import CURVE_NUMBERS, NUMBERS, Shape, ShapeFit, range_of, unit_of
 
 # ---- Request and result ---------------------------------------------------------------------------------------------
 
@@ -58,6 +58,9 @@ class Request:
         objective: Measure to minimise; empty: the objective of the study.
         seed: Seed of the random starts.
         uncertain: Whether the errors that the vehicle states are drawn too.
+
+    Raises:
+        InputError: There is no such number, or limits are in the wrong order or of a number that does not vary.
     """
 
     vary: tuple[str, ...] = CURVE_NUMBERS
@@ -70,6 +73,17 @@ class Request:
     objective: str = ""
     seed: int = 0
     uncertain: bool = True
+
+    def __post_init__(self) -> None:
+        for name in (*self.vary, *self.limits):
+            if name not in NUMBERS:
+                raise InputError(f"a shape has no number {name!r}; its numbers are {', '.join(NUMBERS)}")
+        for name, (low, high) in self.limits.items():
+            if not low < high:
+                unit = unit_of(name)
+                raise InputError(f"limits of {name}: the lower one, {low:g} {unit}, must be below {high:g} {unit}")
+            if name not in self.vary:
+                raise InputError(f"there are limits of {name}, which does not vary; name it with --vary too")
 
 
 #: Setups that are run through the study with FMUs of their own.
@@ -159,7 +173,7 @@ def find_curves(
     known, best = _best_of_bank(requested, workers, coupling, request.objective)
     bank = known.setup(best).builds
     car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
-    groups = _groups(study, request.corners)
+    groups = searched_groups(study, request.corners)
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
     folder = requested.folder / "shapes"
     space = _space(study, bank, bases, fits, _fmu(bases[groups[0]], folder), request)
@@ -296,7 +310,12 @@ def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "")
     return None if draws is None else DrawnCar.of(result, draws, name, best)
 
 
-def _groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+def searched_groups(study: Study, corners: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """Return the groups of alike corners that contain one of the corners; without corners all groups.
+
+    Raises:
+        InputError: There is no such corner.
+    """
     if unknown := sorted(set(corners) - set(study.corners)):
         raise InputError(f"there is no corner {unknown[0]!r}; the corners are {', '.join(study.corners)}")
     return tuple(group for group in groups_of(study) if not corners or set(group) & set(corners))

@@ -92,15 +92,12 @@ def shapes(
     from cosim.study.result import StudyResult
     from cosim.study.study_file import bank_sources
     from eightpost.app.shape_page import aim_verdict, write_aim
-    from eightpost.app.shape_search import Request
+    from eightpost.app.shape_search import Request, searched_groups
     from eightpost.app.show import show_verdict, write_page
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
     check_report_folder(output, "study")
-    described = read_with_fmus(console, study_file, output)
-    if objective is not None:
-        described.measure(objective)
     request = Request(
         vary=vary or CURVE_NUMBERS,
         limits=_limits(limits),
@@ -113,6 +110,10 @@ def shapes(
         seed=seed,
         uncertain=sure,
     )
+    described = read_with_fmus(console, study_file, output)
+    searched_groups(described, corners)
+    if objective is not None:
+        described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
     found = _search(console, described, output, sources, request, workers, scheduler)
     _show(console, found)
@@ -126,15 +127,14 @@ def shapes(
 def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float]]:
     """Return limits in SI by number."""
     from eightpost import units
-    from eightpost.shock.shape import Shape, Side, unit_of
+    from eightpost.shock.shape import NUMBERS, unit_of
 
-    known = Shape(Side(1.0, 1.0, 1.0, 1.0, 0.0), Side(1.0, 1.0, 1.0, 1.0, 0.0)).numbers()
     found = {}
     for name, text in stated:
         ends = [part.strip() for part in text.split(",")]
-        if name not in known or len(ends) != 2:
+        if name not in NUMBERS or len(ends) != 2:
             raise InputError(
-                f"--limit {name}={text}: write NUMBER=LOW,HIGH with units; the numbers are {', '.join(known)}"
+                f"--limit {name}={text}: write NUMBER=LOW,HIGH with units; the numbers are {', '.join(NUMBERS)}"
             )
         low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
         found[name] = (low, high)

@@ -289,6 +289,9 @@ def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
 #: Numbers of the curve: all but lag and gas.
 CURVE_NUMBERS = tuple(f"{side}.{name}" for side in SIDES for name in UNITS)
 
+#: Names of all numbers of a shape.
+NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")
+
 
 def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
     """Return the lowest and the highest value of a number among shapes.

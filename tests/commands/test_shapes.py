@@ -41,6 +41,21 @@ measure = "grip number"
 """
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--vary", "rebound.kne"], "a shape has no number 'rebound.kne'; its numbers are compression.bleed"),
+        (["--limit", "rebound.knee=6 in/s,1 in/s"], "the lower one, 0.1524 m/s, must be below 0.0254 m/s"),
+        (["--limit", "lag=1 ms,2 ms"], "limits of lag, which does not vary"),
+        (["--limit", "rebound.knee=6 in/s"], "write NUMBER=LOW,HIGH"),
+    ],
+)
+def test_wrong_numbers_and_limits_are_refused_before_anything_is_built(arguments, message, tmp_path):
+    done = CliRunner().invoke(main, ["shapes", str(EXAMPLES / "study.toml"), "-o", str(tmp_path), *arguments])
+    assert done.exit_code == 2 and message in done.output.replace("\n", " ")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.nightly
 def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_measures(fmus, tmp_path):
     path, out = tmp_path / "study.toml", tmp_path / "out"

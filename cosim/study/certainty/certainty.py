@@ -14,6 +14,9 @@ from eightpost.errors import InputError
 #: Name of the weighted sum of Eq 2.6 among the measures.
 OBJECTIVE = "objective"
 
+#: Name of the contribution of the deviation of rig runs, which the true level of a setup does not have.
+RUN_TO_RUN = "run to run"
+
 #: Probabilities of the intervals.
 PROBABILITIES = (0.5, 0.8, 0.95)
 
@@ -262,7 +265,12 @@ class Certainty:
     @property
     def left_out(self) -> tuple[Contribution, ...]:
         """Contributions to the uncertainty of the true levels that are not included; noise of rig runs is not one."""
-        return tuple(one for one in self.contributions if one.status is Status.LEFT_OUT and one.name != "run to run")
+        return tuple(one for one in self.contributions if one.status is Status.LEFT_OUT and one.name != RUN_TO_RUN)
+
+    @property
+    def assumes_exact_runs(self) -> bool:
+        """Whether rig runs count as exact, because their deviation from run to run is not known."""
+        return any(one.name == RUN_TO_RUN and one.status is not Status.INCLUDED for one in self.contributions)
 
     @property
     def leader(self) -> int | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.study.certainty.certainty import Contribution, Effect, Status
+from cosim.study.certainty.certainty import RUN_TO_RUN, Contribution, Effect, Status
 from cosim.study.certainty.choice import Criterion
 from cosim.study.certainty.sources import ErrorSources
 from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN
@@ -35,7 +35,7 @@ def contributions_of(
     return (
         _vehicle(result, sources, chosen),
         _fits(result, effects, unstated),
-        _copies(effects),
+        _copies(result, effects),
         _run_to_run(sources, chosen, confirmed),
         _coupling(result, sources, chosen),
     )
@@ -55,25 +55,34 @@ def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> C
     return Contribution("vehicle", Status.UNKNOWN, text)
 
 
+def _allowed(result: StudyResult) -> tuple[str, ...]:
+    """Return the builds that a corner of the study allows."""
+    return tuple(dict.fromkeys(build for builds in result.study.corners.values() for build in builds))
+
+
 def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str]) -> Contribution:
     name = "shock fits"
-    if unstated:
-        text = f"the uncertainty of {', '.join(unstated)} is not known; build the FMU from a file of `eightpost fit`"
+    builds = [effect.part for effect in effects if effect.part in result.study.bank and effect.changes]
+    unknown = [build for build in _allowed(result) if build in unstated or build not in builds]
+    if unknown:
+        text = f"the uncertainty of {', '.join(unknown)} is not known; build the FMU from a file of `eightpost fit`"
         return Contribution(name, Status.UNKNOWN, text)
-    builds = {effect.part for effect in effects if effect.part in result.study.bank}
-    count = sum(effect.part in result.study.bank for effect in effects)
-    return Contribution(name, Status.INCLUDED, f"standard errors of {count} parameters of {len(builds)} builds")
+    return Contribution(
+        name, Status.INCLUDED, f"standard errors of {len(builds)} parameters of {len(set(builds))} builds"
+    )
 
 
-def _copies(effects: Sequence[Effect]) -> Contribution:
-    name, builds = "build to build", sorted({effect.part for effect in effects if effect.copies > 0.0})
-    if builds:
-        return Contribution(name, Status.INCLUDED, f"stated for {', '.join(builds)}")
-    return Contribution(name, Status.LEFT_OUT, "all copies of a build are treated as equal")
+def _copies(result: StudyResult, effects: Sequence[Effect]) -> Contribution:
+    name, stated = "build to build", {effect.part for effect in effects if effect.copies > 0.0}
+    equal = [build for build in _allowed(result) if build not in stated]
+    if not equal:
+        return Contribution(name, Status.INCLUDED, f"stated for {', '.join(sorted(stated))}")
+    whose = f"copies of {', '.join(equal)}" if stated else "all copies of a build"
+    return Contribution(name, Status.LEFT_OUT, f"{whose} are treated as equal")
 
 
 def _run_to_run(sources: ErrorSources, chosen: Criterion, confirmed: bool) -> Contribution:
-    name = "run to run"
+    name = RUN_TO_RUN
     if np.all(np.isfinite(sources.run_to_run[chosen.measures])):
         return Contribution(name, Status.INCLUDED, "in rig runs; the true level of a setup does not have it")
     if confirmed:

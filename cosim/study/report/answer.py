@@ -65,6 +65,7 @@ class Answer:
         trade_offs: Measures of the leading setup: those of the objective, then what gets worse.
         unlisted: Sentence about the measures of the trade-off that are not listed.
         tests: Rows of the setups to test next, with what remains of the uncertainty after each.
+        exact: Whether what remains is for rig runs that repeat exactly, because nobody stated how well they do.
     """
 
     grade: Grade
@@ -77,6 +78,7 @@ class Answer:
     trade_offs: tuple[TradeOffLine, ...] = ()
     unlisted: str = ""
     tests: tuple[tuple[int, str], ...] = ()
+    exact: bool = False
 
 
 def answer_of(sheet: Sheet) -> Answer | None:
@@ -86,20 +88,32 @@ def answer_of(sheet: Sheet) -> Answer | None:
     known = sheet.certainty
     if known is None or known.leader is None:
         return _predicted(sheet)
-    tied = [row for row in (sheet.row(number) for number in known.ties) if row is not None]
+    rows = tied(sheet)
     lines = tuple(map(_line, _by_weight(sheet, known)))
     return Answer(
         grade=_grade(known),
-        which=_which(sheet, known, tied),
-        chance="probability of being best" if known.is_known else "probability from the known contributions alone",
-        candidates=tuple(_candidate(sheet, known, row) for row in tied[:LISTED]),
-        others=max(0, len(tied) - LISTED),
+        which=_which(sheet, known, rows),
+        chance=chance(known),
+        candidates=tuple(_candidate(sheet, known, row) for row in rows[:LISTED]),
+        others=max(0, len(rows) - LISTED),
         sure=_sure(known),
         contributions=known.contributions,
-        trade_offs=lines[:TRADES] or _predicted_trade_offs(sheet, tied[0]),
+        trade_offs=lines[:TRADES] or _predicted_trade_offs(sheet, rows[0]),
         unlisted=_unlisted(lines[TRADES:]),
         tests=tuple(_tests(sheet, known)),
+        exact=known.assumes_exact_runs,
     )
+
+
+def tied(sheet: Sheet) -> list[int]:
+    """Return the rows of the tied setups, most probable first; none if no certainty was computed."""
+    ties = sheet.certainty.ties if sheet.certainty else ()
+    return [row for row in (sheet.row(number) for number in ties) if row is not None]
+
+
+def chance(known: Certainty) -> str:
+    """Return the heading of the probabilities of being best: it says if they contain only a part of the uncertainty."""
+    return "probability of being best" if known.is_known else "probability from the known contributions alone"
 
 
 def _predicted(sheet: Sheet) -> Answer:
@@ -123,17 +137,17 @@ def _grade(known: Certainty) -> Grade:
     return Grade.USABLE if sound else Grade.LIMITED
 
 
-def _which(sheet: Sheet, known: Certainty, tied: list[int]) -> str:
+def _which(sheet: Sheet, known: Certainty, rows: list[int]) -> str:
     share = _share(known.best[known.row(known.ties[0])])
     if not known.is_known:
-        ties = f" From the known contributions alone, {len(tied)} setups are tied." if len(tied) > 1 else ""
-        best = f"Setup {sheet.numbers[tied[0]]} has the best predicted {known.criterion}"
+        ties = f" From the known contributions alone, {len(rows)} setups are tied." if len(rows) > 1 else ""
+        best = f"Setup {sheet.numbers[rows[0]]} has the best predicted {known.criterion}"
         return f"{best}; how sure this is, is not known.{ties}"
-    if len(tied) == 1:
-        return f"Setup {sheet.numbers[tied[0]]} is the best ({share} probable)."
+    if len(rows) == 1:
+        return f"Setup {sheet.numbers[rows[0]]} is the best ({share} probable)."
     return (
-        f"One of {len(tied)} setups is the best, with a probability of 95 %. They are tied: "
-        f"setup {sheet.numbers[tied[0]]} is the most probable ({share})."
+        f"One of {len(rows)} setups is the best, with a probability of 95 %. They are tied: "
+        f"setup {sheet.numbers[rows[0]]} is the most probable ({share})."
     )
 
 
@@ -151,9 +165,9 @@ def _share(probability: float) -> str:
 
 
 def _sure(known: Certainty) -> str:
-    missing = [one.name for one in known.contributions if one.status is not Status.INCLUDED]
+    missing = [one.name for one in known.contributions if one.status is Status.UNKNOWN or one in known.left_out]
     if not missing:
-        return "All contributions to the uncertainty are included."
+        return "All contributions to the uncertainty of the true levels are included."
     return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger by these."
 
 

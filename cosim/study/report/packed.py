@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim.study.choice.sensitivity import Sensitivity
+from cosim.study.report.answer import chance, tied
 from cosim.study.report.sheet import Column, Extras, Scale, Sheet, Uncertainty, build_colors, shown_columns
 from cosim.study.report.shock_pages import ShockCurve
 from eightpost.array_types import Array
@@ -41,6 +42,8 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "rank": store.add(np.argsort(order).astype(float) + 1.0),
         "allowed": store.add(sheet.allowed.astype(float)),
         "error": store.add(sheet.coupling_error),
+        "chance": _chance(store, sheet),
+        "ties": tied(sheet),
         "columns": [_column(store, column) for column in shown_columns(sheet)],
         "objective": sheet.objective.name if sheet.objective else None,
         "terms": [{"column": place[one.measure], "weight": one.weight} | asdict(one.display) for one in sheet.terms],
@@ -60,6 +63,14 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "pages": extras.shock_pages,
     }
     return manifest, store.text
+
+
+def _chance(store: Store, sheet: Sheet) -> dict[str, Any] | None:
+    """Return the probability of each setup of being the best, and its heading; None if it was not computed."""
+    known = sheet.certainty
+    if known is None or known.leader is None:
+        return None
+    return {"name": chance(known), "at": store.add(known.best)}
 
 
 def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:

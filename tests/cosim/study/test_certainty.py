@@ -189,8 +189,26 @@ def test_builds_without_stated_uncertainty_leave_the_choice_unknown():
     assert "C/C" in reason.figure
 
 
+def test_a_build_without_the_effect_of_any_parameter_is_unknown_and_not_exact():
+    """Nothing is stated about the shocks, or the runs with another parameter of C/C failed."""
+    failed = Effect("C/C", "lag", 1.0, 0.0, {}, {})
+    for known in (Knowledge(), Knowledge((lag("B/B", 0.001), failed))):
+        found = certainty_of(two_setups(0.01), known)
+        (fits,) = [one for one in found.contributions if one.name == "shock fits"]
+        assert fits.status is Status.UNKNOWN and "C/C" in fits.text and not found.is_known
+
+
+def test_copies_are_included_only_if_all_builds_state_them():
+    one = certainty_of(two_setups(0.01), Knowledge((lag("B/B", 0.001), lag("C/C", 0.001, copies=2.0))))
+    (copies,) = [one for one in one.contributions if one.name == "build to build"]
+    assert copies.status is Status.LEFT_OUT and copies.text == "copies of B/B are treated as equal"
+    both = certainty_of(two_setups(0.01), Knowledge(tuple(lag(b, 0.001, copies=2.0) for b in ("B/B", "C/C"))))
+    assert {one.name: one.status for one in both.contributions}["build to build"] is Status.INCLUDED
+
+
 def test_a_certain_choice_is_usable_and_a_tie_is_not():
-    partly, tied = (certainty_of(two_setups(gap, (0.0, 0.1))) for gap in (0.01, 0.0))
+    exact = Knowledge((lag("B/B", 0.0), lag("C/C", 0.0)))
+    partly, tied = (certainty_of(two_setups(gap, (0.0, 0.1)), exact) for gap in (0.01, 0.0))
     assert {one.name for one in partly.left_out} == {"build to build", "coupling"}
     assert [one.grade for one in certainty_reasons(partly)] == [Grade.LIMITED]
     included = tuple(replace(one, status=Status.INCLUDED) for one in partly.contributions)

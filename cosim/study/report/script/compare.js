@@ -82,12 +82,13 @@ function drawCurves(rows) {
   })).filter(Boolean);
   const annotations = manifest.corners.map((name, corner) => ({ text: `<b>${plain(name.toUpperCase())}</b>`, showarrow: false, xanchor: "left",
     xref: `x${corner ? corner + 1 : ""} domain`, yref: `y${corner ? corner + 1 : ""} domain`, x: 0.02, y: 1.0 }));
-  const layout = { ...PAPER, height: 330, margin: { l: 62, r: 10, t: 46, b: 46 }, legend: { orientation: "h", y: 1.16 }, annotations,
-    grid: { rows: 1, columns: manifest.corners.length, pattern: "independent", xgap: 0.16 } };
+  const columns = place.clientWidth < 700 ? Math.min(2, manifest.corners.length) : manifest.corners.length, stacked = Math.ceil(manifest.corners.length / columns);
+  const layout = { ...PAPER, height: 100 + 230 * stacked, margin: { l: 62, r: 10, t: 46, b: 46 }, legend: { orientation: "h", y: 1 + 0.16 / stacked }, annotations,
+    grid: { rows: stacked, columns, pattern: "independent", xgap: 0.16, ygap: 0.3 } };
   manifest.corners.forEach((_, corner) => {
     const n = corner ? corner + 1 : "";
     layout[`xaxis${n}`] = { ...AXIS, title: { text: `velocity${inUnit(manifest.velocity)}`, font: { size: 11 } } };
-    layout[`yaxis${n}`] = { ...AXIS, title: { text: corner ? "" : `force${inUnit(manifest.force)}`, font: { size: 11 } } };
+    layout[`yaxis${n}`] = { ...AXIS, title: { text: corner % columns ? "" : `force${inUnit(manifest.force)}`, font: { size: 11 } } };
   });
   Plotly.react(place, lines, layout, PLOT);
 }

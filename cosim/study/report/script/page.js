@@ -66,7 +66,15 @@ function listenFilters() {
   on("unbrush", "click", unbrush);
   on("download", "click", download);
   on("unpick", "click", () => { state.picked.clear(); update(); });
+  document.getElementById("compare-ties")?.addEventListener("click", compareTies);
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") unbrush(); });
+}
+
+/** Pick the tied setups that the answer lists, and show them side by side. */
+function compareTies() {
+  for (const line of document.querySelectorAll("[aria-labelledby=which] [data-setup]")) state.picked.add(Number(line.dataset.setup));
+  update();
+  document.getElementById("comparison").scrollIntoView();
 }
 
 function showColumn(column, visible) {
@@ -137,6 +145,7 @@ try {
   focusOn(state.focus);
   drawSetup();
   refresh();
+  fitTable();
   document.body.dataset.ready = "yes";
 } catch (error) {
   fail("The plots and tables of this page", error);

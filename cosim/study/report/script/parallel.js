@@ -6,6 +6,8 @@ let parallel = null; // { place, canvas, near }
 
 const axesOf = () => tabled().map(([column, k]) => ({ column, k }));
 const acrossOf = (k, count, width) => LIFT.side + (count > 1 ? (k * (width - 2 * LIFT.side)) / (count - 1) : 0);
+/** Return the width of the words above an axis: those at the ends have the margin on both sides. */
+const roomOf = (k, count, width) => Math.min(width / count, 2 * Math.min(acrossOf(k, count, width), width - acrossOf(k, count, width)));
 const liftOf = (level, height) => LIFT.top + (1 - level) * (height - LIFT.top - LIFT.bottom);
 
 function makeParallel() {
@@ -20,9 +22,8 @@ function makeParallel() {
 
 /** Return the rows to draw: the best of those that pass the filters. */
 function drawnRows() {
-  const ranked = new Uint32Array(data.count), rows = [];
-  for (let row = 0; row < data.count; row++) ranked[data.rank[row] - 1] = row;
-  for (const row of ranked) if (shown[row] && !manifest.failures[row] && rows.push(row) === DRAWN_LINES) break;
+  const rows = [];
+  for (const row of byRank()) if (shown[row] && !manifest.failures[row] && rows.push(row) === DRAWN_LINES) break;
   return rows;
 }
 
@@ -39,7 +40,7 @@ function drawParallel(all = false) {
   pen.lineWidth = 1;
   for (const row of rows.reverse()) { pen.strokeStyle = manifest.colors[data.placed[state.colored][row]]; trace(row); }
   pen.globalAlpha = 1;
-  axes.forEach((axis, k) => drawAxisOf(pen, axis, acrossOf(k, axes.length, width), width / axes.length, height));
+  axes.forEach((axis, k) => drawAxisOf(pen, axis, acrossOf(k, axes.length, width), roomOf(k, axes.length, width), height));
   for (const [row, ink, thick] of [[manifest.baseline, color.soft, 2], ...[...state.picked].map((one) => [one, color.ink, 1.5]), [state.current, color.hot, 2.5]]) {
     if (row === null || manifest.failures[row]) continue;
     Object.assign(pen, { strokeStyle: ink, lineWidth: thick });

@@ -40,11 +40,10 @@ function compared(row) {
   const body = document.getElementById("compared").tBodies[0];
   body.replaceChildren();
   for (const column of data.columns) {
-    const line = body.insertRow(), { uncertainty } = column, ends = uncertainty ? [uncertainty.low[row], uncertainty.high[row]] : [NaN];
-    const spread = ends.every(Number.isFinite) ? ` (${ends.map((end) => figure(convert(column, end))).join(" to ")})` : "";
+    const line = body.insertRow();
     cell(line, column.name, "name");
     cell(line, unit(column), "");
-    cell(line, figure(convert(column, column.values[row])) + spread, "number");
+    cell(line, figure(convert(column, column.values[row])) + spreadOf(column, row), "number");
     cell(line, "", "bar-cell").innerHTML = `<span class="bar"><span style="width:${100 * (column.levels[row] || 0)}%"></span></span>`;
     cell(line, percent(column.levels[row]), "number");
     cell(line, change(column, row, manifest.baseline), "number");

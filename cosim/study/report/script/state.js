@@ -14,7 +14,8 @@ function decode(numbers) {
   });
   const placed = manifest.corners.map((_, corner) => Uint16Array.from(doubles(manifest.placed[corner])));
   return { count, columns, placed, numbers: doubles(manifest.numbers), rank: doubles(manifest.rank),
-    allowed: doubles(manifest.allowed), error: doubles(manifest.error), bytes: numbers };
+    allowed: doubles(manifest.allowed), error: doubles(manifest.error), bytes: numbers,
+    chance: manifest.chance && doubles(manifest.chance.at), tied: new Set(manifest.ties) };
 }
 
 let data; // see decode
@@ -67,6 +68,22 @@ function powered(text) { // 1.2e-5 as 1.2·10⁻⁵
 /** Format a share [1] in percent. */
 const percent = (share, digits = 1) => (Number.isFinite(share) ? `${minus((100 * share).toFixed(digits))} %` : "–");
 
+/** Return the ends of the 95 % interval of a value in SI; NaN if it is not known. */
+const endsOf = ({ uncertainty }, row) => (uncertainty ? [uncertainty.low[row], uncertainty.high[row]] : [NaN, NaN]);
+
+/** Return the 95 % interval of a value as text; empty if it is not known. */
+function spreadOf(column, row) {
+  const ends = endsOf(column, row);
+  return ends.every(Number.isFinite) ? ` (${ends.map((end) => figure(convert(column, end))).join(" to ")})` : "";
+}
+
+/** Return all rows by their rank. */
+function byRank() {
+  const rows = new Uint32Array(data.count);
+  for (let row = 0; row < data.count; row++) rows[data.rank[row] - 1] = row;
+  return rows;
+}
+
 function brushed(row) {
   if (!state.brush) return true;
   const { arrays: [xs, ys], from, to } = state.brush, x = xs[row], y = ys[row];
@@ -83,7 +100,7 @@ function filtered(row, words) {
   if (state.off.some((builds, corner) => builds.has(data.placed[corner][row]))) return false;
   if (state.kept.allowed && !data.allowed[row]) return false;
   if (state.kept.unmarked && (manifest.marks[row] || manifest.failures[row])) return false;
-  if (state.kept.tied && focus().uncertainty && !focus().uncertainty.tied[row]) return false;
+  if (state.kept.tied && !data.tied.has(row)) return false;
   if (state.kept.picked && !state.picked.has(row)) return false;
   for (const [k, [low, high]] of state.spans) {
     const level = data.columns[k].levels[row];

@@ -6,14 +6,20 @@ const table = document.getElementById("ranking");
 const pane = document.getElementById("ranking-pane");
 let listed = []; // rows in the order of the table
 
+const FEWEST = 3; // measures that stay in the table of a narrow window
+
 const tabled = () => data.columns.map((column, k) => [column, k]).filter(([, k]) => state.tabled.has(k));
+
+/** Whether a column has intervals, and is what setups are ranked by: its cells show them as numbers. */
+const isBounded = (column) => column === data.columns[0] && Boolean(column.uncertainty);
 
 const heads = () => [
   { key: "pick", text: "picked", sortable: false, kind: "pick" },
   { key: "rank", text: "rank", kind: "number rank" },
   { key: "number", text: "setup", kind: "number" },
   ...manifest.corners.map((corner, k) => ({ key: `corner${k}`, text: corner.toUpperCase(), kind: "build" })),
-  ...tabled().map(([column, k]) => ({ key: `column${k}`, text: column.name + inUnit(column), kind: "number level" })),
+  ...(data.chance ? [{ key: "chance", text: manifest.chance.name, kind: "number chance" }] : []),
+  ...tabled().map(([column, k]) => ({ key: `column${k}`, text: `${column.name}${inUnit(column)}${isBounded(column) ? " (95 % interval)" : ""}`, kind: "number level" })),
   { key: "error", text: "coupling error [%]", kind: "number" },
   { key: "marks", text: "marks", kind: "marks" },
 ];
@@ -22,6 +28,7 @@ function keyOf(key) {
   if (key === "rank") return data.rank;
   if (key === "number") return data.numbers;
   if (key === "error") return data.error;
+  if (key === "chance") return data.chance;
   if (key === "marks") return Float64Array.from({ length: data.count }, (_, row) => (remark(row) ? 0 : 1));
   const place = Number(key.match(/\d+/)[0]);
   return key.startsWith("corner") ? data.placed[place] : data.columns[place].values;
@@ -32,6 +39,7 @@ let order = null; // all setups in the order of the table; null if it must be so
 /** Sort all setups. Equal values are ordered by rank; setups without a value are always last. */
 function sorted() {
   const by = keyOf(state.sort.key), sign = state.sort.falling ? -1 : 1;
+  if (by === data.rank) return state.sort.falling ? byRank().reverse() : byRank();
   return Uint32Array.from({ length: data.count }, (_, row) => row).sort((a, b) => Number(isNaN(by[a])) - Number(isNaN(by[b]))
     || sign * (by[a] - by[b]) || data.rank[a] - data.rank[b]);
 }
@@ -73,6 +81,21 @@ function cell(line, text, kind) {
   return added;
 }
 
+const chanceOf = (row) => (data.chance[row] < 0.001 ? "< 0.1 %" : percent(data.chance[row]));
+
+/** Write the value of a measure: shaded by its level, with a line for its 95 % interval. */
+function fillLevel(line, column, row) {
+  const spread = spreadOf(column, row), text = figure(convert(column, column.values[row]));
+  const here = cell(line, isBounded(column) ? text + spread : text, "number level");
+  here.style.setProperty("--level", `${100 * (column.levels[row] || 0)}%`);
+  if (!spread) return;
+  here.classList.add("spread");
+  here.title = text + spread;
+  const [low, high] = endsOf(column, row).map((end) => 100 * (end - column.low) / (column.high - column.low || 1));
+  here.style.setProperty("--from", `${low}%`);
+  here.style.setProperty("--to", `${Math.max(high, low + 2)}%`);
+}
+
 function fillRow(row) {
   const line = document.createElement("tr");
   line.dataset.row = row;
@@ -89,10 +112,8 @@ function fillRow(row) {
     const build = data.placed[corner][row];
     cell(line, manifest.builds[build], "build").style.setProperty("--build", manifest.colors[build]);
   }
-  for (const [column] of tabled()) {
-    const here = cell(line, figure(convert(column, column.values[row])), "number level");
-    here.style.setProperty("--level", `${100 * (column.levels[row] || 0)}%`);
-  }
+  if (data.chance) cell(line, chanceOf(row), "number");
+  for (const [column] of tabled()) fillLevel(line, column, row);
   cell(line, figure(data.error[row], 2), "number");
   const last = cell(line, remark(row), "marks");
   last.title = remark(row);
@@ -104,6 +125,15 @@ function fillTable() {
   order ??= sorted();
   listed = Array.from(order.filter((row) => shown[row]));
   fillWindow();
+}
+
+/** Leave measures out of the table until it fits the window. */
+function fitTable() {
+  for (const [, k] of tabled().slice(FEWEST).reverse()) {
+    if (pane.scrollWidth <= pane.clientWidth) return;
+    showColumn(k, false);
+    fillTable();
+  }
 }
 
 function spacer(height) {

@@ -26,7 +26,7 @@ function fillWeights() {
   const body = document.getElementById("weights").tBodies[0];
   body.replaceChildren();
   for (const [k, column] of data.columns.entries()) {
-    if (column.name === manifest.objective) continue;
+    if (k === 0 && manifest.objective) continue;
     const line = body.insertRow(), wish = state.wishes.get(k);
     cell(line, column.name, "name");
     cell(line, "", "number").append(inputOf(k, "weight", wish.weight, "weight of"));
@@ -54,14 +54,17 @@ const isOwn = () => {
 
 /** Rank the setups by the chosen weights, among those that are within the chosen limits. */
 function rankAgain() {
-  own ??= { rank: data.rank, allowed: data.allowed, cost: data.columns[0].values };
+  own ??= { rank: data.rank, allowed: data.allowed, chance: data.chance, objective: { ...data.columns[0] } };
   const weighed = [...state.wishes].filter(([, { weight }]) => weight !== 0);
   const unchanged = isOwn(), note = document.getElementById("reweighed");
   note.hidden = unchanged;
-  if (unchanged) Object.assign(data, { rank: own.rank, allowed: own.allowed });
+  Object.assign(data.columns[0], own.objective);
+  if (unchanged) Object.assign(data, { rank: own.rank, allowed: own.allowed, chance: own.chance });
   else {
     data.allowed = Float64Array.from({ length: data.count }, (_, row) => Number(withinLimits(row)));
-    const cost = weighed.length ? costs(weighed) : own.cost;
+    data.chance = null; // of the study's own weights and limits
+    const cost = weighed.length ? costs(weighed) : own.objective.values;
+    if (weighed.length && manifest.objective) showCost(cost);
     data.rank = ranksOf(cost);
     note.textContent = `${weighed.length ? "" : "No measure has a weight: ranked as in the study. "}`
       + "Ranked by these weights and limits. The answer at the top of the page and its probabilities are for those of the study.";
@@ -70,6 +73,14 @@ function rankAgain() {
   fronts.clear();
   drawSetup();
   update();
+}
+
+/** Show the chosen weights' sum in the column of the objective; its uncertainty is not known in the page. */
+function showCost(cost) {
+  let low = Infinity, high = -Infinity;
+  for (const one of cost) if (Number.isFinite(one)) { low = Math.min(low, one); high = Math.max(high, one); }
+  const levels = cost.map((one) => (one - low) / (high - low || 1));
+  Object.assign(data.columns[0], { name: `${own.objective.name} (what if)`, values: cost, levels, low, high, uncertainty: null, ties: undefined });
 }
 
 function withinLimits(row) {
@@ -91,8 +102,8 @@ function costs(weighed) {
 
 /** Return ranks as in the study: setups within the limits first, then the others, failed ones last. */
 function ranksOf(cost) {
-  const group = (row) => (manifest.failures[row] || !Number.isFinite(cost[row]) ? 2 : data.allowed[row] ? 0 : 1);
-  const rows = Uint32Array.from({ length: data.count }, (_, row) => row).sort((a, b) => group(a) - group(b)
+  const group = Uint8Array.from(cost, (one, row) => (manifest.failures[row] || !Number.isFinite(one) ? 2 : data.allowed[row] ? 0 : 1));
+  const rows = Uint32Array.from(cost, (_, row) => row).sort((a, b) => group[a] - group[b]
     || (cost[a] - cost[b] || 0) || data.numbers[a] - data.numbers[b]);
   const ranks = new Float64Array(data.count);
   rows.forEach((row, place) => { ranks[row] = place + 1; });

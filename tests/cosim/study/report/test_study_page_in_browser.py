@@ -103,7 +103,12 @@ def whole(surrogate):
 
 
 @pytest.fixture(scope="session")
-def written(whole, lap, certain, tmp_path_factory):
+def chosen(whole, certain):
+    return certain(whole)
+
+
+@pytest.fixture(scope="session")
+def written(whole, lap, chosen, tmp_path_factory):
     best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
     extras = Extras(
         traces={best: lap(1), baseline: lap(2)},
@@ -112,7 +117,7 @@ def written(whole, lap, certain, tmp_path_factory):
     )
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(
-        page(sheet_of(whole, certainty=certain(whole), trace_command="eightpost study --trace {setup}"), extras),
+        page(sheet_of(whole, certainty=chosen, trace_command="eightpost study --trace {setup}"), extras),
         encoding="utf-8",
     )
     return path
@@ -143,6 +148,9 @@ def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, wh
     assert opened.text("#pickings") == "20"
     assert f"Setup {best} has rank 1 of 2400" in opened.text("#standing")
     assert opened.do("document.documentElement.scrollWidth <= window.innerWidth")
+    assert opened.do(
+        "document.getElementById('ranking-pane').scrollWidth <= document.getElementById('ranking-pane').clientWidth"
+    )
     assert opened.do("document.getElementById('trouble').hidden")
 
 
@@ -155,6 +163,28 @@ def test_a_click_on_a_column_header_sorts_all_setups_and_the_failed_one_stays_la
     opened.do("document.getElementById('ranking-pane').scrollTop = 1e6")
     last = opened.rows()[-1]
     assert last[2] == "40" and "discards the step" in last[-1]
+
+
+@pytest.mark.slow
+def test_the_ranking_has_the_probability_of_being_best_and_the_interval_of_what_it_is_ranked_by(opened, whole, chosen):
+    place, objective = opened.column("probability of being best"), opened.column("objective (95 % interval)")
+    row = opened.rows()[0]
+    best = whole.setups.tolist().index(int(row[opened.column("setup")]))
+    assert row[place] == f"{100 * chosen.best[best]:.1f} %"
+    low, high = (ends[best] for ends in chosen.levels["objective"].interval())
+    assert row[objective] == f"{whole.objective[best]:.1f} ({low:.1f} to {high:.1f})"
+    opened.click("#kept [value=tied]")
+    listed = {int(row[opened.column("setup")]) for row in opened.rows()}
+    assert listed == set(chosen.ties) and len(listed) > 1  # whatever measure is drawn
+
+
+@pytest.mark.slow
+def test_the_tied_setups_are_compared_side_by_side_with_one_click(opened, chosen):
+    opened.click("#unpick")
+    opened.click("#compare-ties")
+    opened.browser.until("document.querySelector('#side-by-side thead th')")
+    heads = opened.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
+    assert all(f"setup {number}" in heads for number in chosen.ties[:5])
 
 
 @pytest.mark.slow
@@ -294,12 +324,18 @@ def test_other_weights_and_limits_rank_the_setups_again_and_the_page_says_so(ope
     lightest = int(whole.setups[feasible[np.argmin(whole.values(TIRE)[feasible])]])
     assert int(opened.rows()[0][opened.column("setup")]) == lightest
     assert "for those of the study" in opened.text("#reweighed")
+    cost = opened.column("objective (what if)")  # the sum with these weights, without the study's probabilities
+    assert float(opened.rows()[0][cost]) == pytest.approx(np.min(whole.values(TIRE)[feasible]) / LBF, rel=1e-3)
+    assert "probability" not in opened.text("#ranking thead")
     limit = float(np.quantile(whole.values(TIRE)[feasible], 0.9)) / LBF
     opened.do(_TYPE.format(inputs.format("low") + "[0]", f"{limit:.6f}"))
     assert float(opened.rows()[0][opened.column(TIRE)]) == pytest.approx(limit, rel=2e-3)
     opened.click("#own-weights")
     assert int(opened.rows()[0][opened.column("setup")]) == whole.setups[whole.ranking()[0]]
     assert opened.do("document.getElementById('reweighed').hidden")
+    assert float(opened.rows()[0][opened.column("objective")].split()[0]) == pytest.approx(
+        whole.objective[whole.ranking()[0]], rel=1e-3
+    )
 
 
 @pytest.mark.slow
