@@ -54,7 +54,7 @@ def with_readable_columns(
                 continue
             fault = _fault(record, name, pick, units)
             smaller = _without(record, pick.source)
-            if fault and has_channels(dyno_map(smaller, given)):
+            if fault and _is_complete(dyno_map(smaller, given), mapping):
                 is_dead = fault in _DEAD and name != "temperature" and name not in dyno_map(smaller, given).channels
                 rule = DEAD if is_dead else LEFT_OUT
                 reasons.append(rule.reason(f"the column {pick.source!r} was not read", figure=fault, origin=origin))
@@ -64,10 +64,23 @@ def with_readable_columns(
             return _with_filled_temperature(record, mapping), mapping, tuple(reasons)
 
 
+def _is_complete(smaller: ChannelMap, whole: ChannelMap) -> bool:
+    """Return whether a map without a column has all that is needed, and still a measured motion if there was one."""
+    return has_channels(_measured(smaller)) or (has_channels(smaller) and not has_channels(_measured(whole)))
+
+
+def _measured(mapping: ChannelMap) -> ChannelMap:
+    """Return a channel map without commands."""
+    channels = {name: pick for name, pick in mapping.channels.items() if not is_command(pick.source, name)}
+    return replace(mapping, channels=channels)
+
+
 def _fault(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[str, str]) -> str:
     """Return why a column cannot be read as a channel; empty if it can, or if its samples may be repaired."""
     place = record.names.index(pick.source)
     unit = pick.unit or units.get(channel) or units.get(pick.source) or record.units[place]
+    if unit is None and channel == "force":  # the file may have the unit elsewhere: an error asks for it
+        return ""
     if unit is None:
         return f"it has no unit; give it in the header or with --units {channel}=unit"
     if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):

@@ -108,6 +108,8 @@ READ = {
     "waveforms with the unit of a scale": waveforms(unit_key="NI_UnitDescription"),
     "waveforms with steps in milliseconds": waveforms(step=1e3 / RATE, x_unit="ms"),
     "mat 7.3 with an array of structs": array_of_structs,
+    "numbered names and units behind a slash": text("Time / s,Disp 1 / mm,Vel 1 / mm/s,Force 1 / N"),
+    "kilograms-force as a suffix": text("t_s,x_mm,v_mm_s,Force_kgf", [*SI[:3], ("F", "kgf")]),
     "a force in counts before the force in newtons": text(
         "t [s],x [mm],v [mm/s],Force [counts],Force [N]", [*SI[:3], column("7"), SI[3]]),
 }  # fmt: skip
@@ -166,6 +168,13 @@ def test_command_in_place_of_a_measurement_is_a_reason(tmp_path):
     path = text("t [s],Position Command [mm],F [N]", [*SI[:2], SI[3]])(tmp_path)
     rules = [reason.rule for reason in read_dyno_test(path).reasons]
     assert "a command instead of a measurement" in rules
+
+
+@pytest.mark.parametrize("broken", ["Velocity [rpm],F [N]", "Velocity [mm/s],F"])
+def test_nothing_measured_is_replaced_by_a_command_or_by_another_force(broken, tmp_path):
+    header = f"t [s],Position Command [mm],{broken},Force 2 [N]"
+    with pytest.raises(InputError, match=r"rpm|no unit"):
+        read_dyno_test(text(header, [*SI, ("F", "kgf")])(tmp_path))
 
 
 def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
