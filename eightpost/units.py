@@ -28,7 +28,8 @@ _SPELLINGS = {
     "pounds-force": "lbf",
     "deg c": "degC", "deg. c": "degC", "degrees c": "degC", "celsius": "degC", "ºc": "degC", "℃": "degC",
     "deg f": "degF", "deg. f": "degF", "degrees f": "degF", "fahrenheit": "degF", "ºf": "degF", "℉": "degF",
-    "kelvin": "K", "kgs": "kgf", "kp": "kgf", "hh:mm:ss": "s", "mm:ss": "s", "min:sec": "s",
+    "kelvin": "K", "kgs": "kgf", "kp": "kgf", "hh:mm:ss": "s", "mm:ss": "s", "min:sec": "s", "mil": "thou",
+    "mils": "thou",
 }  # fmt: skip
 
 #: Words of units in lower case; `MM/SEC` and `Inches per second` are read word by word.
@@ -40,6 +41,13 @@ _WORDS = {
     "kilonewton": "kN", "kilonewtons": "kN", "lbf": "lbf", "lbsf": "lbf", "pound": "lbf", "pounds": "lbf",
     "kgf": "kgf", "kilogramforce": "kgf", "ips": "in/s", "in": "in", "psi": "psi", "bar": "bar", "degc": "degC",
     "degf": "degF", "volt": "V", "volts": "V", "hertz": "Hz", "ft": "ft", "mps": "m/s",
+}  # fmt: skip
+
+
+#: Units whose upper and lower case matter, and capitals that would be siemens or a concentration (molar).
+_CASES = {
+    "C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm",
+    "S": "s", "mS": "ms", "MS": "ms", "M": "m", "M/S": "m/s", "M/s": "m/s", "m/S": "m/s",
 }  # fmt: skip
 
 
@@ -58,7 +66,7 @@ def _expression(unit: str) -> str:
     text = text if text in _SPELLINGS.values() else _spelled(text)
     text = _SPELLINGS.get(text.lower() if text.lower() in _SPELLINGS and text not in ("C", "F") else text, text)
     # Upper and lower case differ: Nm is a torque, nm a length.
-    text = {"C": "degC", "F": "degF", "Nm": "N.m", "kNm": "kN.m", "Nmm": "N.mm"}.get(text, text)
+    text = _CASES.get(text, text)
     text = re.sub(r"\b(lbs|lb)\b(?!m|f)", "lbf", text)
     text = re.sub(r"(?<![\w.])g(?![\w])", "g_0", text)
     text = text.replace("²", "2").replace("³", "3").replace("·", ".").replace("^", "")

@@ -195,14 +195,15 @@ def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
     Raises:
         FileFormatError: The file cannot be read.
     """
-    from eightpost.rig.peak_velocity import is_peak_velocity
+    from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.signals import read_records
 
-    record = read_records(path)[0]
+    records = read_records(path)
+    record = records[0]
     names = {name.rpartition(".")[2] for name in (*record.names, *(channel_map.channels if channel_map else ()))}
     if "road" in names:
         return "rig" if "tire_force" in names else "drive"
-    return "peak velocity" if is_peak_velocity(record) else "dyno"
+    return "peak velocity" if holds_peak_velocities(records) else "dyno"
 
 
 def _record(

@@ -59,7 +59,8 @@ def inspect(
     """
     from eightpost.rig import read_dyno_tests, split_runs
     from eightpost.rig.dyno_columns import with_channels
-    from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
+    from eightpost.rig.peak_velocity import read_peak_velocity
+    from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.rig.post import read_rig_test
     from eightpost.signals import read_records
 
@@ -73,7 +74,7 @@ def inspect(
         ctx.exit(int(_show_rig_test(console, rig_test, mass)))
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and --mass is an option of rig files; omit it")
-    if is_peak_velocity(records[0]):
+    if holds_peak_velocities(records):
         tables = read_peak_velocity(path, units=dict(units))
         for table in tables:
             show_table(console, table)

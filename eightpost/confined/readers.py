@@ -75,8 +75,11 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
 def _hdf5(item: Any) -> Any:
     """Return an object of an HDF5 file as scipy would; None for other types. MATLAB stores matrices transposed."""
     if hasattr(item, "items"):
-        return {name: value for name, child in item.items() if (value := _hdf5(child)) is not None}
+        fields = {name: value for name, child in item.items() if (value := _hdf5(child)) is not None}
+        return _struct_array(fields) if all(isinstance(value, list) for value in fields.values()) else fields
     kind = item.attrs.get("MATLAB_class", b"")
+    if item.dtype.kind == "O" and kind != b"cell":  # references to the values of a field of an array of structs
+        return [_hdf5(item.file[reference]) for reference in np.asarray(item[()]).T.ravel() if reference]
     if item.attrs.get("MATLAB_empty", 0) or item.dtype.kind not in "iufb":
         return None
     values = np.asarray(item[()]).T
@@ -86,14 +89,35 @@ def _hdf5(item: Any) -> Any:
     return squeezed if squeezed.ndim else squeezed.item()
 
 
+def _struct_array(fields: dict[str, list[Any]]) -> list[dict[str, Any]]:
+    """Return an array of structs, as scipy would, from the values of each field."""
+    return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)]
+
+
 # ---- Spreadsheets and LabVIEW ---------------------------------------------------------------------------------------
 
 
-def load_spreadsheet(path: Path) -> dict[str, list[list[Any]]]:
-    """Return the rows of each sheet by its name."""
+class Sheet(NamedTuple):
+    """A sheet of a spreadsheet: its name, whether it is hidden, and its rows of cells."""
+
+    name: str
+    is_hidden: bool
+    rows: list[list[Any]]
+
+
+def load_spreadsheet(path: Path) -> list[Sheet]:
+    """Return the sheets of a spreadsheet."""
     calamine = importlib.import_module("python_calamine")
     book = calamine.CalamineWorkbook.from_path(str(path))
-    return {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
+    return [
+        Sheet(
+            one.name,
+            one.visible != calamine.SheetVisibleEnum.Visible,
+            book.get_sheet_by_name(one.name).to_python(skip_empty_area=False),
+        )
+        for one in book.sheets_metadata
+        if one.typ == calamine.SheetTypeEnum.WorkSheet
+    ]
 
 
 class Table(NamedTuple):
@@ -116,24 +140,63 @@ def load_tdms(path: Path) -> list[Table]:
     facts = tuple(f"{key}: {value}" for key, value in content.properties.items())
     for group in content.groups():
         numeric = [channel for channel in group.channels() if channel.dtype.kind in "iufM" and len(channel)]
-        columns = [(c.name, str(c.properties.get("unit_string", "")).strip(), _numbers(c[:])) for c in numeric]
-        steps = [float(channel.properties.get("wf_increment", 0.0)) for channel in numeric]
-        starts = [float(channel.properties.get("wf_start_offset", 0.0)) for channel in numeric]
+        columns = [(c.name, _unit_of(c), _numbers(c[:])) for c in numeric]
         own = tuple(f"{key}: {value}" for key, value in group.properties.items())
         if columns:
-            step, start = next(((h, t) for h, t in zip(steps, starts, strict=True) if h), (0.0, 0.0))
-            times = dict(zip((c.name for c in numeric), zip(steps, starts, strict=True), strict=True))
-            others = tuple(
-                (
-                    name,
-                    f"it has steps of {1e3 * h:.6g} ms from {t:.6g} s on, others {1e3 * step:.6g} ms from {start:.6g}"
-                    " s on; export all channels with one rate and one start",
-                )
-                for name, (h, t) in times.items()
-                if step and h and not np.allclose((h, t), (step, start), rtol=1e-6, atol=1e-3 * step)
-            )
-            tables.append(Table(columns, step, start, (*facts, *own), others))
+            axes = {c.name: _time_axis(c) for c in numeric}
+            tables.append(Table(columns, *_common_axis(axes), (*facts, *own), tuple(_with_other_times(axes))))
     return tables
+
+
+def _unit_of(channel: Any) -> str:
+    if channel.dtype.kind == "M":
+        return "s"
+    found = channel.properties.get("unit_string") or channel.properties.get("NI_UnitDescription") or ""
+    return str(found).strip()
+
+
+#: Units of the increment of a waveform, in seconds; the increment of a spectrum is in hertz.
+_X_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "min": 60.0}
+
+
+def _time_axis(channel: Any) -> tuple[float, float]:
+    """Return the increment [s] and the start [s] of a waveform; zeros without a time.
+
+    The start is the offset of the first sample; with the time of day of a trigger it is counted from 1970.
+    """
+    facts = channel.properties
+    scale = _X_UNITS.get(str(facts.get("wf_xunit_string", "")).strip().lower(), 0.0)
+    step, offset = (scale * float(facts.get(key, 0.0)) for key in ("wf_increment", "wf_start_offset"))
+    trigger = facts.get("wf_start_time")
+    if step and isinstance(trigger, np.datetime64) and not np.isnat(trigger):
+        offset += 1e-9 * float(trigger.astype("datetime64[ns]").astype(np.int64))
+    return step, offset
+
+
+def _common_axis(axes: dict[str, tuple[float, float]]) -> tuple[float, float]:
+    """Return the increment and the start of the first waveform; a start with a time of day becomes 0."""
+    step, start = next((axis for axis in axes.values() if axis[0]), (0.0, 0.0))
+    return step, start if abs(start) < _ABSOLUTE else 0.0
+
+
+#: Starts above this are times of day, counted from 1970 [s].
+_ABSOLUTE = 1e8
+#: Largest difference of the starts of channels that were sampled at the same times, in steps.
+_SAME_START = 0.01
+
+
+def _with_other_times(axes: dict[str, tuple[float, float]]) -> Iterator[tuple[str, str]]:
+    """Yield the channels that were sampled at other times than the first waveform, with the difference in words."""
+    step, start = next((axis for axis in axes.values() if axis[0]), (0.0, 0.0))
+    zero = start if abs(start) > _ABSOLUTE else 0.0
+    for name, (own_step, own_start) in axes.items():
+        is_same = abs(own_step / step - 1.0) <= 1e-6 and abs(own_start - start) <= _SAME_START * step if step else True
+        if own_step and not is_same:
+            yield (
+                name,
+                f"it has steps of {1e3 * own_step:.6g} ms from {own_start - zero:.4g} s on, others {1e3 * step:.6g} ms "
+                f"from {start - zero:.4g} s on; export all channels with one rate and one start",
+            )
 
 
 def _numbers(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ import unicodedata
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from eightpost.rig.plausibility_rules import CHOSEN_COLUMN
+from eightpost.rig.plausibility_rules import CHOSEN_COLUMN, COMMANDED
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.units import compatible, is_unit
 
@@ -48,12 +48,16 @@ _ALIASES = {
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.
 _QUALIFIERS = {
-    "measured": 0, "meas": 0, "actual": 0, "act": 0, "shock": 0, "damper": 0, "axial": 0, "ch": 0, "channel": 0,
+    "measured": 0, "meas": 0, "actual": 0, "act": 0, "fbk": 0, "feedback": 0, "shock": 0, "damper": 0, "axial": 0,
+    "ch": 0, "channel": 0,
     "ai": 0, "raw": 1, "filtered": 2, "filt": 2, "fil": 2, "smoothed": 2, "smooth": 2, "avg": 2, "calc": 3,
     "calculated": 3, "derived": 3, "command": 9, "cmd": 9, "setpoint": 9, "target": 9, "demand": 9, "desired": 9,
     "reference": 9, "ref": 9, "volts": 8, "voltage": 8, "v": 8,
 }  # fmt: skip
 
+
+#: Qualifiers of this value are those of a command.
+_COMMAND = 9
 
 #: A factor in a name, as in `Force/10`: the column is not the quantity itself.
 _ARITHMETIC = re.compile(r"[*/^\u00d7]\s*\(?\s*[-+]?\d")
@@ -98,11 +102,15 @@ def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) ->
 
 
 def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each channel for which one of several possible columns was chosen."""
+    """Yield a reason for each channel for which one of several possible columns, or only a command, was found."""
     for name in ("displacement", "velocity", "force"):
         if name not in mapping.channels or (given is not None and name in given.channels):
             continue
         used = mapping.channels[name].source
+        if is_command(used, name):
+            figure = f"{used!r} was read, because there is no measured one"
+            remedy = f"export the measured {name}, or confirm with --channel {name}='{used}'"
+            yield COMMANDED.reason(f"the {name} is not a measurement", figure=figure, origin=origin, remedy=remedy)
         taken = {pick.source for other, pick in mapping.channels.items() if other != name}
         others = [column for column in _candidates(record, name, taken) if column != used]
         if others:
@@ -130,9 +138,8 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
         rank = _rank(name, channel)
         if name in taken or rank is None:
             continue
-        known = unit is not None and is_unit(unit)
-        if known and not compatible(unit or "", si):
-            if channel == "temperature":
+        if unit is not None and not (is_unit(unit) and compatible(unit, si)):
+            if channel == "temperature" and is_unit(unit):
                 continue
             rank += 100  # for a message about its unit if there is no other column
         ranked.append((rank, i, name))
@@ -156,6 +163,17 @@ def _rank(name: str, channel: str) -> int | None:
     if plain and len(plain) < len(words) and "".join(plain) in aliases:
         return 1 + max(_QUALIFIERS[word] for word in words if word in _QUALIFIERS)
     return None
+
+
+def is_command(name: str, channel: str) -> bool:
+    """Return whether a column's name calls it a command, a target or a reference of a channel."""
+    return (_rank(name, channel) or 0) > _COMMAND
+
+
+def has_channels(mapping: ChannelMap) -> bool:
+    """Return whether a channel map has the time, the force and a motion."""
+    found = set(mapping.channels)
+    return mapping.time is not None and "force" in found and bool(found & {"velocity", "displacement"})
 
 
 def _without_accents(name: str) -> str:

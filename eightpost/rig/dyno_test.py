@@ -12,10 +12,10 @@ import numpy as np
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
-from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map
+from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
 from eightpost.rig.dyno_notes import notes_of
-from eightpost.rig.optional_columns import check_one_time, with_optional_temperature
+from eightpost.rig.optional_columns import check_one_time, with_readable_columns
 from eightpost.rig.other_columns import column_reasons, mixed_units
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import PART_RULES
@@ -154,7 +154,7 @@ def read_dyno_test(
         WrongSignError: The force or the displacement has the wrong sign.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
-    records = [one for one in read_records(path) if _has_channels(dyno_map(one, channel_map))]
+    records = [one for one in read_records(path) if has_channels(dyno_map(one, channel_map))]
     record = records[0] if len(records) == 1 else read_record(path)
     return reading.test(record, conditions or DynoConditions())
 
@@ -178,7 +178,7 @@ def read_dyno_tests(
     known = DynoConditions()
     tests = []
     records = read_records(path)
-    for record in [r for r in records if _has_channels(dyno_map(r, channel_map))] or records:
+    for record in [r for r in records if has_channels(dyno_map(r, channel_map))] or records:
         known = conditions_from(record.preamble)[0].over(known)
         tests.append(reading.test(record, (conditions or DynoConditions()).over(known)))
     return tuple(tests)
@@ -196,8 +196,9 @@ class _Reading:
 
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
-        mapping = dyno_map(record, self.channel_map).flipped(self.flip)
-        record, mapping, left_out = with_optional_temperature(record, mapping, self.channel_map, self.units)
+        label = f"record {self.path.name}"
+        record, mapping, left_out = with_readable_columns(record, self.channel_map, self.units, label)
+        mapping = mapping.flipped(self.flip)
         _check_channels(record, mapping)
         check_one_time(record, mapping, self.channel_map)
         series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
@@ -211,20 +212,16 @@ class _Reading:
             _check_displacement_sign(series, origin)
         _check_force(series, origin, derived)
         stated, notes = conditions_from(record.preamble)
-        notes = (*record.notes, *left_out, *notes, *notes_of(series, measured=measured, origin=origin))
+        notes = (*record.notes, *notes, *notes_of(series, measured=measured, origin=origin))
         test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
         units = mixed_units(record, mapping, self.units)
         reasons = (
+            *left_out,
             *record_reasons(series, measured=measured, origin=test.label, units=units, conditions=test.conditions),
             *column_reasons(record, mapping, series, test.label),
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
         return replace(test, reasons=reasons).judged()
-
-
-def _has_channels(mapping: ChannelMap) -> bool:
-    found = set(mapping.channels)
-    return mapping.time is not None and "force" in found and bool(found & {"velocity", "displacement"})
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:

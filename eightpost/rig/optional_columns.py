@@ -1,21 +1,25 @@
-"""Columns of a dynamometer file that must not prevent reading it: the temperature, and further columns of time."""
+"""Columns of a dynamometer file that must not prevent reading it, and further columns of time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import DataError, FileFormatError
-from eightpost.signals.channel_map import ChannelMap
-from eightpost.signals.raw_record import letters_of
+from eightpost.rig.dyno_columns import DYNO_UNITS, dyno_map, has_channels, is_command
+from eightpost.rig.plausibility_rules import DEAD, LEFT_OUT
+from eightpost.signals.channel_map import ChannelMap, MappedChannel
+from eightpost.signals.raw_record import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
+    from eightpost.verdict import Reason
 
 #: Minimum number of temperatures in a column with empty cells.
 FEWEST = 10
@@ -23,42 +27,106 @@ FEWEST = 10
 #: Largest difference of two columns of time that are the same, in median steps.
 SAME = 0.01
 
+_EMPTY, _CONSTANT = _DEAD = ("it is empty", "it is constant")
 
-def with_optional_temperature(
-    record: RawRecord, mapping: ChannelMap, given: ChannelMap | None, units: Mapping[str, str]
-) -> tuple[RawRecord, ChannelMap, tuple[str, ...]]:
-    """Return a record and a channel map whose temperature can be read, and a note if it was changed or left out.
 
-    Empty cells between temperatures are interpolated: it is often logged more slowly than the force. A column that is
-    not needed is left out if it cannot be read, unless it was named by the caller.
+def with_readable_columns(
+    record: RawRecord, given: ChannelMap | None, units: Mapping[str, str], origin: str
+) -> tuple[RawRecord, ChannelMap, tuple[Reason, ...]]:
+    """Return a record and a channel map without columns that cannot be read and are not needed, and reasons on them.
+
+    A displacement is not needed beside a velocity, nor the reverse, nor one of several columns that could be a channel.
+    Columns that the caller named are kept, and so is what is needed, for a message about its fault. Empty cells between
+    temperatures are interpolated: it is often logged more slowly than the force.
 
     Args:
         record: Columns of the file.
-        mapping: Columns of the channels.
         given: Channel map of the caller.
         units: Units of the caller, by channel or column.
+        origin: Name of the record.
     """
-    pick = mapping.channels.get("temperature")
-    if pick is None or (given is not None and "temperature" in given.channels) or pick.source not in record.names:
-        return record, mapping, ()
+    named = set(given.channels) if given is not None else set()
+    reasons: list[Reason] = []
+    while True:
+        mapping = dyno_map(record, given)
+        for name, pick in mapping.channels.items():
+            if name in named or pick.source not in record.names:
+                continue
+            fault = _fault(record, name, pick, units)
+            smaller = _without(record, pick.source)
+            if fault and _is_complete(dyno_map(smaller, given), mapping):
+                is_dead = fault in _DEAD and name != "temperature" and name not in dyno_map(smaller, given).channels
+                rule = DEAD if is_dead else LEFT_OUT
+                reasons.append(rule.reason(f"the column {pick.source!r} was not read", figure=fault, origin=origin))
+                record = smaller
+                break
+        else:
+            return _with_filled_temperature(record, mapping), mapping, tuple(reasons)
+
+
+def _is_complete(smaller: ChannelMap, whole: ChannelMap) -> bool:
+    """Return whether a map without a column has all that is needed, and still a measured motion if there was one."""
+    return has_channels(_measured(smaller)) or (has_channels(smaller) and not has_channels(_measured(whole)))
+
+
+def _measured(mapping: ChannelMap) -> ChannelMap:
+    """Return a channel map without commands."""
+    channels = {name: pick for name, pick in mapping.channels.items() if not is_command(pick.source, name)}
+    return replace(mapping, channels=channels)
+
+
+def _fault(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[str, str]) -> str:
+    """Return why a column cannot be read as a channel; empty if it can, or if its samples may be repaired."""
     place = record.names.index(pick.source)
-    without = replace(mapping, channels={n: p for n, p in mapping.channels.items() if n != "temperature"})
-    unit = record.units[place]
-    if unit is None and not {"temperature", pick.source} & set(units):
-        return record, without, (f"the column {pick.source!r} was not read: it has no unit",)
-    try:
-        values = record.numbers(place, channel="temperature")
-    except DataError:
-        return record, without, (f"the column {pick.source!r} was not read: it contains words",)
-    known = np.isfinite(values)
-    if known.all():
-        return record, mapping, ()
-    if np.count_nonzero(known) < FEWEST:
-        return record, without, (f"the column {pick.source!r} was not read: {np.count_nonzero(known)} numbers",)
+    unit = pick.unit or units.get(channel) or units.get(pick.source) or record.units[place]
+    if unit is None and channel == "force":  # the file may have the unit elsewhere: an error asks for it
+        return ""
+    if unit is None:
+        return f"it has no unit; give it in the header or with --units {channel}=unit"
+    if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):
+        return f"its unit {unit!r} is not one of a {channel}"
+    if is_command(pick.source, channel):
+        return "it is a command, not a measurement"
+    return _fault_of_samples(record.columns[place], channel)
+
+
+def _fault_of_samples(column: NDArray[Any], channel: str) -> str:
+    if column.dtype == object:
+        is_damaged = channel == "temperature" or not any(is_number(str(cell)) for cell in column)
+        return "it contains words" if is_damaged else ""
+    known = column[np.isfinite(column)]
+    if channel == "temperature":
+        return f"{known.size} numbers" if known.size < min(FEWEST, column.size) else ""
+    if not known.size:
+        return _EMPTY
+    if known.size == column.size and np.ptp(column) == 0.0:
+        return _CONSTANT
+    return "it is a magnitude, without a sign" if channel == "velocity" and known.min() >= 0.0 else ""
+
+
+def _without(record: RawRecord, source: str) -> RawRecord:
+    """Return a record without a column."""
+    kept = [i for i, name in enumerate(record.names) if name != source]
+    return replace(
+        record,
+        names=tuple(record.names[i] for i in kept),
+        units=tuple(record.units[i] for i in kept),
+        columns=tuple(record.columns[i] for i in kept),
+    )
+
+
+def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecord:
+    """Return a record without empty cells between its temperatures."""
+    pick = mapping.channels.get("temperature")
+    if pick is None or pick.source not in record.names:
+        return record
+    place = record.names.index(pick.source)
+    values = record.columns[place]
+    if values.dtype == object or not (known := np.isfinite(values)).any():
+        return record
     rows = np.arange(values.size)
     filled = np.interp(rows, rows[known], values[known])
-    columns = (*record.columns[:place], filled, *record.columns[place + 1 :])
-    return replace(record, columns=columns), mapping, ()
+    return replace(record, columns=(*record.columns[:place], filled, *record.columns[place + 1 :]))
 
 
 def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> None:

@@ -78,6 +78,25 @@ CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     why="another column may be the one that is calibrated",
     remedy="name the column with --channel",
 )  # fmt: skip
+COMMANDED = RULES.add("a command instead of a measurement", ABOUT, Grade.LIMITED,
+    condition="a channel is read from a column that its name calls a command, a target or a reference, because there "
+    "is no other",
+    why="the machine follows its command late and with another size, and what the force lags behind the command is not "
+    "a lag of the shock",
+    remedy="export the measured channel, or confirm the column with --channel",
+)  # fmt: skip
+LEFT_OUT = RULES.add("a column that was not read", ABOUT, Grade.USABLE,
+    condition="a column could be a channel but has no unit, another quantity's unit, words, one value only, no sign, "
+    "or is a command, and the record is complete without it",
+    why="an unneeded column must not prevent reading a file",
+    remedy="correct the column, or ignore this",
+)  # fmt: skip
+DEAD = RULES.add("a dead channel", ABOUT, Grade.LIMITED,
+    condition="the only column of the displacement or the velocity is constant or empty, and the other one is read",
+    why="a sensor failed or its cable is loose, so the other channels of the test may be affected; without a "
+    "displacement no gas stiffness is known",
+    remedy="check the sensor and its cable, and measure again if the displacement matters",
+)  # fmt: skip
 
 
 #: Names of the rules about changes during a record; they apply to each run on its own.

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 #: Names of a time column, in lower case.
-TIME_NAMES = ("time", "t", "timestamp", "zeit")
+TIME_NAMES = (
+    "time", "t", "timestamp", "zeit", "elapsed time", "running time", "test time", "run time", "temps", "tempo",
+    "tiempo",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class ChannelMap:
 
     Attributes:
         channels: Column of each channel, by channel name.
-        time: Time column; None to use the column named time, t, timestamp or zeit.
+        time: Time column; None to use the column with a usual name (`TIME_NAMES`).
         path: Path of the file that the map was read from.
     """
 

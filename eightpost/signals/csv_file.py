@@ -26,6 +26,7 @@ from eightpost.signals.text_cleaning import (
     with_tabs,
     with_whole_headers,
     without_footer,
+    without_spaces_before_quotes,
 )
 from eightpost.signals.text_layout import Block, Layout, cells_of, find_blocks, find_layout, split_cells
 from eightpost.units import convert
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 #: A format that no cell has, so that times of day and dates stay texts.
 _NO_TIMES = "%%never%%"
+#: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
+_REMARKS = 0.5
 #: Maximum number of characters in a line, enough for about ten thousand channels.
 _LONGEST_LINE = 2**18
 
@@ -79,7 +82,7 @@ def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
     if longest > _LONGEST_LINE:
         what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: this is not a table of channels"
         raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
-    return text_records(with_tabs(with_whole_headers(lines)), path, may_be_cut=True)
+    return text_records(with_tabs(with_whole_headers(without_spaces_before_quotes(lines))), path, may_be_cut=True)
 
 
 def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> tuple[RawRecord, ...]:
@@ -138,10 +141,17 @@ def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) 
     except pa.ArrowException as error:
         raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
     named = len(layout.names)
-    if any(column.null_count < len(column) for column in table.columns[named:]):
+    if any(_filled(column) > _REMARKS for column in table.columns[named:]):
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
     return tuple(_vector(column, decimal) for column in table.columns[:named])
+
+
+def _filled(column: Any) -> float:
+    """Return the share of cells that are not empty."""
+    if not pa.types.is_string(column.type):
+        return 1.0 - float(column.null_count / len(column))
+    return sum(bool(cell and cell.strip()) for cell in column.to_pylist()) / max(len(column), 1)
 
 
 def _vector(column: Any, decimal: str) -> NDArray[Any]:

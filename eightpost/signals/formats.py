@@ -87,7 +87,7 @@ def read_series(
     """Read a file with one table as a time series in SI.
 
     Without a channel map, every column is a channel with the name of the column (without the unit), and the column
-    `time`, `t`, `timestamp` or `zeit` is the time.
+    `time`, or with another usual name of it (`TIME_NAMES`), is the time.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.

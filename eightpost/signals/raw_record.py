@@ -45,8 +45,9 @@ _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _SUFFIXES = {
     "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",
     "m_s": "m/s", "m_s2": "m/s2", "ips": "in/s", "mm": "mm", "cm": "cm", "inch": "in", "N": "N", "kN": "kN",
-    "lbf": "lbf", "lbs": "lbf", "lb": "lbf", "Nm": "N.m", "psi": "psi", "bar": "bar", "kPa": "kPa",
-    "MPa": "MPa", "Pa": "Pa", "degC": "degC", "degF": "degF", "Hz": "Hz", "rpm": "rpm", "sec": "s",
+    "lbf": "lbf", "lbs": "lbf", "lb": "lbf", "kgf": "kgf", "Kgf": "kgf", "daN": "daN", "Nm": "N.m",
+    "psi": "psi", "bar": "bar", "kPa": "kPa", "MPa": "MPa", "Pa": "Pa", "degC": "degC", "degF": "degF", "Hz": "Hz",
+    "rpm": "rpm", "sec": "s",
     "rad": "rad", "deg": "deg", "mm_per_sec": "mm/s", "in_per_sec": "in/s", "m_per_sec": "m/s", "mm_sec": "mm/s",
     "in_sec": "in/s", "msec": "ms",
 }  # fmt: skip
@@ -93,7 +94,8 @@ def _separated(text: str) -> tuple[str, str] | None:
     `Vel mm/s` is not divided: its name would end in a unit.
     """
     match = _SEPARATED.match(text)
-    if match is None or (" " in match["name"] and is_unit(match["name"].split()[-1])):
+    last = match["name"].split()[-1] if match else ""
+    if match is None or (" " in match["name"] and is_unit(last) and not is_number(last)):
         return None
     unit = match["unit"].strip().removeprefix("(").removesuffix(")").strip()
     return (match["name"], unit) if unit and not is_number(unit) and is_unit(unit) else None

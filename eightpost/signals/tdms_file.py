@@ -65,6 +65,12 @@ def _record(table: Table, path: Path) -> RawRecord:
     kept = [i for i in kept if names[i] not in dict(table.others)]
     preamble = tuple((line,) for line in table.preamble)
     notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in table.others)
+    notes += tuple(
+        f"the channel {names[i]!r} was left out: it has {columns[i].size} samples, and the time has "
+        f"{columns[times[0]].size}"
+        for i in range(len(columns))
+        if columns[i].size != columns[times[0]].size
+    )
     return RawRecord(
         Origin(path),
         tuple(names[i] for i in kept),

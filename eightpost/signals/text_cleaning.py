@@ -59,6 +59,14 @@ def _in_shift_jis(content: bytes) -> str:
 _OPEN = re.compile(r'(?:^|[;,\t])\s*"[^"]*$')
 #: Lines in which a header may be, and maximum number of lines of one.
 _HEADER_LINES, _MOST_LINES = 200, 12
+_SPACE_AND_QUOTE = re.compile(r'(^|(?<=")[,;\t]) +(?=")')
+
+
+def without_spaces_before_quotes(lines: list[str]) -> list[str]:
+    """Return the lines of `"a", "b"` without the spaces before the quotes, which would become part of the cells."""
+    if not any(_SPACE_AND_QUOTE.search(line) for line in lines[:_HEADER_LINES]):
+        return lines
+    return [_SPACE_AND_QUOTE.sub(r"\1", line) for line in lines]
 
 
 def with_whole_headers(lines: list[str]) -> list[str]:

@@ -72,7 +72,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
         header = above[1] if units else header
     names = _header_cells(lines[header], delimiter, width, offset + header + 1, path)
     split = [(cell, None) if units else split_header(cell) for cell in names]
-    stated = units[: len(names)] if units else [unit for _, unit in split]
+    stated = [*units, *[""] * len(names)][: len(names)] if units else [unit for _, unit in split]
     return Layout(
         delimiter=delimiter,
         names=tuple(name for name, _ in split),

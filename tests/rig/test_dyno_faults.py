@@ -202,15 +202,13 @@ REFUSED = {
     "a record that ends early": (cut_off, (errors.TooShortError, errors.FileFormatError)),
     "a line that ends early": (line_cut, errors.FileFormatError),
     "a dead force": (dead(F), errors.ConstantChannelError),
-    "a dead velocity": (dead(V), errors.ConstantChannelError),
-    "a dead displacement": (dead(X), errors.ConstantChannelError),
     "a saturated force": (saturated(F), errors.ClippedChannelError),
     "a force of the wrong sign": (scaled(F, -1.0, -1.0), errors.WrongSignError),
     "a velocity of the wrong sign": (scaled(V, -1.0, -1.0), errors.WrongSignError),
     "a displacement of the wrong sign": (scaled(X, -1.0, -1.0), errors.WrongSignError),
     "a force without a unit": (renamed(F, "F"), errors.MissingUnitError),
     "a force in millimetres": (renamed(F, "F [mm]"), errors.UnknownUnitError),
-    "an unknown unit": (renamed(V, "v [furlong/x]"), errors.UnknownUnitError),
+    "an unknown unit": (renamed(F, "F [furlong/x]"), errors.UnknownUnitError),
     "no force": (renamed(F, "P [bar]"), errors.MissingChannelError),
     "no time": (renamed(T, "n [1]"), errors.MissingChannelError),
     "two tables": (two_tables, errors.FileFormatError),
@@ -218,6 +216,9 @@ REFUSED = {
 
 #: Change of the record, and the expected text of one of its notes.
 NOTED = {
+    "a dead velocity": (dead(V), "the column 'v' was not read: it is constant"),
+    "a dead displacement": (dead(X), "the column 'x' was not read: it is constant"),
+    "an unknown unit of velocity": (renamed(V, "v [furlong/x]"), "'v' was not read: its unit 'furlong/x'"),
     "a saturated velocity": (saturated(V), "velocity: .* are equal to the (high|low)est"),
     "a saturated displacement": (saturated(X), "displacement: .* are equal to the (high|low)est"),
     "a quantised velocity": (quantised(V), "velocity: quantised"),

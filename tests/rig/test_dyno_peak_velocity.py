@@ -6,7 +6,7 @@ import pytest
 from eightpost import errors
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig import read_peak_velocity
-from eightpost.rig.peak_velocity import is_peak_velocity
+from eightpost.rig.peak_velocity_columns import is_peak_velocity
 from eightpost.signals import read_record
 
 SPEED, COMPRESSION, REBOUND = (

@@ -269,7 +269,7 @@ def test_slow_temperatures_are_interpolated_and_missing_ones_left_out(tmp_path):
     assert slow.series["temperature"] == pytest.approx(np.full(COUNT, 300.15))
     none = read_dyno_test(READ["no temperature in its column"](tmp_path))
     assert "temperature" not in none.series
-    assert any("'Temp' was not read" in note for note in none.notes)
+    assert any("'Temp' was not read" in note for note in none.warnings)
 
 
 # ---- Files that were cut off ----------------------------------------------------------------------------------------

@@ -167,6 +167,9 @@ READ = {
     "units after a comma": text('"Time, s","Disp, mm","Vel, mm/s","Force, N"'),
     "units after a colon": text("Time: s,Disp: mm,Vel: mm/s,Force: N"),
     "units in braces": text("Time {s},Disp {mm},Vel {mm/s},Force {N}"),
+    "powers as text": text("Time [s],Disp [mm],Vel [mm s^-1],Force [N]"),
+    "a constant stroke before the position": text(
+        "Time [s],Stroke [mm],Position [mm],Velocity [mm/s],Load [N]", [SI[0], column("40.0"), *SI[1:]]),
     "capitals with underscores": text("TIME_SEC,SHOCK_DISP_MM,SHOCK_VEL_MM_PER_SEC,SHOCK_FORCE_N"),
     "a comment among the samples": interrupted("# marker"),
     "two tests side by side": text(f"{H},{H}", [*SI, *every(".9g")]),
@@ -185,7 +188,6 @@ REFUSED = {
     "names, units, types": (
         text(["Time,Disp,Vel,Force", "(s),(mm),(mm/s),(N)", "float,float,float,float"]), "channel map"),
     "camel case": (text("TimeS,DispMm,VelMmS,ForceN"), "channel map"),
-    "powers as text": (text("Time [s],Disp [mm],Vel [mm s^-1],Force [N]"), "unknown unit 'mm s\\^-1'"),
     "minus signs of typesetting": (
         text(H, [[c.replace("-", "\u2212") for c in one] for one in every(".9g")]), "not a number"),
     "Fortran exponents": (text(H, [[c.replace("e", "D") for c in one] for one in every(".9e")]), "columns of numbers"),
@@ -205,9 +207,6 @@ REFUSED = {
              [*SI[:3], [f"{max(f, 0.0):.9g}" for f in F], [f"{min(f, 0.0):.9g}" for f in F]]),
         "Bump Force, Rebound Force"),
     "no time": (text("x [mm],v [mm/s],F [N]", SI[1:], above="Sample Rate: 400 Hz\n"), "'time'"),
-    "a constant stroke before the position": (
-        text("Time [s],Stroke [mm],Position [mm],Velocity [mm/s],Load [N]", [SI[0], column("40.0"), *SI[1:]]),
-        "constant at 0.04"),
     "spreadsheet with dates every 2.5 ms": (sheets({"Data": [["Time", *NAMES[1:]], *dated(2.5e-3)]}), "read to 1 ms"),
     "spreadsheet with two runs": (
         sheets({"Run 1": [NAMES, *grid()], "Run 2": [NAMES, *grid((1, 2, 2, 1.7))]}), "2 tables"),

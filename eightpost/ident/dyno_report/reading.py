@@ -13,7 +13,7 @@ from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_ta
 from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.peak_velocity import is_peak_velocity
+from eightpost.rig.peak_velocity_columns import holds_peak_velocities
 from eightpost.shock import read_shock
 from eightpost.signals import read_records
 
@@ -103,7 +103,7 @@ def read_entries(
 
 def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:
     build, clicks = _chosen(reading.builds, path), _chosen(reading.clicks, path)
-    if path.suffix.lower() in _TABLES and is_peak_velocity(read_records(path)[0]):
+    if path.suffix.lower() in _TABLES and holds_peak_velocities(read_records(path)):
         tables = read_peak_velocity(path, units=reading.options.get("units"))
         if clicks and len(tables) == 1:
             tables = (replace(tables[0], clicks=clicks),)

@@ -17,7 +17,8 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
 from eightpost.ident.shock.options import GasTreatment
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.rig.peak_velocity import is_peak_velocity, read_peak_velocity
+from eightpost.rig.peak_velocity import read_peak_velocity
+from eightpost.rig.peak_velocity_columns import holds_peak_velocities
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS
@@ -124,7 +125,7 @@ def tables_in(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelo
 
 def is_table(path: Path) -> bool:
     """Return whether a file is a peak-velocity table."""
-    return path.suffix.lower() in _TEXT and is_peak_velocity(read_records(path)[0])
+    return path.suffix.lower() in _TEXT and holds_peak_velocities(read_records(path))
 
 
 def fit_tables(

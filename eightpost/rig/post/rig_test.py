@@ -15,6 +15,7 @@ from eightpost.display import Summary
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
 from eightpost.rig.post.rig_faults import check_rig_record
+from eightpost.rig.post.rig_units import check_rig_units
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.filters import velocity_from_displacement
@@ -203,7 +204,7 @@ def read_rig_test(
         FileFormatError: The file cannot be read.
         MissingChannelError: A required channel is missing.
         MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is unknown or has the wrong dimension.
+        UnknownUnitError: A unit is unknown, has the wrong dimension, or contradicts the unit of another channel.
         NotANumberError: A sample is NaN, empty or text.
         TimeGapError: Samples are missing.
         TooShortError: The record has less than 4 s.
@@ -224,6 +225,7 @@ def read_rig_test(
     _check_channels(series, corners, record, path)
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")
+    check_rig_units(series, corners, origin=record.origin)
     series, derived = _with_velocities(series, corners)
     check_rig_record(series, corners, origin=record.origin)
     return RigTest(series, _conditions(path), path, sha256_of(path), derived)
@@ -243,14 +245,12 @@ def read_rig_tests(
 
 
 def _check_channels(series: TimeSeries, corners: tuple[str, ...], record: RawRecord, path: Path) -> None:
+    known = "; ".join((", ".join(record.names), *record.notes))
     for corner in corners:
         prefix = f"{corner}." if corner else ""
         for options in (("road",), ("tire_force",), ("force",), ("displacement", "velocity")):
             if not any(prefix + name in series for name in options):
-                what = (
-                    f"a rig test needs this channel; the file has: {', '.join(record.names)}; name its column in a "
-                    "channel map"
-                )
+                what = f"a rig test needs this channel; the file has: {known}; name its column in a channel map"
                 raise MissingChannelError(what, path=path, channel=" or ".join(prefix + name for name in options))
 
 
