@@ -10,6 +10,8 @@ from eightpost import name_clash  # noqa: F401 - first: it checks where all othe
 # isort: split
 import importlib
 import logging
+import sys
+from pathlib import Path
 from typing import Any
 
 import click
@@ -109,6 +111,18 @@ def _complain(text: str) -> None:
     Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}", highlight=False)
 
 
+def _check_names() -> None:
+    """Refuse names of files that are no text, e.g. LC_ALL=C with PYTHONUTF8=0: no document could contain them."""
+    for name in (*sys.argv[1:], str(Path.cwd())):
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(
+                f"the name {name!r} is not text in the encoding {sys.getfilesystemencoding()}, which this process uses "
+                "for names of files: set PYTHONUTF8=1 or a UTF-8 locale, or rename the file"
+            ) from error
+
+
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="eightpost")
 @click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
@@ -122,6 +136,7 @@ def main(verbose: bool) -> None:
       eightpost check dist/shock.fmu
       eightpost run examples/seven_dof.toml -o out/
     """
+    _check_names()
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
     level = logging.DEBUG if verbose else logging.CRITICAL
     logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])

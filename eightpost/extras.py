@@ -1,7 +1,7 @@
 """Optional packages, grouped by what they are for (the extras of the distribution), and the error if one is missing.
 
-`pip install eightpost` installs what is needed to run FMUs. Every other package belongs to an extra, is imported where
-it is used, inside `needs(...)`, and if it is missing the error names the extra to install.
+`pip install eightpost` installs what is needed to run FMUs and to fit shocks. Every other package belongs to an extra,
+is imported where it is used, inside `needs(...)`, and if it is missing the error names the extra to install.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ REQUIRED: Mapping[str, str] = {
 #: Extras of pyproject.toml by name, without those for host programs and tests.
 EXTRAS: Mapping[str, Extra] = {
     "report": Extra(
-        "pictures, pages and workbooks (fit, identify, study, run --report ...)",
+        "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
     "files": Extra(

@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -132,14 +133,14 @@ def try_out(python: Path, source: Source, folder: Path, *, lowest: bool, tests: 
     return Outcome(version, True, True, last, ran.returncode == 0)
 
 
-def table(outcomes: list[Outcome]) -> str:
-    """Return the outcomes as a table."""
+def table(outcomes: list[Outcome], expected: Sequence[str] = VERSIONS) -> str:
+    """Return the outcomes as a table, with the expected versions that were not run."""
     lines = ["| Python | wheel with all verbs | `eightpost doctor` | tests |", "|---|---|---|---|"]
     for one in outcomes:
         installed = "installed" if one.installed else "cannot be installed"
         works = "works" if one.works else "-" if not one.installed else "fails"
         lines.append(f"| {one.python} | {installed} | {works} | {one.tests or 'not run'} |")
-    missing = [version for version in VERSIONS if not any(one.python.startswith(version) for one in outcomes)]
+    missing = [version for version in expected if not any(one.python.startswith(version) for one in outcomes)]
     lines += [f"| {version} | not run: no such interpreter on this machine | - | - |" for version in missing]
     return "\n".join(lines)
 
@@ -162,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
             folder.mkdir()
             outcomes.append(try_out(python, source, folder, lowest=options.lowest, tests=not options.no_tests))
             shutil.rmtree(folder / "venv")
-    print(table(outcomes))
+    print(table(outcomes, () if options.python else VERSIONS))
     return 0 if outcomes and all(one.passed for one in outcomes) else 1
 
 

@@ -1,4 +1,4 @@
-"""`pip install eightpost` runs FMUs; whatever needs another package says which extra installs it."""
+"""`pip install eightpost` runs FMUs and fits shocks; whatever needs another package says which extra installs it."""
 
 from __future__ import annotations
 
@@ -54,14 +54,15 @@ def minimal(quarter_car_system, fmus, tmp_path_factory):
     """Exit code and output of each command without any extra, and the packages of extras that were imported."""
     folder = tmp_path_factory.mktemp("minimal")
     (folder / "system.toml").write_text(quarter_car_system, encoding="utf-8")
-    shock = EXAMPLES / "bank" / "B_B.json"
+    shock, record = EXAMPLES / "bank" / "B_B.json", EXAMPLES / "data" / "dyno_A.csv"
     (folder / "table.xlsx").write_bytes(b"PK")
     commands = {
         "run": ["run", folder / "system.toml", "-o", folder / "out"],
         "run --report": ["run", folder / "system.toml", "-o", folder / "out", "--report"],
         "new": ["new", folder / "starter"],
         "compare": ["compare", folder / "out", folder / "starter" / ".." / "out"],
-        "fit": ["fit", EXAMPLES / "data" / "dyno_A.csv", "-o", folder / "shock.json"],
+        "fit": ["fit", record, "--law", "lpf1", "--order", "5", "-o", folder / "shock.json"],
+        "fit --plot": ["fit", record, "-o", folder / "shock.json", "--plot", folder / "shock.png"],
         "inspect": ["inspect", folder / "table.xlsx"],
         "build": ["build", shock, "-o", folder],
         "page": ["page", shock, "-o", folder / "page.html"],
@@ -92,6 +93,13 @@ def test_without_extras_fmus_run_and_nothing_else_is_imported(minimal):
     assert not loaded
 
 
+def test_without_extras_a_shock_is_fitted_and_the_missing_picture_is_explained(minimal):
+    code, text = minimal[0]["fit"]
+    assert code == 0, text
+    assert re.search(r'There is no picture: .* is not installed: pip install "eightpost\[report\]"', text)
+    assert (minimal[2] / "shock.json").is_file()
+
+
 @pytest.mark.parametrize("verb", ["compare", "new"])
 def test_a_verb_that_draws_nothing_needs_no_extra(minimal, verb):
     code, text = minimal[0][verb]
@@ -102,7 +110,7 @@ def test_a_verb_that_draws_nothing_needs_no_extra(minimal, verb):
     ("verb", "extra"),
     [
         ("run --report", "report"),
-        ("fit", "report"),
+        ("fit --plot", "report"),
         ("inspect", "files"),
         ("check", "check"),
         ("build", "build"),

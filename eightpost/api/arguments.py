@@ -65,7 +65,7 @@ def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) ->
     """Return the channel map of an argument: a map, a file of one, or the name of the column by channel.
 
     Raises:
-        InputError: It is none of them.
+        InputError: It is something else.
         FileFormatError: The file cannot be read.
     """
     from eightpost.signals import ChannelMap, MappedChannel

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.options import CurveChoice, GasTreatment, LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
+    from eightpost.shock import Shock
     from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
@@ -129,13 +131,16 @@ def fit(  # one parameter per option
       eightpost fit peak_velocities.csv -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
-    from eightpost.ident import fit_shock, plot_force_velocity
+    from eightpost.app.show import draw_if_possible
+    from eightpost.ident import fit_shock
     from eightpost.ident.shock.peak_velocity import tables_in
     from eightpost.ident.shock.peak_velocity_builds import builds_in
     from eightpost.rig import DynoConditions
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
 
+    if plot is not None:
+        import eightpost.report.pictures  # noqa: F401 -- a picture that was asked for and cannot be drawn
     console = Console()
     output = output or Path(f"{dyno_files[0].stem}.json")
     _check_output(output, dyno_files[0])
@@ -165,11 +170,22 @@ def fit(  # one parameter per option
         transition_speed=transition_speed,
     )
     show_fit(console, shock_fit)
-    plot = plot or output.with_suffix(".png")
     write_shock(shock_fit.shock, output)
-    plot_force_velocity(shock_fit, plot)
-    console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)
+    pictures = draw_if_possible(console, partial(_draw, shock_fit), plot or output.with_suffix(".png"))
+    console.print(f"wrote {', '.join(map(str, (output, *pictures)))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
+
+
+def _draw(shock_fit: ShockFit, path: Path) -> None:
+    from eightpost.ident import plot_force_velocity
+
+    plot_force_velocity(shock_fit, path)
+
+
+def _draw_tables(fitted: Sequence[tuple[PeakVelocityTable, Shock]], path: Path) -> None:
+    from eightpost.ident import plot_peak_velocity
+
+    plot_peak_velocity(fitted, path)
 
 
 def _check_options_of_tables(law: str, curve: str) -> None:
@@ -258,8 +274,7 @@ def _fit_tables(
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the tables of a peak-velocity file and draw their curves."""
-    from eightpost.app.show import show_verdict
-    from eightpost.ident import plot_peak_velocity
+    from eightpost.app.show import draw_if_possible, show_verdict
     from eightpost.ident.shock.peak_velocity import fit_tables
 
     fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
@@ -269,9 +284,9 @@ def _fit_tables(
             console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
         if one.shock.validity:
             show_verdict(console, one.shock.validity.verdict)
-    picture = output.with_suffix(".png")
-    plot_peak_velocity([(one.table, one.shock) for one in fitted], picture)
-    written = [*(one.path for one in fitted), picture]
+    pairs = [(one.table, one.shock) for one in fitted]
+    pictures = draw_if_possible(console, partial(_draw_tables, pairs), output.with_suffix(".png"))
+    written = [*(one.path for one in fitted), *pictures]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
 

@@ -1,6 +1,9 @@
 """The command line reports its results and exits with 0 (done), 1 (not acceptable) or 2 (wrong input)."""
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -162,3 +165,12 @@ def test_the_demo_runs_the_whole_workflow_and_writes_plots(eightpost, tmp_path):
     assert page.stat().st_size > 1_000_000
     names = {path.name for path in (tmp_path / "demo").glob("*.png")}
     assert names == PLOTS
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have Unicode names of files in every locale")
+def test_a_file_name_that_is_not_text_in_the_locale_is_reported_with_what_to_set():
+    ascii_only = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-m", "eightpost", "fit", "Dämpfer.csv"]
+    ran = subprocess.run(command, env=ascii_only, capture_output=True, text=True, encoding="utf-8", check=False)
+    assert ran.returncode == 2
+    assert "is not text in the encoding ascii" in ran.stderr and "set PYTHONUTF8=1" in ran.stderr
