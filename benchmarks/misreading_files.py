@@ -90,9 +90,9 @@ def _valve_voltage(columns: Columns) -> Columns:
 
 
 def _run_down(columns: Columns) -> Columns:
-    """Slow the motion down from 60 % of the record on: the phase of the machine, with the force of the lower speed."""
+    """Slow the motion down from 60 % of the record on, at most 6 s: the phase of the machine, with a lower force."""
     time = columns["t [s]"] - columns["t [s]"][0]
-    start = 0.6 * time[-1]
+    start = min(0.6 * time[-1], 6.0)
     rest = time[-1] - start
     beyond = np.maximum(time - start, 0.0)
     pace = np.clip(1.0 - beyond / rest, 0.0, 1.0)
@@ -180,7 +180,7 @@ def virtual(seed: int) -> Iterator[tuple[str, bool]]:
 
 
 def main() -> None:
-    """Print how many of each fault were found."""
+    """Print how many of each fault were found as a table in Markdown."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--shocks", type=int, default=60)
     parser.add_argument("--seed", type=int, default=91000)
