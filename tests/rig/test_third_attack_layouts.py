@@ -177,6 +177,13 @@ def test_nothing_measured_is_replaced_by_a_command_or_by_another_force(broken, t
         read_dyno_test(text(header, [*SI, ("F", "kgf")])(tmp_path))
 
 
+def test_command_is_read_if_what_is_measured_is_in_volts(tmp_path):
+    path = text("t [s],Position Command [mm],Pot [V],F [N]", [*SI[:2], column("1.0"), SI[3]])(tmp_path)
+    test = read_dyno_test(path)
+    check(test.series)
+    assert "a command instead of a measurement" in [reason.rule for reason in test.reasons]
+
+
 def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
     """A column without a name that is full is a shift of the names, not remarks."""
     with pytest.raises(InputError, match="name every column"):
