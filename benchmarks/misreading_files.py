@@ -90,12 +90,12 @@ def _valve_voltage(columns: Columns) -> Columns:
 
 
 def _run_down(columns: Columns) -> Columns:
-    """Slow the motion down from 60 % of the record on, at most 6 s: the phase of the machine, with a lower force."""
+    """Slow the motion down within 3 s from 60 % of the record on, at most 6 s: the machine's phase, with less force."""
     time = columns["t [s]"] - columns["t [s]"][0]
     start = min(0.6 * time[-1], 6.0)
-    rest = time[-1] - start
-    beyond = np.maximum(time - start, 0.0)
-    pace = np.clip(1.0 - beyond / rest, 0.0, 1.0)
+    rest = min(time[-1] - start, 3.0)
+    beyond = np.clip(time - start, 0.0, rest)
+    pace = 1.0 - beyond / rest
     phase = np.minimum(time, start) + beyond - 0.5 * beyond**2 / rest + columns["t [s]"][0]
     slowed = {name: np.interp(phase, columns["t [s]"], values) for name, values in columns.items()}
     slowed |= {
@@ -155,7 +155,7 @@ def judged(columns: Columns, kind: str) -> Iterator[tuple[str, bool]]:
 
 
 def gas_in_table(shock: PhysicalDamper, gas: float, folder: Path) -> bool:
-    """Return whether the gas force in a peak-velocity table of a shock is found, within 20 %; 0 if there is none."""
+    """Return whether the gas force in a peak-velocity table is found within 20 %; without gas, whether 0 is found."""
     speeds = np.array([0.013, 0.025, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5])
     rest = shock.static_force(0.0)
     rows = [(v, shock.static_force(v) - rest + gas, shock.static_force(-v) - rest + gas) for v in speeds.tolist()]

@@ -114,7 +114,7 @@ READ = {
         "t [s],x [mm],v [mm/s],Force [counts],Force [N]", [*SI[:3], column("7"), SI[3]]),
 }  # fmt: skip
 
-#: Columns that are not needed, and what is said about them.
+#: Columns that are not needed, and a part of the reason that is reported.
 LEFT_OUT = {
     "a position in volts": (text("t [s],Pos [V],v [mm/s],F [N]"), "'Pos' was not read: its unit 'V'"),
     "a position without a unit": (text("t [s],Pos,v [mm/s],F [N]"), "'Pos' was not read: it has no unit"),
