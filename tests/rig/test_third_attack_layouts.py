@@ -195,6 +195,11 @@ def test_capitals_of_seconds_are_not_siemens(capitals, unit):
     assert convert(1.0, capitals, unit) == 1.0
 
 
+@pytest.mark.parametrize("unit", ["mm.s-1", "mm*s^-1", "mm s^-1", "mm.s^-1"])
+def test_powers_of_units_may_be_negative(unit):
+    assert convert(1.0, unit, "mm/s") == pytest.approx(1.0)
+
+
 # ---- Tables of peak velocities --------------------------------------------------------------------------------------
 
 SPEED = 1e3 * np.array([0.05, 0.1, 0.15, 0.2, 0.25])
