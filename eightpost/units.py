@@ -71,6 +71,7 @@ def _expression(unit: str) -> str:
     text = re.sub(r"(?<![\w.])g(?![\w])", "g_0", text)
     text = text.replace("²", "2").replace("³", "3").replace("·", ".").replace("^", "")
     text = re.sub(r"(?<=[A-Za-z)])\s*[.\-]\s*(?=[A-Za-z(])", "*", text)
+    text = re.sub(r"(?<=[A-Za-z])-(?=\d)", "**-", text)  # s-1, s^-1
     text = re.sub(
         r"(?<=[A-Za-z])(\d)",
         r"**\1",

@@ -27,6 +27,7 @@ FEWEST = 10
 #: Largest difference of two columns of time that are the same, in median steps.
 SAME = 0.01
 
+_COMMAND = "it is a command, not a measurement"
 _EMPTY, _CONSTANT = _DEAD = ("it is empty", "it is constant")
 
 
@@ -54,7 +55,7 @@ def with_readable_columns(
                 continue
             fault = _fault(record, name, pick, units)
             smaller = _without(record, pick.source)
-            if fault and _is_complete(dyno_map(smaller, given), mapping):
+            if fault and _is_complete(smaller, given, units, mapping):
                 is_dead = fault in _DEAD and name != "temperature" and name not in dyno_map(smaller, given).channels
                 rule = DEAD if is_dead else LEFT_OUT
                 reasons.append(rule.reason(f"the column {pick.source!r} was not read", figure=fault, origin=origin))
@@ -64,9 +65,17 @@ def with_readable_columns(
             return _with_filled_temperature(record, mapping), mapping, tuple(reasons)
 
 
-def _is_complete(smaller: ChannelMap, whole: ChannelMap) -> bool:
-    """Return whether a map without a column has all that is needed, and still a measured motion if there was one."""
-    return has_channels(_measured(smaller)) or (has_channels(smaller) and not has_channels(_measured(whole)))
+def _is_complete(smaller: RawRecord, given: ChannelMap | None, units: Mapping[str, str], whole: ChannelMap) -> bool:
+    """Return whether a record without a column has all that is needed, and still a measured motion if there was one."""
+    mapping = dyno_map(smaller, given)
+    named = set(given.channels) if given is not None else set()
+    readable = {
+        name: pick
+        for name, pick in mapping.channels.items()
+        if name in named or _fault(smaller, name, pick, units) in ("", _COMMAND)
+    }
+    usable = replace(mapping, channels=readable)
+    return has_channels(_measured(usable)) or (has_channels(usable) and not has_channels(_measured(whole)))
 
 
 def _measured(mapping: ChannelMap) -> ChannelMap:
@@ -77,6 +86,8 @@ def _measured(mapping: ChannelMap) -> ChannelMap:
 
 def _fault(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[str, str]) -> str:
     """Return why a column cannot be read as a channel; empty if it can, or if its samples may be repaired."""
+    if pick.source not in record.names:
+        return ""  # an error names it
     place = record.names.index(pick.source)
     unit = pick.unit or units.get(channel) or units.get(pick.source) or record.units[place]
     if unit is None and channel == "force":  # the file may have the unit elsewhere: an error asks for it
@@ -86,7 +97,7 @@ def _fault(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[
     if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):
         return f"its unit {unit!r} is not one of a {channel}"
     if is_command(pick.source, channel):
-        return "it is a command, not a measurement"
+        return _COMMAND
     return _fault_of_samples(record.columns[place], channel)
 
 

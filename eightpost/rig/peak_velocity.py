@@ -95,10 +95,11 @@ def _table(setting: str, points: list[Point], path: Path) -> PeakVelocityTable:
     speeds = np.union1d(low, high)
     speeds = speeds[(speeds >= max(low[0], high[0])) & (speeds <= min(low[-1], high[-1]))]
     compression, rebound = (np.interp(speeds, *curve) for curve in curves.values())
-    gas, source = _gas(curves["compression"], curves["rebound"], [p.force for p in points if p.speed == 0.0])
+    at_rest = [point.force for point in points if point.speed == 0.0]
+    gas, source = _gas(curves["compression"], curves["rebound"], at_rest)
     return PeakVelocityTable(
         speeds, compression - gas, rebound - gas, clicks=setting or None, source=path, sha256=sha256_of(path),
-        gas_force=gas, gas_source=source,
+        gas_force=gas, gas_source=source, rest_force=float(np.mean(at_rest)) if len(at_rest) > 1 else 0.0,
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ class PeakVelocityTable(Summarized):
         sha256: SHA-256 digest of the file, empty without a file.
         gas_force: Gas force in the table [N]; `compression` and `rebound` are without it.
         gas_source: Description of how the gas force was found; empty without a gas force.
+        rest_force: Mean force at zero speed [N]; 0 without such points.
 
     Raises:
         TooShortError: There are fewer than two speeds.
@@ -47,6 +48,7 @@ class PeakVelocityTable(Summarized):
     sha256: str = ""
     gas_force: float = 0.0
     gas_source: str = ""
+    rest_force: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("speed", "compression", "rebound"):

@@ -135,3 +135,12 @@ def test_a_loop_without_time_is_read_as_the_mean_of_its_branches(tmp_path):
     (table,) = read_peak_velocity(path)
     np.testing.assert_allclose(table.compression, 2000.0 * table.speed, rtol=0.02)
     np.testing.assert_allclose(table.rebound, -2000.0 * table.speed, rtol=0.02)
+
+
+def test_negative_force_at_zero_speed_is_a_doubt_because_gas_pushes(tmp_path):
+    """All signs of this table are reversed: its gas force of 60 N pulls."""
+    head = "velocity [m/s],force [N]\n"
+    path = written(tmp_path, f"{head}-.2,-560\n-.1,-360\n0,-60\n0,-60\n.1,340\n.2,640\n")
+    (table,) = read_peak_velocity(path)
+    assert table.rest_force == -60.0
+    assert any("all signs are reversed" in doubt for doubt in fit_peak_velocity(table).fit["warnings"])

@@ -114,7 +114,7 @@ READ = {
         "t [s],x [mm],v [mm/s],Force [counts],Force [N]", [*SI[:3], column("7"), SI[3]]),
 }  # fmt: skip
 
-#: Columns that are not needed, and what is said about them.
+#: Columns that are not needed, and a part of the reason that is reported.
 LEFT_OUT = {
     "a position in volts": (text("t [s],Pos [V],v [mm/s],F [N]"), "'Pos' was not read: its unit 'V'"),
     "a position without a unit": (text("t [s],Pos,v [mm/s],F [N]"), "'Pos' was not read: it has no unit"),
@@ -177,6 +177,13 @@ def test_nothing_measured_is_replaced_by_a_command_or_by_another_force(broken, t
         read_dyno_test(text(header, [*SI, ("F", "kgf")])(tmp_path))
 
 
+def test_command_is_read_if_what_is_measured_is_in_volts(tmp_path):
+    path = text("t [s],Position Command [mm],Pot [V],F [N]", [*SI[:2], column("1.0"), SI[3]])(tmp_path)
+    test = read_dyno_test(path)
+    check(test.series)
+    assert "a command instead of a measurement" in [reason.rule for reason in test.reasons]
+
+
 def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
     """A column without a name that is full is a shift of the names, not remarks."""
     with pytest.raises(InputError, match="name every column"):
@@ -186,6 +193,11 @@ def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
 @pytest.mark.parametrize(("capitals", "unit"), [("S", "s"), ("MS", "ms"), ("mS", "ms"), ("M/S", "m/s"), ("m/S", "m/s")])
 def test_capitals_of_seconds_are_not_siemens(capitals, unit):
     assert convert(1.0, capitals, unit) == 1.0
+
+
+@pytest.mark.parametrize("unit", ["mm.s-1", "mm*s^-1", "mm s^-1", "mm.s^-1"])
+def test_powers_of_units_may_be_negative(unit):
+    assert convert(1.0, unit, "mm/s") == pytest.approx(1.0)
 
 
 # ---- Tables of peak velocities --------------------------------------------------------------------------------------

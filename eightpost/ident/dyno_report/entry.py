@@ -94,7 +94,7 @@ class Entry:
         strokes: Knee and slopes of each stroke.
         offset: Force at zero velocity [N], of a run after its lag is removed.
         cycles: Cycles of a run, or the reason why they are unknown.
-        lag: Lag of force behind velocity [s]; of a law its time constant.
+        lag: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
         slow: Gas force and friction.
         warming: Temperature and energy.
         test: Record of a run.
@@ -247,7 +247,7 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
         float(pressure) if isinstance(pressure, int | float) else None,
         float(np.mean(heat)) if heat is not None and heat.size else None,
     )
-    lag: Found = getattr(shock.law, "time_constant", Unknown(f"{law_title(shock.law_name)} has no time constant"))
+    lag = _time_constant(shock)
     estimates = (_estimate(known, "gas_preload_estimate [N]"), _estimate(known, "gas_stiffness_estimate [N/m]"))
     gas = SlowFigures(*estimates, port.seal_friction if port.seal_friction else Unknown("the law has no seal friction"),
                       0.0, _NO_RECORD)  # fmt: skip
@@ -256,6 +256,14 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
         "law", name, setting, source, sha256, curve, strokes_of(curve), port.gas_preload, _NO_RECORD, lag, gas,
         Warming(_NO_RECORD, _NO_RECORD, _NO_RECORD, _NO_RECORD), shock=shock, band=_band(shock), notes=changes,
     )  # fmt: skip
+
+
+def _time_constant(shock: Shock) -> Found:
+    """Return the time constant of a law [s]; of several ones, that at zero velocity."""
+    found = getattr(shock.law, "time_constant", None)
+    if found is None:
+        return Unknown(f"{law_title(shock.law_name)} has no time constant")
+    return float(found[len(found) // 2]) if isinstance(found, tuple) else float(found)
 
 
 def _estimate(known: Mapping[str, Any], key: str) -> Found:

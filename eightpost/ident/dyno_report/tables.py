@@ -232,10 +232,26 @@ def _milliseconds(lag: Found) -> Found:
 def lag_table(report: DynoReport) -> list[Block]:
     """Return the lag time constants of the laws."""
     rows = [
-        (entry.name, kind_of(entry), _milliseconds(entry.lag), _fit_error(entry))
+        (entry.name, kind_of(entry), *_time_constants(entry), _fit_error(entry))
         for entry in report.entries if entry.kind == "law"
     ]  # fmt: skip
-    return explained("", ("law", "kind", "lag time constant (ms)", "error of the fit [%]"), rows)
+    columns = (
+        "law",
+        "kind",
+        "lag time constant (ms)",
+        "in rebound (ms)",
+        "in compression (ms)",
+        "error of the fit [%]",
+    )
+    return explained("", columns, rows)
+
+
+def _time_constants(entry: Entry) -> tuple[Found, Found | None, Found | None]:
+    """Return the time constant of a law [ms], and those in rebound and compression of a law with several ones."""
+    known = getattr(entry.shock.law, "time_constant", None) if entry.shock else None
+    if not isinstance(known, tuple):
+        return _milliseconds(entry.lag), None, None
+    return _milliseconds(entry.lag), 1e3 * known[0], 1e3 * known[-1]
 
 
 def _fit_error(entry: Entry) -> Found:

@@ -17,7 +17,7 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
 from eightpost.ident.shock.options import GasTreatment
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.rig.peak_velocity import read_peak_velocity
+from eightpost.rig.peak_velocity import GAS_SHARE, read_peak_velocity
 from eightpost.rig.peak_velocity_columns import holds_peak_velocities
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Polylinear, Port, Shock, write_shock
@@ -181,6 +181,11 @@ def _gas_note(table: PeakVelocityTable, gas: GasTreatment) -> list[str]:
 
 def _warnings(table: PeakVelocityTable, gas: GasTreatment, errors: Array, force: Array, between: float) -> list[str]:
     found = _gas_note(table, gas) if gas == "estimate" else []
+    if table.rest_force < -GAS_SHARE * float(np.abs(force).max()):
+        found.append(
+            f"the force at zero speed is {table.rest_force:.4g} N, although gas pushes: either the load cell was "
+            "zeroed with the gas force on it, or all signs are reversed and compression and rebound are swapped"
+        )
     for side, sign in (("compression", 1.0), ("rebound", -1.0)):
         falls = np.flatnonzero(np.diff(sign * np.append(0.0, getattr(table, side))) < 0.0)
         if falls.size:

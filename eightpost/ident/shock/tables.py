@@ -41,12 +41,15 @@ _QUARTERS = "quarters of the record"
 
 
 def choice_table(choice: LawChoice) -> Table:
-    """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost."""
-    columns = right("held out, % of std", "std error", "fit, % of std", "parameters", "cost, x Polylinear")
+    """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost.
+
+    The column `values` has the number of fitted parameters, knots of the curve included.
+    """
+    columns = right("held out", "std error", "fit", "values", "cost")
     whole = {"builds": "builds, all runs of each,", "runs": "runs,"}
     what = f"whole {whole[choice.left_out]} without their level" if choice.left_out in whole else _QUARTERS
     rows = [_choice_row(score, choice) for score in choice.scores]
-    title = f"Choice of the law: errors on left-out {what}"
+    title = f"Choice of the law: errors on left-out {what}, % of std"
     return console_table([*unbroken("law"), *unbroken("curve"), *columns, "note"], rows, title=title)
 
 

@@ -16,11 +16,13 @@ from eightpost.ident.dyno_report.corner import CarCorner, corners_of_car
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.reading import Reading, read_entries
+from eightpost.ident.dyno_report.tables import lag_table
 from eightpost.ident.dyno_report.velocity_curve import STROKES
 from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
 from eightpost.rig import PeakVelocityTable, read_dyno_test
-from eightpost.shock import Polylinear, Port, Shock, read_shock, write_shock
+from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert
+from tests.shock.example_curve import knot_curve
 
 from .conftest import run, sine, two_lines, valve, viscous
 
@@ -256,3 +258,14 @@ def test_the_verdict_has_the_findings_of_records_and_shocks():
     verdict = report_verdict([good, table, law])
     assert {reason.rule for reason in verdict.reasons} == {PLAUSIBLE.name, TABLE.name, NO_VERDICT.name}
     assert len(RULES) == 3
+
+
+def test_lag_table_has_all_time_constants_of_hysteresis():
+    """`fit` chooses this law for most records, so its shocks must be in a report."""
+    law = Hysteresis(knot_curve(), (0.0,) * 25, (0.004, 0.001, 0.002))
+    entries = [entry_of_shock(Shock("new", law), "new", "front"), entry_of_shock(known_shock(), "old", "rear")]
+    table, *_ = lag_table(dyno_report(entries))
+    text = str(table)
+    assert entries[0].lag == 0.001
+    for column in ("in rebound", "in compression"):
+        assert column in text
