@@ -129,6 +129,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
 
 def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
+    from cosim.study.certainty.summary import percent
     from eightpost import units
 
     for one in certainty.contradictions:
@@ -137,7 +138,7 @@ def show_contradictions(console: Console, result: StudyResult, certainty: Certai
         console.print(
             f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{one.probability:.1g}; {'used, as other runs agree' if one.used else 'left out'}",
+            f"{percent(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
             highlight=False,
             soft_wrap=True,
         )

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
 
 from cosim.study.certainty.mixture import half_width, inverse_gamma, middle_probabilities
 from cosim.study.certainty.sources import ErrorSources, Scales, Variables
@@ -223,6 +224,28 @@ class Posterior:
         Prior pairs of scales are weighted by the likelihood of the levels. The moments of 1 / s^2, which has a gamma
         distribution, give factor and degrees.
         """
+        squares, covariances, changes = self._prior_levels(m)
+        likelihood = _log_likelihood(covariances, changes)
+        weights = np.exp(likelihood - likelihood.max())
+        weights /= weights.sum()
+        precision = 1.0 / squares
+        mean = precision @ weights
+        variance = (precision - mean[:, None]) ** 2 @ weights
+        with np.errstate(divide="ignore"):
+            degrees = np.clip(2.0 * mean**2 / variance, *_DEGREES)
+        return 1.0 / mean, degrees
+
+    def agreement(self, m: int) -> float:
+        """Return how well the measured levels of a measure agree with the prediction: 0 or less.
+
+        It is the logarithm of their probability density relative to that of levels as predicted.
+        """
+        _, covariances, changes = self._prior_levels(m)
+        as_measured, as_predicted = (_log_likelihood(covariances, one) for one in (changes, np.zeros_like(changes)))
+        return float(logsumexp(as_measured) - logsumexp(as_predicted))
+
+    def _prior_levels(self, m: int) -> tuple[Array, Array, Array]:
+        """Return prior pairs of squared scales (2, S), covariances (S, N, N) and values (N,) of a measure's levels."""
         own = Posterior(self.sources, self.observations.only(np.flatnonzero(self.observations.measures == m)))
         generator = np.random.default_rng(m)
         middles = middle_probabilities(_PAIRS)
@@ -231,14 +254,7 @@ class Posterior:
             own._covariance_of(m, Scales(np.array(a), np.array(b))) for a, b in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
         ]
         covariances = base[0] + sum(squares[k][:, None, None] * (base[k + 1] - base[0]) for k in range(2))
-        weights = np.exp(_log_likelihood(covariances, own.observations.changes))
-        weights /= weights.sum()
-        precision = 1.0 / squares
-        mean = precision @ weights
-        variance = (precision - mean[:, None]) ** 2 @ weights
-        with np.errstate(divide="ignore"):
-            degrees = np.clip(2.0 * mean**2 / variance, *_DEGREES)
-        return 1.0 / mean, degrees
+        return squares, covariances, own.observations.changes
 
     def _covariance_of(self, m: int, factors: Scales) -> Array:
         """Return the covariance of levels of one measure only, for factors of its scales."""
@@ -257,5 +273,4 @@ def _log_likelihood(covariances: Array, changes: Array) -> Array:
     """Return the logarithm of the likelihood (S,) of levels (N,) for covariances (S, N, N), up to a constant."""
     factors = np.linalg.cholesky(covariances)
     white = np.linalg.solve(factors, np.broadcast_to(changes[:, None], (*covariances.shape[:2], 1)))[..., 0]
-    found = -0.5 * np.sum(white**2, axis=1) - np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)), axis=1)
-    return np.asarray(found - found.max())
+    return np.asarray(-0.5 * np.sum(white**2, axis=1) - np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)), axis=1))

@@ -28,8 +28,9 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     if certainty.tests:
         names = ", ".join(str(test.setup) for test in certainty.tests)
         left = percent(certainty.tests[-1].remaining)
+        left = left if certainty.tests[-1].remaining < 0.001 else f"about {left}"
         exact = ", if rig runs repeat exactly" if certainty.assumes_exact_runs else ""
-        yield f"test next: {names}; about {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
+        yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
     for one in certainty.contributions:
         if one.status is not Status.INCLUDED:
             yield f"{one.status.value}: {one.name}: {one.text}"

@@ -36,17 +36,21 @@ def surprises_of(sources: ErrorSources, seen: Observations) -> list[Surprise]:
     """Return the measured levels that are improbable.
 
     A level is compared with the prediction alone, and with the prediction from the other levels of the same measure.
-    With three levels or more, the one that the others contradict most is left out, one after the other. Levels that
-    agree with each other, but not with the prediction, are named and used.
+    With three levels or more, a level that the others contradict is left out, one after the other: the one without
+    which the others agree best with the prediction. Of two levels that contradict each other, the probability
+    of a deviation alone does not say which one is wrong. Levels that agree with each other, but not with the
+    prediction, are named and used.
     """
     found = list[Surprise]()
     for m in sorted(set(seen.measures.tolist())):
         kept = np.flatnonzero(seen.measures == m)
         while kept.size >= _FEWEST:
             chances = [_chance(sources, seen, int(k), kept[kept != k]) for k in kept]
-            worst = int(np.argmin(chances))
-            if chances[worst] >= SURPRISING:
+            doubtful = [place for place, chance in enumerate(chances) if chance < SURPRISING]
+            if not doubtful:
                 break
+            without = [Posterior(sources, seen.only(np.delete(kept, place))).agreement(m) for place in doubtful]
+            worst = doubtful[int(np.argmax(without))]
             found.append(Surprise(int(kept[worst]), chances[worst], used=False))
             kept = np.delete(kept, worst)
         alone = [(int(k), _chance(sources, seen, int(k), kept[:0])) for k in kept]

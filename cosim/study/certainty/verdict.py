@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim.study.certainty.certainty import TIE, Certainty, Status
+from cosim.study.certainty.summary import percent
 from eightpost.verdict import Grade, Reason, Rules, listed
 
 ABOUT = "choice"
@@ -70,6 +71,6 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     if certainty.contradictions:
         worst = min(certainty.contradictions, key=lambda one: one.probability)
         change = 100.0 * (worst.measured / worst.predicted - 1.0)
-        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {worst.probability:.1g}"
+        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {percent(worst.probability)}"
         names = listed(one.file for one in certainty.contradictions)
         yield CONTRADICTED.reason("a record contradicts the prediction", figure=figure, origin=names)

@@ -168,7 +168,7 @@ def _sure(known: Certainty) -> str:
     missing = [one.name for one in known.contributions if one.status is Status.UNKNOWN or one in known.left_out]
     if not missing:
         return "All contributions to the uncertainty of the true levels are included."
-    return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger by these."
+    return f"Not included or unknown: {', '.join(missing)}. The real uncertainty is larger."
 
 
 def _line(one: TradeOff) -> TradeOffLine:

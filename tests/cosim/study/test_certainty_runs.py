@@ -103,6 +103,16 @@ def test_a_record_that_contradicts_the_prediction_is_named():
     np.testing.assert_allclose(found.levels["a"].expected, without.levels["a"].expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("good", "wrong"), [(0, 7), (7, 0)])
+def test_of_two_equal_setups_with_different_levels_the_one_far_from_the_prediction_is_left_out(good, wrong):
+    """Each of the two is impossible given the other one, which alone does not say which record is wrong."""
+    study = assessed({"a": lambda d: np.exp(0.02 * d[:, 3] + 0.05 * d[:, 0])}, (0.01, 0.02))  # lr has no effect
+    levels = study.values("a")
+    near = [run(setup, a=factor * float(levels[setup])) for setup, factor in ((good, 1.0), (wrong, 1.05))]
+    found = certainty_of(study, Knowledge(runs=(run(1200, a=float(levels[1200])), *near)))
+    assert [(one.file, one.used) for one in found.contradictions] == [(f"run_{wrong}.csv", False)]
+
+
 def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
     study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.02, 0.02))
     levels = study.values("a")

@@ -11,8 +11,8 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.certainty import read_certainty, write_certainty
-from cosim.study.certainty.assess import certainty_of
+from cosim.study.certainty import Effect, read_certainty, write_certainty
+from cosim.study.certainty.assess import Knowledge, certainty_of
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
@@ -185,7 +185,8 @@ def sure(folder, tmp_path) -> Path:
     models = {**result.provenance.models, str(result.study.vehicle.fmu): validity}
     result = replace(result, provenance=replace(result.provenance, models=models))
     result.save(tmp_path / "results.parquet")
-    write_certainty(certainty_of(result), tmp_path / "certainty.parquet")
+    exact = tuple(Effect(build, "lag", 1.0, 0.0, {}, {corner: {build: {}} for corner in CORNERS}) for build in SCALES)
+    write_certainty(certainty_of(result, Knowledge(exact)), tmp_path / "certainty.parquet")
     return tmp_path
 
 

@@ -39,6 +39,8 @@ def cluster(request, tmp_path):
     """Two worker processes of one thread each; the test sets how many of them may die in a task, by default 3."""
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": getattr(request, "param", 3)}),
+        # By default a LocalCluster gives up a killed worker that is not back after 15 s, as on a busy machine.
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "300s"}),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")

@@ -108,6 +108,7 @@ function listenPrint() {
     lighten(true);
     drawPanels(true);
     drawParallel(true);
+    fillComparison(comparedRows());
     fillWindow(Math.min(listed.length, 60));
   });
   window.addEventListener("afterprint", () => { printing = false; lighten(false); redraw(); });

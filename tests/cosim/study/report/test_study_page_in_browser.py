@@ -179,6 +179,15 @@ def test_the_ranking_has_the_probability_of_being_best_and_the_interval_of_what_
 
 
 @pytest.mark.slow
+def test_a_print_has_the_setups_side_by_side_before_anybody_scrolled_to_them(opened, whole):
+    opened.do("window.dispatchEvent(new Event('beforeprint'))")
+    heads = opened.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
+    assert f"setup {whole.setups[whole.ranking()[0]]}" in heads and "baseline" in heads
+    assert opened.do("document.getElementById('no-curves').hidden")  # nothing is known about the curves yet
+    opened.do("window.dispatchEvent(new Event('afterprint'))")
+
+
+@pytest.mark.slow
 def test_the_tied_setups_are_compared_side_by_side_with_one_click(opened, chosen):
     opened.click("#unpick")
     opened.click("#compare-ties")
