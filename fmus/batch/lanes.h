@@ -35,6 +35,9 @@ typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 /* The initializer of an array of zeros. */
 #define ZERO {0.0}
 
+/* Of functions that run rarely: inlined, they would take registers from those that call them. */
+#define APART __attribute__((noinline))
+
 static inline real uniform(double value)
 {
     real same;

@@ -6,7 +6,6 @@
 
 #include "curve.h"
 
-
 /* Largest change of damper velocity [m/s] over which F_s is treated as linear, as in common/shock.c. */
 static const double STRAIGHT = 0.01;
 
@@ -39,13 +38,14 @@ static void start_singles(Port *port, real velocity, real f)
 
 /* A piece of the step in every setup. */
 typedef struct {
-    real velocity_start, static_start, velocity_end, static_end, step;
+    real velocity_start, static_start, velocity_end, static_end;
 } Pieces;
 
-static void advance_singles(Port *port, const Pieces *p, real count, truth active)
+static void advance_singles(Port *port, const Pieces *p, real count, double h, truth active)
 {
+    const real step = either(count == 1.0, uniform(h), h / count);
     for (int i = 0; i < SETUPS; i++) {
-        const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], p->step[i], (int)count[i]};
+        const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], step[i], (int)count[i]};
         if (active[i] && port->law[i] == MAXWELL) {
             maxwell_advance(&port->single[i], &span);
         } else if (active[i] && port->law[i] == HYSTERESIS) {
@@ -149,6 +149,7 @@ static real pieces(const Parameters *p, real from, real to)
     return either(is_long, either(is_few, __builtin_convertvector(whole, real) + 1.0, most), one);
 }
 
+/* The smallest and the largest number of pieces of all setups. */
 typedef struct {
     int least, most;
 } Range;
@@ -156,14 +157,9 @@ typedef struct {
 static Range range_of(real count)
 {
     Range range = {1, 1};
-    if (in_any(count > 1.0)) {
-        double least = count[0], most = count[0];
-        for (int i = 1; i < SETUPS; i++) {
-            least = count[i] < least ? count[i] : least;
-            most = count[i] > most ? count[i] : most;
-        }
-        range.least = (int)least;
-        range.most = (int)most;
+    while (in_any(count > (double)range.most)) {
+        range.least += in_every(count > (double)range.least);
+        range.most++;
     }
     return range;
 }
@@ -178,13 +174,12 @@ static Lag lag_over_piece(Port *port, real count, Range range, double h)
     Lag lag = {uniform(0.0), uniform(0.0)};
     if (port->some_lag) {
         know_lags(port, range.most, h);
-        if (range.least == range.most) {
-            lag.rise = port->rise[range.most];
-            lag.ramp = port->ramp[range.most];
-        } else {
-            const Index index = __builtin_convertvector(__builtin_convertvector(count, Short), Index);
-            lag.rise = chosen(port->rise, index);
-            lag.ramp = chosen(port->ramp, index);
+        lag.rise = port->rise[range.least];
+        lag.ramp = port->ramp[range.least];
+        for (int k = range.least + 1; k <= range.most; k++) {
+            const truth so_many = count == (double)k;
+            lag.rise = either(so_many, port->rise[k], lag.rise);
+            lag.ramp = either(so_many, port->ramp[k], lag.ramp);
         }
     }
     return lag;
@@ -206,21 +201,20 @@ void step_port(Port *port, real from, real to, real displacement, double h, trut
     const real count = pieces(p, from, to);
     const Range range = range_of(count);
     const Lag lag = lag_over_piece(port, count, range, h);
-    const real part = range.most == 1 ? uniform(h) : either(count == 1.0, uniform(h), h / count);
     real v = p->motion_ratio * from, f = valve_force(p, v);
     for (int k = 1; k <= range.most; k++) {
         const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */
+        const truth follows = (double)k <= count;
         real velocity = to;
-        if (range.most > 1) {
+        if (k < range.most) {
             const real between = from + (to - from) * ((double)k / count);
             velocity = is_inside ? between : either((double)k < count, between, to);
         }
         const real end = p->motion_ratio * velocity;
-        const Pieces piece = {v, f, end, valve_force(p, end), part};
+        const Pieces piece = {v, f, end, valve_force(p, end)};
         const real lagged = lagged_after(port, &piece, &lag);
-        const truth follows = (double)k <= count;
         if (port->some_single) {
-            advance_singles(port, &piece, count, follows & active);
+            advance_singles(port, &piece, count, h, follows & active);
         }
         port->lagged = is_inside ? lagged : either(follows, lagged, port->lagged);
         f = is_inside ? piece.static_end : either(follows, piece.static_end, f);

@@ -17,6 +17,9 @@ typedef int Index;
 /* The initializer of an array of zeros. */
 #define ZERO 0.0
 
+/* Of functions that are better compiled apart for several setups at once. */
+#define APART inline
+
 /* A macro, so that only one of both is computed. */
 #define either(condition, a, b) ((condition) ? (a) : (b))
 
