@@ -88,6 +88,11 @@ static inline truth one_of(truth a, truth b)
     return a | b;
 }
 
+static inline truth is_false(truth condition)
+{
+    return ~condition;
+}
+
 static inline int in_every(truth condition)
 {
     return bits_of(condition) == (1U << SETUPS) - 1U;

@@ -288,6 +288,7 @@ static void retire(March *m, truth ended, int64_t step, int64_t *at)
             }
         }
         m->ports[c].lagged = either(ended, uniform(0.0), m->ports[c].lagged);
+        m->ports[c].travel = either(ended, uniform(0.0), m->ports[c].travel);
     }
     for (int k = 0; k < SETUPS; k++) {
         if (ended[k] && m->alive[k]) {

@@ -45,6 +45,11 @@ static inline truth one_of(truth a, truth b)
     return a || b;
 }
 
+static inline truth is_false(truth condition)
+{
+    return !condition;
+}
+
 static inline real chosen(const real *numbers, Index index)
 {
     return numbers[index];
