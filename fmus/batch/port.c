@@ -163,7 +163,7 @@ static inline void advance_law(Port *port, const Span *piece, const Lag *lag, tr
         after = either(has_hysteresis, found.velocity, after);
         port->travel = found.travel;
     }
-    port->lagged = either(needed, after, port->lagged);
+    port->lagged = in_every(needed) ? after : either(needed, after, port->lagged);
 }
 
 void step_port(Port *port, real from, real to, real displacement, double h, truth active)
