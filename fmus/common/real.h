@@ -45,6 +45,12 @@ static inline truth one_of(truth a, truth b)
     return a || b;
 }
 
+/* Whether both are. */
+static inline truth both_of(truth a, truth b)
+{
+    return a && b;
+}
+
 static inline truth is_false(truth condition)
 {
     return !condition;

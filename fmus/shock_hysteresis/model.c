@@ -15,7 +15,7 @@ static inline real signed_like(real size, real sign)
     const truth is_zero = sign == 0.0;
     truth is_negative = sign < 0.0;
     if (in_any(is_zero)) {
-        is_negative = one_of(is_negative, is_zero & (1.0 / sign < 0.0));
+        is_negative = one_of(is_negative, both_of(is_zero, 1.0 / sign < 0.0));
     }
     return either(is_negative, -size, size);
 }
@@ -32,11 +32,11 @@ static real lagged_curve(const Parameters *p, real v)
     const real bend = (second - first) / (right - left);
     const truth compressed = inside >= 0.0;
     real force = uniform(0.0);
-    for (int j = MIDDLE; in_any(compressed & (k > j)); j++) {
-        force = either(compressed & (k > j), force + 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
+    for (int j = MIDDLE; in_any(both_of(compressed, k > j)); j++) {
+        force = either(both_of(compressed, k > j), force + 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
     }
-    for (int j = MIDDLE - 1; in_any(is_false(compressed) & (k < j)); j--) {
-        force = either(is_false(compressed) & (k < j), force - 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
+    for (int j = MIDDLE - 1; in_any(both_of(is_false(compressed), k < j)); j--) {
+        force = either(both_of(is_false(compressed), k < j), force - 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
     }
     const real x = inside - either(compressed, left, right);
     force += x * (either(compressed, first, second) + 0.5 * bend * x);
@@ -61,7 +61,7 @@ static inline TimeConstant time_constant_at(const Parameters *p, real u)
     if (in_any(varies)) {
         const real whole = logarithm(end / middle), slope = either(compressed, whole, -whole);
         found.tau = either(varies, middle * exponential(within * whole), middle);
-        found.growth = either(varies & (share < 1.0), slope / (0.5 * speed), uniform(0.0));
+        found.growth = either(both_of(varies, share < 1.0), slope / (0.5 * speed), uniform(0.0));
     }
     return found;
 }
@@ -95,7 +95,7 @@ static inline real advance_travel(const Parameters *p, LagFactors *kept, real tr
         }
         if (!in_every(yields)) {
             const real moved = before + 0.5 * (start + end) * step;
-            ends = one_of(yields & ends, is_false(yields) & (size_of(moved) <= limit));
+            ends = one_of(both_of(yields, ends), both_of(is_false(yields), size_of(moved) <= limit));
             ended = either(yields, ended, moved);
             edge = either(yields, edge, signed_like(limit, moved));
             after = either(yields, after, moved);

@@ -32,7 +32,7 @@ static inline real smaller(real a, real b)
 static real velocity_under(const Parameters *p, real force, real guess, real guess_force, truth needed)
 {
     real before = guess, before_miss = guess_force - force;
-    truth going = needed & (before_miss != 0.0);
+    truth going = both_of(needed, before_miss != 0.0);
     real low = either(before_miss > 0.0, uniform(-NO_LIMIT), guess), high = either(before_miss > 0.0, guess, uniform(NO_LIMIT));
     real here = either(going, guess - signed_like(uniform(FIRST), before_miss), guess);
     for (int tries = 0; tries < MOST_TRIES && in_any(going); tries++) {
@@ -44,7 +44,7 @@ static real velocity_under(const Parameters *p, real force, real guess, real gue
         high = either(miss > 0.0, smaller(high, here), high);
         low = either(miss > 0.0, low, larger(low, here));
         real there = here - miss * (here - before) / (miss - before_miss);
-        const truth is_inside = (low < there) & (there < high);
+        const truth is_inside = both_of(low < there, there < high);
         if (!in_every(is_inside)) {
             const real other = either(high - low < NO_LIMIT, 0.5 * (low + high), here + 2.0 * (here - before));
             there = either(is_inside, there, other);
@@ -95,8 +95,9 @@ static inline real room_before_kink(const Parameters *p, real w, real towards)
     real room = uniform(NO_LIMIT);
     for (int k = in_any(changes_scale) ? 0 : 1; k < (in_any(has_transition) ? 7 : 3); k++) {
         const real distance = either(towards < 0.0, w - kinks[k], kinks[k] - w);
-        const truth is_next = (distance > SHORTEST) & (distance < room);
-        room = either(k == 0 ? is_next & changes_scale : k < 3 ? is_next : is_next & has_transition, distance, room);
+        const truth is_next = both_of(distance > SHORTEST, distance < room);
+        const truth counts = k == 0 ? changes_scale : k < 3 ? is_next : has_transition;
+        room = either(both_of(is_next, counts), distance, room);
     }
     return room;
 }
@@ -148,7 +149,7 @@ static APART real time_across(real room, real change, real w, real v, real end, 
         high = either(miss > 0.0, time, high);
         low = either(miss > 0.0, low, time);
         real there = either(rate > 0.0, time - miss * tau / rate, low);
-        const truth is_newton = (low < there) & (there < high);
+        const truth is_newton = both_of(low < there, there < high);
         there = either(is_newton, there, 0.5 * (low + high));
         const truth is_found = size_of(there - time) <= either(is_newton, uniform(NEAR), uniform(FOUND)) * h;
         time = either(going, there, time);
@@ -165,9 +166,9 @@ static inline real time_less_bow(real time, real gained, real tau, real gap)
     return either(size_of(earlier) < 0.5 * size_of(gap) * time, time - earlier / gap, time);
 }
 
-/* A part of a piece, which begins at w: its duration, how far w is from the velocity, and where w may move. */
+/* A part of a piece, which begins at w: the velocities at its ends, its duration, and how far w may move. */
 typedef struct {
-    real v, end, left, far, room;
+    real v, end, left, room;
 } Part;
 
 /* The change of w over a part with a time constant. Where w reaches a kink, the part ends there. */
@@ -175,7 +176,7 @@ static inline real change_over(const Parameters *p, real w, real force, real tau
 {
     const real v = part->v, end = part->end, left = part->left, room = part->room;
     const real change = followed(w, v, end, tau, left) - w;
-    const truth crosses = needed & (size_of(change) > room);
+    const truth crosses = both_of(needed, size_of(change) > room);
     real to_kink = change, bent = change;
     if (in_any(crosses)) {
         const real time = time_across(room, size_of(change), w, v, end, tau, left, crosses);
@@ -201,11 +202,11 @@ static real advance_force(const Parameters *p, real lagged, const Piece *piece, 
     for (int count = 0; count < MOST_PARTS; count++) {
         const real v = velocity_at(piece, time), gap = v - w;
         real left = piece->step - time, last = piece->velocity_end - w;
-        going &= is_false(one_of((gap == 0.0) & (last == 0.0), left <= 0.0));
+        going &= is_false(one_of(both_of(gap == 0.0, last == 0.0), left <= 0.0));
         if (!in_any(going)) {
             break;
         }
-        const truth turns = (gap * last < 0.0) & (size_of(gap) > SHORTEST); /* first advance to where v = w */
+        const truth turns = both_of(gap * last < 0.0, size_of(gap) > SHORTEST); /* first advance to where v = w */
         left = either(turns, left * (gap / (gap - last)), left);
         last = either(turns, uniform(0.0), last);
         const real towards = either(size_of(gap) >= size_of(last), gap, last), far = size_of(towards);
@@ -213,7 +214,7 @@ static real advance_force(const Parameters *p, real lagged, const Piece *piece, 
         const real nearby = time_constant_over(p, w, force, signed_like(smaller(smaller(far, most), room), towards));
         truth moves = going;
         if (count < MOST_PARTS - 1 && in_any(far > most)) {
-            const truth is_flat = going & (far > most) & (nearby == 0.0); /* w crosses a flat curve at once */
+            const truth is_flat = both_of(going, both_of(far > most, nearby == 0.0)); /* w crosses a flat curve at once */
             if (in_any(is_flat)) {
                 w = either(is_flat, w + signed_like(smaller(most, room), towards), w);
                 force = either(is_flat, valve_force(p, w), force);
@@ -226,13 +227,13 @@ static real advance_force(const Parameters *p, real lagged, const Piece *piece, 
         }
         const real end = either(time + left >= piece->step, piece->velocity_end, velocity_at(piece, time + left));
         const real tau = chord_time_constant(p, w, force, nearby, v, end, left, room, moves);
-        Part part = {v, end, left, far, room};
+        Part part = {v, end, left, room};
         const real change = change_over(p, w, force, tau, &part, moves);
         real after = w + signed_like(smaller(size_of(change), room), change);
         after = smaller(larger(after, smaller(smaller(w, v), end)), larger(larger(w, v), end));
         real reached = valve_force(p, after);
         const real most_change = p->series_stiffness * part.left * far + FORCE_ROUNDING * size_of(force); /* |dF/dt| <= k far */
-        const truth falls = moves & (size_of(reached - force) > most_change); /* a little here, and w crosses the dip at once */
+        const truth falls = both_of(moves, size_of(reached - force) > most_change); /* a little here, and w crosses the dip at once */
         if (in_any(falls)) {
             const real limit = force + signed_like(most_change, reached - force);
             after = either(falls, velocity_under(p, limit, w, force, falls), after);
