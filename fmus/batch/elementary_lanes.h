@@ -1,5 +1,5 @@
-/* exp, expm1 and tanh of several setups at once: the operations of common/elementary.c in their order, for the arguments of friction
- * forces. It replaces common/elementary.h where numbers are those of lanes. */
+/* exp, expm1, tanh and log of several setups at once: the operations of common/elementary.c in their order, for the arguments of
+ * friction forces and laws. It replaces common/elementary.h where numbers are those of lanes. */
 #ifndef EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_H
@@ -14,7 +14,7 @@ static const double EXPONENTIAL[] = {
     1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
     1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
 };
-enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0] };
+enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], LOGARITHM_TERMS = 10 };
 
 /* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= 709. */
 typedef struct {
@@ -64,6 +64,21 @@ static inline real hyperbolic_tangent(real x)
     const real rise = exponential_minus_1(2.0 * either(is_one, uniform(22.0), size));
     const real result = either(is_one, uniform(1.0), rise / (rise + 2.0));
     return either(x < 0.0, -result, result);
+}
+
+/* ln x for positive numbers far from underflow and overflow. */
+static inline real logarithm(real x)
+{
+    const Index exponent = ((Index)x >> 52) - 1023;
+    const real scaled = x * (real)((1023 - exponent) << 52);
+    const truth is_large = scaled > 0x1.6a09e667f3bcdp0;
+    const real m = either(is_large, scaled * 0.5, scaled), s = (m - 1.0) / (m + 1.0), square = s * s;
+    const real k = __builtin_convertvector(__builtin_convertvector(exponent - is_large, Short), real); /* is_large is 0 or -1 */
+    real sum = uniform(0.0);
+    for (int term = LOGARITHM_TERMS; term >= 1; term--) {
+        sum = square * (1.0 / (double)(2 * term + 1) + sum);
+    }
+    return k * LN2_HIGH + (k * LN2_LOW + (2.0 * s + 2.0 * s * sum));
 }
 
 #endif

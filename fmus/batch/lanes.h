@@ -35,6 +35,9 @@ typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 /* The initializer of an array of zeros. */
 #define ZERO {0.0}
 
+/* Of functions that run rarely: inlined, they would take registers from those that call them. */
+#define APART __attribute__((noinline))
+
 static inline real uniform(double value)
 {
     real same;
@@ -83,6 +86,16 @@ static inline int in_any(truth condition)
 static inline truth one_of(truth a, truth b)
 {
     return a | b;
+}
+
+static inline truth both_of(truth a, truth b)
+{
+    return a & b;
+}
+
+static inline truth is_false(truth condition)
+{
+    return ~condition;
 }
 
 static inline int in_every(truth condition)

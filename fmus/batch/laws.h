@@ -1,27 +1,27 @@
-/* Laws whose steps branch so much that they run setup by setup: Maxwell and Hysteresis, compiled from the files of their FMUs. */
+/* Laws that are compiled from the files of their FMUs, in several setups at once. Where a step is not `needed`, nothing changes. */
 #ifndef EIGHTPOST_LAWS_H
 #define EIGHTPOST_LAWS_H
 
-enum { LAW_PARAMETERS = 146, LAW_STATES = 2 };
+#include "lanes.h" /* before files that use its names */
 
-/* One shock: its parameters in the order of component.h, its states, and factors that are kept. */
-typedef struct {
-    double parameters[LAW_PARAMETERS];
-    double state[LAW_STATES];
-    double kept[4 * 2 * 4];
-} Law;
+#include "component.h"
 
-/* A piece of time in which the damper velocity [m/s] and F_s [N] change linearly; `count` pieces make a step. */
+/* A piece of time in which the damper velocity [m/s] and F_s [N] change linearly; the same as Piece of common/shock.h. */
 typedef struct {
-    double velocity_start, static_start, velocity_end, static_end, step;
-    int count;
+    real velocity_start, static_start, velocity_end, static_end, step;
 } Span;
 
-void maxwell_start(Law *law, double velocity, double static_force);
-void maxwell_advance(Law *law, const Span *span);
-double maxwell_force(const Law *law, double velocity, double static_force);
-void hysteresis_start(Law *law, double velocity, double static_force);
-void hysteresis_advance(Law *law, const Span *span);
-double hysteresis_force(const Law *law, double velocity, double static_force);
+/* The force [N] after a piece. */
+real maxwell_after(const Parameters *p, real force, const Span *span, truth needed);
+
+/* The lagged velocity [m/s] and the travel of the stop [m]. */
+typedef struct {
+    real velocity, travel;
+} Lagged;
+
+Lagged hysteresis_start(const Parameters *p, real velocity);
+Lagged hysteresis_after(const Parameters *p, Lagged before, const Span *span, truth needed);
+/* The force [N] at a damper velocity [m/s] and its F_s [N]. */
+real hysteresis_force(const Parameters *p, Lagged lagged, real velocity, real static_force);
 
 #endif

@@ -4,19 +4,29 @@
 
 /* ---- Signals ------------------------------------------------------------------------------------------------------------ */
 
-static void read_vehicle(March *m, real *velocity, real *displacement)
+static void need_output(March *m, int output)
 {
-    const Run *run = m->run;
-    for (int c = 0; c < CORNERS; c++) {
-        velocity[c] = vehicle_output(run->car, &m->vehicle, run->velocity_output[c]);
-        displacement[c] = vehicle_output(run->car, &m->vehicle, run->displacement_output[c]);
+    if (!m->is_needed[output]) {
+        m->is_needed[output] = 1;
+        m->needed[m->needed_count++] = output;
     }
 }
 
-static void read_limits(March *m)
+static void find_needed_outputs(March *m)
 {
+    for (int c = 0; c < CORNERS; c++) {
+        need_output(m, m->run->velocity_output[c]);
+        need_output(m, m->run->displacement_output[c]);
+    }
     for (int w = 0; w < m->run->limit_count; w++) {
-        m->limited[w] = vehicle_output(m->run->car, &m->vehicle, m->run->limits[w].output);
+        need_output(m, m->run->limits[w].output);
+    }
+}
+
+static void read_outputs(March *m)
+{
+    for (int k = 0; k < m->needed_count; k++) {
+        m->output[m->needed[k]] = vehicle_output(m->run->car, &m->vehicle, m->needed[k]);
     }
 }
 
@@ -30,7 +40,7 @@ static void sweep(March *m, truth moving)
 {
     const Run *run = m->run;
     Vehicle vehicle;
-    real inputs[INPUTS], velocity[CORNERS], displacement[CORNERS];
+    real inputs[INPUTS];
     for (int i = 0; i < INPUTS; i++) {
         const Input *in = &run->inputs[i];
         inputs[i] = uniform(in->constant);
@@ -46,11 +56,11 @@ static void sweep(March *m, truth moving)
         real *to = (real *)&m->vehicle + k;
         *to = either(moving, ((const real *)&vehicle)[k], *to);
     }
-    read_vehicle(m, velocity, displacement);
+    read_outputs(m);
     for (int c = 0; c < CORNERS; c++) {
-        start_port(&m->ports[c], 0.0 + (velocity[c] + 0.0), 0.0 + (displacement[c] + 0.0));
-        m->velocity[c].now = velocity[c];
-        m->displacement[c].now = displacement[c];
+        m->velocity[c].now = m->output[run->velocity_output[c]];
+        m->displacement[c].now = m->output[run->displacement_output[c]];
+        start_port(&m->ports[c], 0.0 + (m->velocity[c].now + 0.0), 0.0 + (m->displacement[c].now + 0.0));
         m->force[c].now = either(moving, m->ports[c].now.force, m->force[c].now);
     }
 }
@@ -216,16 +226,16 @@ static void step_shocks(March *m, const Step *step)
 
 static truth step_vehicle_of(March *m, const Step *step)
 {
-    real start[INPUTS], rate[INPUTS], velocity[CORNERS], displacement[CORNERS];
+    const Run *run = m->run;
+    real start[INPUTS], rate[INPUTS];
     truth sound;
     feed_vehicle(m, step, start, rate);
-    sound = m->run->follows && step->last > step->first + 1 ? follow(m, step, start, rate) : go(m, step, start, rate);
-    read_vehicle(m, velocity, displacement);
+    sound = run->follows && step->last > step->first + 1 ? follow(m, step, start, rate) : go(m, step, start, rate);
+    read_outputs(m);
     for (int c = 0; c < CORNERS; c++) {
-        m->velocity[c].ahead = velocity[c];
-        m->displacement[c].ahead = displacement[c];
+        m->velocity[c].ahead = m->output[run->velocity_output[c]];
+        m->displacement[c].ahead = m->output[run->displacement_output[c]];
     }
-    read_limits(m);
     return sound;
 }
 
@@ -238,25 +248,25 @@ static void accept(March *m, const Step *step)
     m->last[0] = step->size;
     m->pace[0] = step->per_second;
     for (int c = 0; c < CORNERS; c++) {
+        m->force[c].older = m->force[c].past;
         shift(&m->velocity[c]);
         shift(&m->displacement[c]);
         shift(&m->force[c]);
     }
 }
 
-/* Where signals are far below an overflow, as in cosim/engine/march.py. */
+/* Where signals are far below an overflow. Their sum is compared with the limit of each in cosim/engine/march.py: a setup between the
+ * two runs through the FMUs, which decide. */
 static truth are_sensible(const March *m)
 {
-    truth sensible = ~(truth){0};
+    real sum = uniform(0.0);
     for (int c = 0; c < CORNERS; c++) {
-        sensible &= size_of_number(m->velocity[c].ahead) < DIVERGED;
-        sensible &= size_of_number(m->displacement[c].ahead) < DIVERGED;
-        sensible &= size_of_number(m->force[c].ahead) < DIVERGED;
+        sum += size_of_number(m->velocity[c].ahead) + size_of_number(m->displacement[c].ahead) + size_of_number(m->force[c].ahead);
     }
     for (int w = 0; w < m->run->limit_count; w++) {
-        sensible &= size_of_number(m->limited[w]) < DIVERGED;
+        sum += size_of_number(m->output[m->run->limits[w].output]);
     }
-    return sensible;
+    return sum < DIVERGED;
 }
 
 /* Puts a number in place of the whole state of setups that are no longer finite: computing with infinities is slow. */
@@ -265,6 +275,9 @@ static void retire(March *m, truth ended, int64_t step, int64_t *at)
     real *state = (real *)&m->vehicle;
     for (size_t k = 0; k < sizeof m->vehicle / sizeof(real); k++) {
         state[k] = either(ended, uniform(0.0), state[k]);
+    }
+    for (int k = 0; k < OUTPUTS; k++) {
+        m->output[k] = either(ended, uniform(0.0), m->output[k]);
     }
     for (int c = 0; c < CORNERS; c++) {
         Signal *all[] = {&m->velocity[c], &m->displacement[c], &m->force[c]};
@@ -275,6 +288,7 @@ static void retire(March *m, truth ended, int64_t step, int64_t *at)
             }
         }
         m->ports[c].lagged = either(ended, uniform(0.0), m->ports[c].lagged);
+        m->ports[c].travel = either(ended, uniform(0.0), m->ports[c].travel);
     }
     for (int k = 0; k < SETUPS; k++) {
         if (ended[k] && m->alive[k]) {
@@ -344,6 +358,7 @@ EXPORTED void run_batch(const Run *run, const double *parameters, const int64_t 
         sums->ended[k] = -1;
     }
     forget_factors();
+    find_needed_outputs(m);
     m->last[0] = m->last[1] = 1e300;
     m->pace[0] = m->pace[1] = 1e-300;
     const truth found = find_equilibrium(m, sums->sweeps);

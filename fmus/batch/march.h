@@ -12,7 +12,7 @@ static const double DIVERGED = 1e15;
 
 enum { MOST_LIMITS = 8, MOST_CHANNELS = 256, MOST_QUANTITIES = 512 };
 
-/* A coupled signal at the end of a step, at its start, and at the starts of the two before it. */
+/* A coupled signal at the end of a step, at its start, and at the starts of the two before it; the older one only of forces. */
 typedef struct {
     real now, ahead, past, older;
 } Signal;
@@ -44,7 +44,8 @@ typedef struct {
     Vehicle vehicle;
     Signal velocity[CORNERS], displacement[CORNERS], force[CORNERS];
     Line velocity_line[CORNERS], force_line[CORNERS];
-    real limited[MOST_LIMITS], seen[MOST_CHANNELS];
+    real output[OUTPUTS], seen[MOST_CHANNELS]; /* outputs that a step needs; recorded channels */
+    int needed[OUTPUTS], needed_count, is_needed[OUTPUTS]; /* those outputs */
     Totals totals;
     Port ports[CORNERS]; /* the last one: its tables are not cleared for each batch */
 } March;
@@ -61,7 +62,6 @@ static inline real larger_of(real a, real b)
 
 static inline void shift(Signal *s)
 {
-    s->older = s->past;
     s->past = s->now;
     s->now = s->ahead;
 }

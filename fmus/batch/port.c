@@ -6,66 +6,8 @@
 
 #include "curve.h"
 
-
 /* Largest change of damper velocity [m/s] over which F_s is treated as linear, as in common/shock.c. */
 static const double STRAIGHT = 0.01;
-
-/* ---- Laws that run setup by setup ----------------------------------------------------------------------------------------- */
-
-static void read_law(const Parameters *p, int setup, double *parameters)
-{
-    const double *first = (const double *)p;
-    for (int k = 0; k < PARAMETERS; k++) {
-        parameters[k] = first[k * SETUPS + setup];
-    }
-}
-
-static void start_singles(Port *port, real velocity, real f)
-{
-    port->some_lag = in_any(port->law == WITH_LAG);
-    port->all_lag = in_every(port->law == WITH_LAG);
-    port->some_single = in_any(port->law >= MAXWELL);
-    for (int i = 0; i < SETUPS && port->some_single; i++) {
-        Law *law = &port->single[i];
-        memset(law, 0, sizeof *law);
-        read_law(&port->parameters, i, law->parameters);
-        if (port->law[i] == MAXWELL) {
-            maxwell_start(law, velocity[i], f[i]);
-        } else if (port->law[i] == HYSTERESIS) {
-            hysteresis_start(law, velocity[i], f[i]);
-        }
-    }
-}
-
-/* A piece of the step in every setup. */
-typedef struct {
-    real velocity_start, static_start, velocity_end, static_end, step;
-} Pieces;
-
-static void advance_singles(Port *port, const Pieces *p, real count, truth active)
-{
-    for (int i = 0; i < SETUPS; i++) {
-        const Span span = {p->velocity_start[i], p->static_start[i], p->velocity_end[i], p->static_end[i], p->step[i], (int)count[i]};
-        if (active[i] && port->law[i] == MAXWELL) {
-            maxwell_advance(&port->single[i], &span);
-        } else if (active[i] && port->law[i] == HYSTERESIS) {
-            hysteresis_advance(&port->single[i], &span);
-        }
-    }
-}
-
-static real force_of_law(const Port *port, real velocity, real f)
-{
-    real lagged = port->lagged;
-    for (int i = 0; i < SETUPS && port->some_single; i++) {
-        if (port->law[i] == MAXWELL) {
-            lagged[i] = maxwell_force(&port->single[i], velocity[i], f[i]);
-        } else if (port->law[i] == HYSTERESIS) {
-            lagged[i] = hysteresis_force(&port->single[i], velocity[i], f[i]);
-        }
-    }
-    return lagged;
-}
 
 /* ---- The lag ---------------------------------------------------------------------------------------------------------------- */
 
@@ -112,10 +54,19 @@ static real seal_force(const Parameters *p, real v)
                              : either(is_free, uniform(0.0), p->seal_friction * hyperbolic_tangent(v / p->friction_velocity));
 }
 
+static real lagged_force(const Port *port, real v, real f)
+{
+    if (!port->some_hysteresis) {
+        return port->lagged;
+    }
+    const Lagged lagged = {port->lagged, port->travel};
+    return either(port->law == HYSTERESIS, hysteresis_force(&port->parameters, lagged, v, f), port->lagged);
+}
+
 static void respond(Port *port, real velocity, real displacement, real f)
 {
     const Parameters *p = &port->parameters;
-    const real v = p->motion_ratio * velocity, lagged = force_of_law(port, v, f), alpha = lag_weight(p, f);
+    const real v = p->motion_ratio * velocity, lagged = lagged_force(port, v, f), alpha = lag_weight(p, f);
     const real dissipative = alpha * lagged + (1.0 - alpha) * f + seal_force(p, v);
     const real gas = p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
     port->now.force = p->motion_ratio * (dissipative + gas);
@@ -129,9 +80,17 @@ static void respond(Port *port, real velocity, real displacement, real f)
 void start_port(Port *port, real velocity, real displacement)
 {
     const real v = port->parameters.motion_ratio * velocity, f = valve_force(&port->parameters, v);
+    port->some_lag = in_any(port->law == WITH_LAG);
+    port->some_maxwell = in_any(port->law == MAXWELL);
+    port->some_hysteresis = in_any(port->law == HYSTERESIS);
     port->lagged = f;
+    port->travel = uniform(0.0);
     port->step = 0.0;
-    start_singles(port, v, f);
+    if (port->some_hysteresis) {
+        const Lagged lagged = hysteresis_start(&port->parameters, v);
+        port->lagged = either(port->law == HYSTERESIS, lagged.velocity, f);
+        port->travel = lagged.travel;
+    }
     respond(port, velocity, displacement, f);
 }
 
@@ -149,6 +108,7 @@ static real pieces(const Parameters *p, real from, real to)
     return either(is_long, either(is_few, __builtin_convertvector(whole, real) + 1.0, most), one);
 }
 
+/* The smallest and the largest number of pieces of all setups. */
 typedef struct {
     int least, most;
 } Range;
@@ -156,14 +116,9 @@ typedef struct {
 static Range range_of(real count)
 {
     Range range = {1, 1};
-    if (in_any(count > 1.0)) {
-        double least = count[0], most = count[0];
-        for (int i = 1; i < SETUPS; i++) {
-            least = count[i] < least ? count[i] : least;
-            most = count[i] > most ? count[i] : most;
-        }
-        range.least = (int)least;
-        range.most = (int)most;
+    while (in_any(count > (double)range.most)) {
+        range.least += in_every(count > (double)range.least);
+        range.most++;
     }
     return range;
 }
@@ -178,26 +133,37 @@ static Lag lag_over_piece(Port *port, real count, Range range, double h)
     Lag lag = {uniform(0.0), uniform(0.0)};
     if (port->some_lag) {
         know_lags(port, range.most, h);
-        if (range.least == range.most) {
-            lag.rise = port->rise[range.most];
-            lag.ramp = port->ramp[range.most];
-        } else {
-            const Index index = __builtin_convertvector(__builtin_convertvector(count, Short), Index);
-            lag.rise = chosen(port->rise, index);
-            lag.ramp = chosen(port->ramp, index);
+        lag.rise = port->rise[range.least];
+        lag.ramp = port->ramp[range.least];
+        for (int k = range.least + 1; k <= range.most; k++) {
+            const truth so_many = count == (double)k;
+            lag.rise = either(so_many, port->rise[k], lag.rise);
+            lag.ramp = either(so_many, port->ramp[k], lag.ramp);
         }
     }
     return lag;
 }
 
-static inline real lagged_after(const Port *port, const Pieces *piece, const Lag *lag)
+/* Advances the law over a piece, in setups in which it is `needed`. */
+static inline void advance_law(Port *port, const Span *piece, const Lag *lag, truth needed)
 {
     const real start = piece->static_start, end = piece->static_end;
-    if (!port->some_lag) {
-        return end;
+    real after = end;
+    if (port->some_lag) {
+        const real lagged = port->lagged + (start - port->lagged) * lag->rise + (end - start) * lag->ramp;
+        after = either(port->law == WITH_LAG, lagged, end);
     }
-    const real lagged = port->lagged + (start - port->lagged) * lag->rise + (end - start) * lag->ramp;
-    return port->all_lag ? lagged : either(port->law == WITH_LAG, lagged, end);
+    if (port->some_maxwell) {
+        const truth is_maxwell = port->law == MAXWELL;
+        after = either(is_maxwell, maxwell_after(&port->parameters, port->lagged, piece, is_maxwell & needed), after);
+    }
+    if (port->some_hysteresis) {
+        const truth has_hysteresis = port->law == HYSTERESIS;
+        const Lagged found = hysteresis_after(&port->parameters, (Lagged){port->lagged, port->travel}, piece, has_hysteresis & needed);
+        after = either(has_hysteresis, found.velocity, after);
+        port->travel = found.travel;
+    }
+    port->lagged = in_every(needed) ? after : either(needed, after, port->lagged);
 }
 
 void step_port(Port *port, real from, real to, real displacement, double h, truth active)
@@ -206,23 +172,19 @@ void step_port(Port *port, real from, real to, real displacement, double h, trut
     const real count = pieces(p, from, to);
     const Range range = range_of(count);
     const Lag lag = lag_over_piece(port, count, range, h);
-    const real part = range.most == 1 ? uniform(h) : either(count == 1.0, uniform(h), h / count);
+    const real part = port->some_maxwell || port->some_hysteresis ? either(count == 1.0, uniform(h), h / count) : uniform(h);
     real v = p->motion_ratio * from, f = valve_force(p, v);
     for (int k = 1; k <= range.most; k++) {
         const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */
+        const truth follows = (double)k <= count;
         real velocity = to;
-        if (range.most > 1) {
+        if (k < range.most) {
             const real between = from + (to - from) * ((double)k / count);
             velocity = is_inside ? between : either((double)k < count, between, to);
         }
         const real end = p->motion_ratio * velocity;
-        const Pieces piece = {v, f, end, valve_force(p, end), part};
-        const real lagged = lagged_after(port, &piece, &lag);
-        const truth follows = (double)k <= count;
-        if (port->some_single) {
-            advance_singles(port, &piece, count, follows & active);
-        }
-        port->lagged = is_inside ? lagged : either(follows, lagged, port->lagged);
+        const Span piece = {v, f, end, valve_force(p, end), part};
+        advance_law(port, &piece, &lag, follows & active);
         f = is_inside ? piece.static_end : either(follows, piece.static_end, f);
         v = end;
     }

@@ -10,7 +10,7 @@
 /* Largest number of pieces of a step, as in common/shock.c. */
 enum { MOST_PIECES = 1000 };
 
-/* Laws. Polylinear and those with a lag run side by side; the others setup by setup. */
+/* Laws; Polylinear and those with a lag differ only in numbers. */
 enum { WITHOUT_LAG = 0, WITH_LAG = 1, MAXWELL = 2, HYSTERESIS = 3 };
 
 typedef struct {
@@ -22,17 +22,16 @@ typedef struct {
     Parameters parameters;
     Index law;
     PortSignals now;
-    real lagged;
+    real lagged, travel; /* F_lag, or the lagged velocity of Hysteresis; the travel of its stop */
     double step; /* for which factors are known */
-    int some_lag, all_lag, some_single;
-    Law single[SETUPS];
+    int some_lag, some_maxwell, some_hysteresis;
     int known; /* piece counts with known factors: 1 to this one */
     real rise[MOST_PIECES + 1], ramp[MOST_PIECES + 1];
 } Port;
 
 /* Start at a velocity [m/s] and a displacement [m] of the port. */
 void start_port(Port *port, real velocity, real displacement);
-/* Advance by h [s] while the velocity changes linearly; in setups that are not `active` the laws that run setup by setup rest. */
+/* Advance by h [s] while the velocity changes linearly; in setups that are not `active` the law rests. */
 void step_port(Port *port, real from, real to, real displacement, double h, truth active);
 
 #endif

@@ -38,11 +38,19 @@ void add_limits(March *m, const Step *step)
     }
     for (int w = 0; w < m->run->limit_count; w++) {
         const Limit *limit = &m->run->limits[w];
-        t->watched[w] += either(limit->sign * m->limited[w] > limit->limit, h, none);
+        t->watched[w] += either(limit->sign * m->output[limit->output] > limit->limit, h, none);
     }
 }
 
 /* ---- Recorded rows ------------------------------------------------------------------------------------------------------------ */
+
+static real value_at(const March *m, const Channel *c)
+{
+    if (c->corner >= 0) {
+        return ((const real *)&m->ports[c->corner].now)[c->number];
+    }
+    return m->is_needed[c->number] ? m->output[c->number] : vehicle_output(m->run->car, &m->vehicle, c->number);
+}
 
 static real value_of(const March *m, const Quantity *q)
 {
@@ -79,7 +87,7 @@ void record(March *m, const Sums *sums)
     real *series = (real *)(void *)sums->series + m->row * run->series_count;
     for (int k = 0; k < run->channel_count; k++) {
         const Channel *c = &run->recorded_channels[k];
-        m->seen[k] = c->corner < 0 ? vehicle_output(run->car, &m->vehicle, c->number) : ((const real *)&m->ports[c->corner].now)[c->number];
+        m->seen[k] = value_at(m, c);
     }
     for (int k = 0; k < run->series_count; k++) {
         series[k] = m->seen[run->series_channels[k]];

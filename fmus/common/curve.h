@@ -33,11 +33,12 @@ static inline real size_of(real value)
     return either(value < 0.0, -value, value);
 }
 
-static inline real outer_share(const Parameters *p, real speed)
+/* The share of the outer polynomial at a distance of the speed from the transition's middle. */
+static inline real outer_share(const Parameters *p, real apart)
 {
-    const real apart = speed - p->curve_transition_speed, half = 0.5 * p->curve_transition_width;
+    const real half = 0.5 * p->curve_transition_width;
     const truth is_outer = apart >= half, is_inner = apart <= -half;
-    if (in_every(is_outer | is_inner)) {
+    if (in_every(one_of(is_outer, is_inner))) {
         return either(is_outer, uniform(1.0), uniform(0.0));
     }
     return either(is_outer, uniform(1.0), either(is_inner, uniform(0.0), apart / p->curve_transition_width + 0.5));
@@ -110,7 +111,7 @@ static inline Cell cell_at(const Parameters *p, real v)
     return cell;
 }
 
-static inline real force_through_knots(const Parameters *p, real v)
+static APART real force_through_knots(const Parameters *p, real v)
 {
     const Cell c = cell_at(p, v);
     return c.force + c.x * (c.start + c.x * ((3.0 * c.rise - 2.0 * c.start - c.end) + c.x * (c.start + c.end - 2.0 * c.rise)));
@@ -118,26 +119,26 @@ static inline real force_through_knots(const Parameters *p, real v)
 
 static inline real force_of_polynomials(const Parameters *p, real v)
 {
-    const real share = outer_share(p, size_of(v));
-    const truth is_inner = share == 0.0, is_outer = share == 1.0;
+    const real apart = size_of(v) - p->curve_transition_speed;
     real inner = uniform(0.0);
-    if (!in_every(is_outer)) {
+    if (in_any(apart < 0.5 * p->curve_transition_width)) {
         inner = inner_force(p, v);
     }
-    if (in_every(is_inner)) {
+    if (in_every(apart <= -0.5 * p->curve_transition_width)) {
         return inner;
     }
-    const real outer = outer_force(p, v);
+    const real share = outer_share(p, apart), outer = outer_force(p, v);
+    const truth is_inner = share == 0.0, is_outer = share == 1.0;
     return in_every(is_outer) ? outer : either(is_inner, inner, either(is_outer, outer, (1.0 - share) * inner + share * outer));
 }
 
 static inline real fitted_force(const Parameters *p, real v)
 {
     const truth knots = has_knots(p);
-    real force = uniform(0.0);
-    if (in_any(knots)) {
-        force = force_through_knots(p, v);
+    if (!in_any(knots)) {
+        return force_of_polynomials(p, v);
     }
+    const real force = force_through_knots(p, v);
     return in_every(knots) ? force : either(knots, force, force_of_polynomials(p, v));
 }
 
@@ -146,13 +147,19 @@ static inline truth is_beyond_fit(const Parameters *p, real v)
     return one_of(v > p->curve_compression_speed, v < -p->curve_rebound_speed);
 }
 
-static inline real curve_force(const Parameters *p, real v)
+/* Beyond the fitted range the curve goes on as a straight line. */
+static APART real force_beyond_fit(const Parameters *p, real v, truth above, truth below)
 {
     const real high = p->curve_compression_speed, low = -p->curve_rebound_speed;
-    const truth above = v > high, below = v < low;
     const real force = fitted_force(p, either(above, high, either(below, low, v)));
     return either(above, force + p->curve_compression_slope * (v - high),
                   either(below, force + p->curve_rebound_slope * (v - low), force));
+}
+
+static inline real curve_force(const Parameters *p, real v)
+{
+    const truth above = v > p->curve_compression_speed, below = v < -p->curve_rebound_speed;
+    return in_any(one_of(above, below)) ? force_beyond_fit(p, v, above, below) : fitted_force(p, v);
 }
 
 static inline real scale(const Parameters *p, real v)
@@ -194,7 +201,7 @@ static inline double fitted_slope(const Parameters *p, double v)
     }
     const double side = v > 0.0 ? 1.0 : -1.0, v_t = p->curve_transition_speed;
     const double *coefficients = v > 0.0 ? p->curve_compression : p->curve_rebound;
-    const double share = outer_share(p, size_of(v)), s = v / v_t;
+    const double share = outer_share(p, size_of(v) - v_t), s = v / v_t;
     const double inner = polynomial(p->curve_inner, INNER, s) + s * polynomial_slope(p->curve_inner, INNER, s);
     const double outer = side * polynomial_slope(coefficients, OUTER, (size_of(v) - v_t) / v_t);
     const double slope = ((1.0 - share) * inner + share * outer) / v_t;

@@ -5,10 +5,28 @@
 #include "elementary.h"
 #include "shock.h"
 
-/* F_lag [N] after h [s] in which F_s changes linearly from start to end [N]:
- * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h), e = exp(-h / tau). */
-static double advance_lag(LagFactors *f, double lagged, double static_start, double static_end, double time_constant,
-                          double h)
+/* F_lag [N] after `ratio` time constants in which F_s changes linearly from start to end [N]:
+ * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) / ratio), e = exp(-ratio). */
+static inline real lag_after(real lagged, real static_start, real static_end, real ratio)
+{
+    const real rise = -exponential_minus_1(-ratio), ramp = 1.0 - rise / ratio;
+    return lagged + (static_start - lagged) * rise + (static_end - static_start) * ramp;
+}
+
+#ifdef EIGHTPOST_LANES
+
+/* The same after h [s]. */
+static inline real advance_lag(LagFactors *none, real lagged, real static_start, real static_end, real time_constant, real h)
+{
+    (void)none;
+    return lag_after(lagged, static_start, static_end, h / time_constant);
+}
+
+#else
+
+/* The same after h [s]; the factors are kept. */
+static inline double advance_lag(LagFactors *f, double lagged, double static_start, double static_end, double time_constant,
+                                 double h)
 {
     if (h != f->step || time_constant != f->time_constant) {
         const double ratio = h / time_constant;
@@ -27,4 +45,5 @@ static inline Rate lag_rate(double lagged, double static_force, double time_cons
     return rate;
 }
 
+#endif
 #endif

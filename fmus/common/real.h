@@ -17,6 +17,9 @@ typedef int Index;
 /* The initializer of an array of zeros. */
 #define ZERO 0.0
 
+/* Of functions that are better compiled apart for several setups at once. */
+#define APART inline
+
 /* A macro, so that only one of both is computed. */
 #define either(condition, a, b) ((condition) ? (a) : (b))
 
@@ -40,6 +43,17 @@ static inline int in_every(truth condition)
 static inline truth one_of(truth a, truth b)
 {
     return a || b;
+}
+
+/* Whether both are. */
+static inline truth both_of(truth a, truth b)
+{
+    return a && b;
+}
+
+static inline truth is_false(truth condition)
+{
+    return !condition;
 }
 
 static inline real chosen(const real *numbers, Index index)

@@ -3,6 +3,7 @@
 #define EIGHTPOST_SHOCK_H
 
 #include "component.h"
+#include "real.h"
 
 /* Factors of a step h and a tau: 1 - e and 1 - (1 - e) tau / h. They are kept, because most steps have the same length. */
 typedef struct {
@@ -11,9 +12,9 @@ typedef struct {
 
 /* A piece of time in which the damper velocity [m/s] and F_s [N] change linearly. */
 typedef struct {
-    double velocity_start, static_start;
-    double velocity_end, static_end;
-    double step; /* [s] */
+    real velocity_start, static_start;
+    real velocity_end, static_end;
+    real step; /* [s] */
 } Piece;
 
 /* alpha [1], the share of the lagged force, at a static force [N]. */
@@ -40,7 +41,7 @@ Rate law_rate(const Parameters *p, double lagged, double velocity, double static
 enum { STATE_COUNT = CONTINUOUS_STATES > 1 ? CONTINUOUS_STATES : 1 };
 
 typedef struct {
-    double at[STATE_COUNT];
+    real at[STATE_COUNT];
 } State;
 
 /* Derivatives of the valve force F_v and of the rate of each state, which does not depend on the other states. */
@@ -51,13 +52,13 @@ typedef struct {
 
 #ifdef SEVERAL_STATES
 /* The states of steady motion at a damper velocity [m/s] and its F_s [N]. */
-State law_start(const Parameters *p, double velocity, double static_force);
+State law_start(const Parameters *p, real velocity, real static_force);
 /* The variable that is state k. */
 double *law_state(Signals *s, int k);
 /* The states after a piece; STATE_COUNT factors are kept. */
 void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piece *piece);
 /* F_v [N] at a damper velocity [m/s] and its F_s [N]. */
-double law_force(const Parameters *p, const State *state, double velocity, double static_force);
+real law_force(const Parameters *p, const State *state, real velocity, real static_force);
 Slopes law_slopes(const Parameters *p, const State *state, double velocity, double static_force);
 #endif
 

@@ -10,35 +10,145 @@ enum { MOST_TURNS = 8, MIDDLE = KNOTS / 2 };
 static const double REST = 1e-9;
 static const double CELL_ROUNDING = 1e-9;
 
-static double signed_like(double size, double sign)
+static inline real signed_like(real size, real sign)
 {
-    return sign < 0.0 || (sign == 0.0 && 1.0 / sign < 0.0) ? -size : size;
+    const truth is_zero = sign == 0.0;
+    truth is_negative = sign < 0.0;
+    if (in_any(is_zero)) {
+        is_negative = one_of(is_negative, both_of(is_zero, 1.0 / sign < 0.0));
+    }
+    return either(is_negative, -size, size);
 }
 
 /* ---- The curve of the lagged velocity ------------------------------------------------------------------------------------ */
 
 /* f1 [N]: the integral of the slopes c, which are linear between knots and constant beyond. */
-static double lagged_curve(const Parameters *p, double v)
+static real lagged_curve(const Parameters *p, real v)
 {
-    const double *knots = p->curve_knot_velocity, *c = p->curve_lagged_slope;
-    const double low = v > knots[0] ? v : knots[0], inside = low < knots[KNOTS - 1] ? low : knots[KNOTS - 1];
-    const int k = cell_of(knots, inside);
-    const double bend = (c[k + 1] - c[k]) / (knots[k + 1] - knots[k]);
-    double force = 0.0;
-    if (inside >= 0.0) {
-        for (int j = MIDDLE; j < k; j++) {
-            force += 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]);
-        }
-        const double x = inside - knots[k];
-        force += x * (c[k] + 0.5 * bend * x);
-    } else {
-        for (int j = MIDDLE - 1; j > k; j--) {
-            force -= 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]);
-        }
-        const double x = inside - knots[k + 1];
-        force += x * (c[k + 1] + 0.5 * bend * x);
+    const real *knots = p->curve_knot_velocity, *c = p->curve_lagged_slope;
+    const real low = either(v > knots[0], v, knots[0]), inside = either(low < knots[KNOTS - 1], low, knots[KNOTS - 1]);
+    const Index k = cell_of(knots, inside);
+    const real left = chosen(knots, k), right = chosen(knots, k + 1), first = chosen(c, k), second = chosen(c, k + 1);
+    const real bend = (second - first) / (right - left);
+    const truth compressed = inside >= 0.0;
+    real force = uniform(0.0);
+    for (int j = MIDDLE; in_any(both_of(compressed, k > j)); j++) {
+        force = either(both_of(compressed, k > j), force + 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
     }
-    return force + (v > 0.0 ? c[KNOTS - 1] : c[0]) * (v - inside);
+    for (int j = MIDDLE - 1; in_any(both_of(is_false(compressed), k < j)); j--) {
+        force = either(both_of(is_false(compressed), k < j), force - 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
+    }
+    const real x = inside - either(compressed, left, right);
+    force += x * (either(compressed, first, second) + 0.5 * bend * x);
+    return force + either(v > 0.0, c[KNOTS - 1], c[0]) * (v - inside);
+}
+
+/* ---- The lag --------------------------------------------------------------------------------------------------------------- */
+
+/* tau at u, and d ln tau / du. */
+typedef struct {
+    real tau, growth;
+} TimeConstant;
+
+static inline TimeConstant time_constant_at(const Parameters *p, real u)
+{
+    const truth compressed = u >= 0.0;
+    const real speed = either(compressed, p->curve_compression_speed, p->curve_rebound_speed);
+    const real end = either(compressed, p->time_constant[2], p->time_constant[0]), middle = p->time_constant[1];
+    const real share = size_of(u) / (0.5 * speed), within = either(share < 1.0, share, uniform(1.0));
+    const truth varies = end != middle;
+    TimeConstant found = {middle, uniform(0.0)};
+    if (in_any(varies)) {
+        const real whole = logarithm(end / middle), slope = either(compressed, whole, -whole);
+        found.tau = either(varies, middle * exponential(within * whole), middle);
+        found.growth = either(both_of(varies, share < 1.0), slope / (0.5 * speed), uniform(0.0));
+    }
+    return found;
+}
+
+static inline real advance_velocity(const Parameters *p, LagFactors *kept, real u, const Piece *piece)
+{
+    real after = u;
+    for (int pass = 0; pass < 2; pass++) {
+        const real tau = time_constant_at(p, 0.5 * (u + after)).tau;
+        after = advance_lag(kept, u, piece->velocity_start, piece->velocity_end, tau, piece->step);
+    }
+    return after;
+}
+
+/* ---- The stop -------------------------------------------------------------------------------------------------------------- */
+
+static inline real advance_travel(const Parameters *p, LagFactors *kept, real travel, const Piece *piece)
+{
+    const real limit = p->stop_yield, time = p->stop_time, end = piece->velocity_end;
+    real start = piece->velocity_start, step = piece->step;
+    truth yields = size_of(travel) > limit, going = step == step;
+    for (int turn = 0; turn < MOST_TURNS; turn++) {
+        const real before = travel;
+        real edge = signed_like(limit, travel), over = before, after = before, ended = before;
+        truth ends = going;
+        if (in_any(yields)) {
+            over = before - edge;
+            after = advance_lag(kept, over, start * time, end * time, time, step);
+            ends = after * edge >= 0.0;
+            ended = edge + after;
+        }
+        if (!in_every(yields)) {
+            const real moved = before + 0.5 * (start + end) * step;
+            ends = one_of(both_of(yields, ends), both_of(is_false(yields), size_of(moved) <= limit));
+            ended = either(yields, ended, moved);
+            edge = either(yields, edge, signed_like(limit, moved));
+            after = either(yields, after, moved);
+        }
+        travel = either(going, either(ends, ended, edge), before);
+        going &= is_false(ends);
+        if (!in_any(going)) {
+            break;
+        }
+        const real share = either(yields, over / (over - after), (edge - before) / (after - before));
+        start += (end - start) * share;
+        step *= 1.0 - share;
+        yields = is_false(yields);
+        going &= is_false(step <= 0.0);
+    }
+    return travel;
+}
+
+/* ---- Functions declared in shock.h ------------------------------------------------------------------------------------------- */
+
+State law_start(const Parameters *p, real velocity, real static_force)
+{
+    const real reach = p->stop_yield + size_of(velocity) * p->stop_time;
+    const State state = {{velocity, either(size_of(velocity) <= REST, uniform(0.0), signed_like(reach, velocity))}};
+    (void)static_force;
+    return state;
+}
+
+void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piece *piece)
+{
+    state->at[0] = advance_velocity(p, &kept[0], state->at[0], piece);
+    state->at[1] = advance_travel(p, &kept[1], state->at[1], piece);
+}
+
+real law_force(const Parameters *p, const State *state, real velocity, real static_force)
+{
+    const real fixed = static_force - scale(p, velocity) * lagged_curve(p, velocity);
+    return fixed + scale(p, state->at[0]) * lagged_curve(p, state->at[0]) + p->stop_stiffness * state->at[1];
+}
+
+#ifndef EIGHTPOST_LANES
+
+/* alpha = 1: the lagged force is the whole force of the valves. */
+double law_lag_weight(const Parameters *p, double static_force)
+{
+    (void)p;
+    (void)static_force;
+    return 1.0;
+}
+
+double *law_state(Signals *s, int k)
+{
+    return k == 0 ? &s->lagged_velocity : &s->stop_travel;
 }
 
 /* c [N.s/m]. */
@@ -50,106 +160,6 @@ static double lagged_slope(const Parameters *p, double v)
     }
     const int k = cell_of(knots, v);
     return c[k] + (c[k + 1] - c[k]) / (knots[k + 1] - knots[k]) * (v - knots[k]);
-}
-
-/* ---- The lag --------------------------------------------------------------------------------------------------------------- */
-
-/* tau at u, and d ln tau / du. */
-typedef struct {
-    double tau, growth;
-} TimeConstant;
-
-static TimeConstant time_constant_at(const Parameters *p, double u)
-{
-    const double speed = u >= 0.0 ? p->curve_compression_speed : p->curve_rebound_speed;
-    const double end = u >= 0.0 ? p->time_constant[2] : p->time_constant[0], middle = p->time_constant[1];
-    const double share = size_of(u) / (0.5 * speed), within = share < 1.0 ? share : 1.0;
-    TimeConstant found = {middle, 0.0};
-    if (end != middle) {
-        const double whole = logarithm(end / middle);
-        found.tau = middle * exponential(within * whole);
-        found.growth = share < 1.0 ? (u >= 0.0 ? whole : -whole) / (0.5 * speed) : 0.0;
-    }
-    return found;
-}
-
-static double advance_velocity(const Parameters *p, LagFactors *kept, double u, const Piece *piece)
-{
-    double after = u;
-    for (int pass = 0; pass < 2; pass++) {
-        const double tau = time_constant_at(p, 0.5 * (u + after)).tau;
-        after = advance_lag(kept, u, piece->velocity_start, piece->velocity_end, tau, piece->step);
-    }
-    return after;
-}
-
-/* ---- The stop -------------------------------------------------------------------------------------------------------------- */
-
-static double advance_travel(const Parameters *p, LagFactors *kept, double travel, const Piece *piece)
-{
-    const double limit = p->stop_yield, time = p->stop_time, end = piece->velocity_end;
-    double start = piece->velocity_start, step = piece->step;
-    int yields = size_of(travel) > limit;
-    for (int turn = 0; turn < MOST_TURNS; turn++) {
-        double edge = signed_like(limit, travel), share = 0.0;
-        if (yields) {
-            const double over = travel - edge, after = advance_lag(kept, over, start * time, end * time, time, step);
-            if (after * edge >= 0.0) {
-                return edge + after;
-            }
-            share = over / (over - after);
-        } else {
-            const double after = travel + 0.5 * (start + end) * step;
-            if (size_of(after) <= limit) {
-                return after;
-            }
-            edge = signed_like(limit, after);
-            share = (edge - travel) / (after - travel);
-        }
-        start += (end - start) * share;
-        step *= 1.0 - share;
-        travel = edge;
-        yields = !yields;
-        if (step <= 0.0) {
-            return travel;
-        }
-    }
-    return travel;
-}
-
-/* ---- Functions declared in shock.h ------------------------------------------------------------------------------------------- */
-
-/* alpha = 1: the lagged force is the whole force of the valves. */
-double law_lag_weight(const Parameters *p, double static_force)
-{
-    (void)p;
-    (void)static_force;
-    return 1.0;
-}
-
-State law_start(const Parameters *p, double velocity, double static_force)
-{
-    const double reach = p->stop_yield + size_of(velocity) * p->stop_time;
-    const State state = {{velocity, size_of(velocity) <= REST ? 0.0 : signed_like(reach, velocity)}};
-    (void)static_force;
-    return state;
-}
-
-double *law_state(Signals *s, int k)
-{
-    return k == 0 ? &s->lagged_velocity : &s->stop_travel;
-}
-
-void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piece *piece)
-{
-    state->at[0] = advance_velocity(p, &kept[0], state->at[0], piece);
-    state->at[1] = advance_travel(p, &kept[1], state->at[1], piece);
-}
-
-double law_force(const Parameters *p, const State *state, double velocity, double static_force)
-{
-    const double fixed = static_force - scale(p, velocity) * lagged_curve(p, velocity);
-    return fixed + scale(p, state->at[0]) * lagged_curve(p, state->at[0]) + p->stop_stiffness * state->at[1];
 }
 
 Slopes law_slopes(const Parameters *p, const State *state, double velocity, double static_force)
@@ -201,3 +211,5 @@ const char *law_refuses(const Parameters *p)
     }
     return fits ? NULL : "curve.lagged_slope must not be above curve.knot_slope and the slopes beyond the fitted range";
 }
+
+#endif

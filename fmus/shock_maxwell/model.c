@@ -13,210 +13,240 @@ static const double CHORD = 0.01, SHORTEST = 1e-9, FIRST = 1e-3, SETTLED = 1000.
 static const double AGREEMENT = 1e-5, LEAST_BEND = 0.2, NEAR = 1e-9, FORCE_ROUNDING = 1e-9;
 enum { MOST_PARTS = 1000, MOST_CORRECTIONS = 10, MOST_TRIES = 100, LOOKS = 256, TRANSITION_LOOKS = 12 };
 
-static double signed_like(double size, double sign)
+static inline real signed_like(real size, real sign)
 {
-    return sign < 0.0 ? -size : size;
+    return either(sign < 0.0, -size, size);
 }
 
-static double larger(double a, double b)
+static inline real larger(real a, real b)
 {
-    return b > a ? b : a;
+    return either(b > a, b, a);
 }
 
-static double smaller(double a, double b)
+static inline real smaller(real a, real b)
 {
-    return b < a ? b : a;
+    return either(b < a, b, a);
 }
 
-/* w with f(w) = force, from a guess with its force: secants inside a bracket. */
-static double velocity_under(const Parameters *p, double force, double guess, double guess_force)
+/* w with f(w) = force, from a guess with its force: secants inside a bracket. Where it is not `needed`, the guess. */
+static real velocity_under(const Parameters *p, real force, real guess, real guess_force, truth needed)
 {
-    double before = guess, before_miss = guess_force - force;
-    if (before_miss == 0.0) {
-        return guess;
-    }
-    double low = before_miss > 0.0 ? -NO_LIMIT : guess, high = before_miss > 0.0 ? guess : NO_LIMIT;
-    double here = guess - signed_like(FIRST, before_miss);
-    for (int tries = 0; tries < MOST_TRIES; tries++) {
-        const double miss = valve_force(p, here) - force;
-        if (size_of(miss) <= FOUND * size_of(force) || miss == before_miss || here == before) {
-            return here;
+    real before = guess, before_miss = guess_force - force;
+    truth going = both_of(needed, before_miss != 0.0);
+    real low = either(before_miss > 0.0, uniform(-NO_LIMIT), guess), high = either(before_miss > 0.0, guess, uniform(NO_LIMIT));
+    real here = either(going, guess - signed_like(uniform(FIRST), before_miss), guess);
+    for (int tries = 0; tries < MOST_TRIES && in_any(going); tries++) {
+        const real miss = valve_force(p, here) - force;
+        going &= is_false(one_of(one_of(size_of(miss) <= FOUND * size_of(force), miss == before_miss), here == before));
+        if (!in_any(going)) {
+            break;
         }
-        if (miss > 0.0) {
-            high = smaller(high, here);
-        } else {
-            low = larger(low, here);
-        }
-        double there = here - miss * (here - before) / (miss - before_miss);
-        if (!(low < there && there < high)) {
-            there = high - low < NO_LIMIT ? 0.5 * (low + high) : here + 2.0 * (here - before);
+        high = either(miss > 0.0, smaller(high, here), high);
+        low = either(miss > 0.0, low, larger(low, here));
+        real there = here - miss * (here - before) / (miss - before_miss);
+        const truth is_inside = both_of(low < there, there < high);
+        if (!in_every(is_inside)) {
+            const real other = either(high - low < NO_LIMIT, 0.5 * (low + high), here + 2.0 * (here - before));
+            there = either(is_inside, there, other);
         }
         before = here;
         before_miss = miss;
-        here = there;
+        here = either(going, there, here);
     }
     return here;
 }
 
 /* ---- dF/dt = k (v - w) over a piece in which v is linear --------------------------------------------------------------- */
 
-static double velocity_at(const Piece *piece, double time)
+static inline real velocity_at(const Piece *piece, real time)
 {
     return piece->velocity_start + (piece->velocity_end - piece->velocity_start) * (time / piece->step);
 }
 
-static double reach(double w, double v, double end)
+static inline real reach(real w, real v, real end)
 {
     return larger(size_of(v - w), size_of(end - w));
 }
 
 /* The slope of the chord from w, where F = force, for a change of w, divided by k. */
-static double time_constant_over(const Parameters *p, double w, double force, double change)
+static inline real time_constant_over(const Parameters *p, real w, real force, real change)
 {
-    const double there = w + (size_of(change) > SHORTEST ? change : signed_like(SHORTEST, change));
-    return larger((valve_force(p, there) - force) / (there - w) / p->series_stiffness, 0.0);
+    const real there = w + either(size_of(change) > SHORTEST, change, signed_like(uniform(SHORTEST), change));
+    return larger((valve_force(p, there) - force) / (there - w) / p->series_stiffness, uniform(0.0));
 }
 
-static double followed(double w, double v, double end, double tau, double h)
+static inline real followed(real w, real v, real end, real tau, real h)
 {
-    LagFactors none = {0.0, 0.0, 0.0, 0.0};
-    return h >= SETTLED * tau ? end - (end - v) * (tau / h) : advance_lag(&none, w, v, end, tau, h);
+    const truth is_settled = h >= SETTLED * tau;
+    const real steady = end - (end - v) * (tau / h);
+    if (in_every(is_settled)) {
+        return steady;
+    }
+    return either(is_settled, steady, lag_after(w, v, end, either(is_settled, uniform(1.0), h / tau)));
 }
 
 /* The distance [m/s] from w to the next kink of the curve in a direction; NO_LIMIT if none follows. */
-static double room_before_kink(const Parameters *p, double w, double towards)
+static inline real room_before_kink(const Parameters *p, real w, real towards)
 {
-    const double half = 0.5 * p->curve_transition_width;
-    const double inside = p->curve_transition_speed - half, outside = p->curve_transition_speed + half;
-    const double kinks[] = {0.0, -p->curve_rebound_speed, p->curve_compression_speed, -outside, -inside, inside, outside};
-    const int count = has_knots(p) ? 3 : (int)(sizeof kinks / sizeof kinks[0]); /* a spline has no transition */
-    double room = NO_LIMIT;
-    for (int k = p->compression_scale == p->rebound_scale; k < count; k++) {
-        const double distance = towards < 0.0 ? w - kinks[k] : kinks[k] - w;
-        room = distance > SHORTEST && distance < room ? distance : room;
+    const real half = 0.5 * p->curve_transition_width;
+    const real inside = p->curve_transition_speed - half, outside = p->curve_transition_speed + half;
+    const real kinks[] = {uniform(0.0), -p->curve_rebound_speed, p->curve_compression_speed, -outside, -inside, inside, outside};
+    const truth has_transition = is_false(has_knots(p)), changes_scale = is_false(p->compression_scale == p->rebound_scale);
+    real room = uniform(NO_LIMIT);
+    for (int k = in_any(changes_scale) ? 0 : 1; k < (in_any(has_transition) ? 7 : 3); k++) {
+        const real distance = either(towards < 0.0, w - kinks[k], kinks[k] - w);
+        const truth is_next = both_of(distance > SHORTEST, distance < room);
+        const truth counts = k == 0 ? changes_scale : k < 3 ? is_next : has_transition;
+        room = either(both_of(is_next, counts), distance, room);
     }
     return room;
 }
 
 /* The time constant of the chord from w to its value after h, or to the kink at a distance `room`. The search starts from a nearby
  * tau and continues by secants until tau is that of the chord to the resulting w. */
-static double chord_time_constant(const Parameters *p, double w, double force, double tau, double v, double end, double h,
-                                  double room)
+static inline real chord_time_constant(const Parameters *p, real w, real force, real tau, real v, real end, real h, real room,
+                                       truth needed)
 {
-    double before = tau, miss_before = 0.0;
+    real before = tau, miss_before = uniform(0.0);
+    truth going = needed;
     for (int tries = 0; tries < MOST_CORRECTIONS; tries++) {
-        const double change = followed(w, v, end, tau, h) - w;
-        if (change == 0.0) {
-            return tau;
+        const real change = followed(w, v, end, tau, h) - w;
+        going &= change != 0.0;
+        if (!in_any(going)) {
+            break;
         }
-        const double found = time_constant_over(p, w, force, signed_like(smaller(size_of(change), room), change));
-        const double miss = found - tau;
-        const double bend = tries == 0 ? 0.0 : (miss_before - miss) / (tau - before);
-        const double after = bend > LEAST_BEND ? tau + miss / bend : found;
+        const real found = time_constant_over(p, w, force, signed_like(smaller(size_of(change), room), change));
+        const real miss = found - tau, bend = tries == 0 ? uniform(0.0) : (miss_before - miss) / (tau - before);
+        const real after = either(bend > LEAST_BEND, tau + miss / bend, found);
         before = tau;
         miss_before = miss;
-        tau = larger(after, 0.0);
-        if (size_of(miss) <= AGREEMENT * found) {
-            return tau;
+        tau = either(going, larger(after, uniform(0.0)), tau);
+        going &= is_false(size_of(miss) <= AGREEMENT * found);
+        if (!in_any(going)) {
+            break;
         }
     }
     return tau;
 }
 
 /* The correction to a change of w for the curve's deviation from its chord: a parabola, with w changing at an even rate. */
-static double bow_of_curve(const Parameters *p, double w, double force, double change, double tau, double h)
+static inline real bow_of_curve(const Parameters *p, real w, real force, real change, real tau, real h)
 {
-    const double stiffness = p->series_stiffness;
-    const double bow = valve_force(p, w + 0.5 * change) - (force + 0.5 * stiffness * tau * change);
+    const real stiffness = p->series_stiffness;
+    const real bow = valve_force(p, w + 0.5 * change) - (force + 0.5 * stiffness * tau * change);
     return 4.0 * bow * h / (stiffness * (6.0 * tau * tau + 3.0 * tau * h + h * h));
 }
 
 /* The time after which w has moved by `room`; after h it has moved by `change`. Newton's method inside a bracket: w is monotonic
  * and either convex or concave in time. */
-static double time_across(double room, double change, double w, double v, double end, double tau, double h)
+static APART real time_across(real room, real change, real w, real v, real end, real tau, real h, truth needed)
 {
-    double low = 0.0, high = h, time = h * (room / change);
-    for (int tries = 0; tries < MOST_TRIES; tries++) {
-        const double here = v + (end - v) * (time / h), after = followed(w, v, here, tau, time);
-        const double miss = size_of(after - w) - room, rate = size_of(here - after);
-        if (miss > 0.0) {
-            high = time;
-        } else {
-            low = time;
-        }
-        double there = rate > 0.0 ? time - miss * tau / rate : low;
-        const int is_newton = low < there && there < high;
-        if (!is_newton) {
-            there = 0.5 * (low + high);
-        }
-        if (size_of(there - time) <= (is_newton ? NEAR : FOUND) * h) {
-            return there;
-        }
-        time = there;
+    real low = uniform(0.0), high = h, time = h * (room / change);
+    truth going = needed;
+    for (int tries = 0; tries < MOST_TRIES && in_any(going); tries++) {
+        const real here = v + (end - v) * (time / h), after = followed(w, v, here, tau, time);
+        const real miss = size_of(after - w) - room, rate = size_of(here - after);
+        high = either(miss > 0.0, time, high);
+        low = either(miss > 0.0, low, time);
+        real there = either(rate > 0.0, time - miss * tau / rate, low);
+        const truth is_newton = both_of(low < there, there < high);
+        there = either(is_newton, there, 0.5 * (low + high));
+        const truth is_found = size_of(there - time) <= either(is_newton, uniform(NEAR), uniform(FOUND)) * h;
+        time = either(going, there, time);
+        going &= is_false(is_found);
     }
     return time;
 }
 
 /* The time of a crossing at which w is ahead by `gained` and changes at the rate gap / tau; not reduced by more than half: where w
  * barely changes, this linear estimate is not valid. */
-static double time_less_bow(double time, double gained, double tau, double gap)
+static inline real time_less_bow(real time, real gained, real tau, real gap)
 {
-    const double earlier = gained * tau;
-    return size_of(earlier) < 0.5 * size_of(gap) * time ? time - earlier / gap : time;
+    const real earlier = gained * tau;
+    return either(size_of(earlier) < 0.5 * size_of(gap) * time, time - earlier / gap, time);
 }
 
-static double advance_force(const Parameters *p, double lagged, const Piece *piece)
+/* A part of a piece, which begins at w: the velocities at its ends, its duration, and how far w may move. */
+typedef struct {
+    real v, end, left, room;
+} Part;
+
+/* The change of w over a part with a time constant. Where w reaches a kink, the part ends there. */
+static inline real change_over(const Parameters *p, real w, real force, real tau, Part *part, truth needed)
 {
-    double w = velocity_under(p, lagged, piece->velocity_start, piece->static_start), force = lagged, time = 0.0;
-    const double most = larger(CHORD, 2.0 * reach(w, piece->velocity_start, piece->velocity_end) / MOST_PARTS);
-    for (int part = 0; part < MOST_PARTS; part++) {
-        const double v = velocity_at(piece, time), gap = v - w;
-        double left = piece->step - time, last = piece->velocity_end - w;
-        if ((gap == 0.0 && last == 0.0) || left <= 0.0) {
-            return force;
+    const real v = part->v, end = part->end, left = part->left, room = part->room;
+    const real change = followed(w, v, end, tau, left) - w;
+    const truth crosses = both_of(needed, size_of(change) > room);
+    real to_kink = change, bent = change;
+    if (in_any(crosses)) {
+        const real time = time_across(room, size_of(change), w, v, end, tau, left, crosses);
+        to_kink = signed_like(room, change);
+        const real gained = bow_of_curve(p, w, force, to_kink, tau, time);
+        const real less = time_less_bow(time, gained, tau, v + (end - v) * (time / left) - (w + to_kink));
+        part->left = either(crosses, smaller(less, left), left);
+    }
+    if (!in_every(crosses)) {
+        /* Once w follows the velocity at a constant distance, only the velocity's ramp changes w at an even rate. */
+        const real ramp = smaller(size_of(end - v) / larger(size_of(change), uniform(SHORTEST)), uniform(1.0));
+        bent = change + either(left < AT_REST * tau, uniform(1.0), ramp) * bow_of_curve(p, w, force, change, tau, left);
+    }
+    return either(crosses, to_kink, bent);
+}
+
+/* The force after a piece; where it is not `needed`, that before. */
+static real advance_force(const Parameters *p, real lagged, const Piece *piece, truth needed)
+{
+    real w = velocity_under(p, lagged, piece->velocity_start, piece->static_start, needed), force = lagged, time = uniform(0.0);
+    const real most = larger(uniform(CHORD), 2.0 * reach(w, piece->velocity_start, piece->velocity_end) / (double)MOST_PARTS);
+    truth going = needed;
+    for (int count = 0; count < MOST_PARTS; count++) {
+        const real v = velocity_at(piece, time), gap = v - w;
+        real left = piece->step - time, last = piece->velocity_end - w;
+        going &= is_false(one_of(both_of(gap == 0.0, last == 0.0), left <= 0.0));
+        if (!in_any(going)) {
+            break;
         }
-        if (gap * last < 0.0 && size_of(gap) > SHORTEST) { /* w will turn: first advance to where v = w */
-            left *= gap / (gap - last);
-            last = 0.0;
-        }
-        const double towards = size_of(gap) >= size_of(last) ? gap : last;
-        const double far = size_of(towards), room = room_before_kink(p, w, towards);
-        double tau = time_constant_over(p, w, force, signed_like(smaller(smaller(far, most), room), towards));
-        if (far > most && part < MOST_PARTS - 1) {
-            if (tau == 0.0) { /* the curve is flat, so w crosses it at once */
-                w += signed_like(smaller(most, room), towards);
-                force = valve_force(p, w);
-                continue;
+        const truth turns = both_of(gap * last < 0.0, size_of(gap) > SHORTEST); /* first advance to where v = w */
+        left = either(turns, left * (gap / (gap - last)), left);
+        last = either(turns, uniform(0.0), last);
+        const real towards = either(size_of(gap) >= size_of(last), gap, last), far = size_of(towards);
+        const real room = room_before_kink(p, w, towards);
+        const real nearby = time_constant_over(p, w, force, signed_like(smaller(smaller(far, most), room), towards));
+        truth moves = going;
+        if (count < MOST_PARTS - 1 && in_any(far > most)) {
+            const truth is_flat = both_of(going, both_of(far > most, nearby == 0.0)); /* w crosses a flat curve at once */
+            if (in_any(is_flat)) {
+                w = either(is_flat, w + signed_like(smaller(most, room), towards), w);
+                force = either(is_flat, valve_force(p, w), force);
+                moves &= is_false(is_flat);
+                if (!in_any(moves)) {
+                    continue;
+                }
             }
-            left = smaller(left, tau * most / far); /* |dw/dt| is at most far / tau */
+            left = either(far > most, smaller(left, nearby * most / far), left); /* |dw/dt| is at most far / tau */
         }
-        const double end = time + left >= piece->step ? piece->velocity_end : velocity_at(piece, time + left);
-        tau = chord_time_constant(p, w, force, tau, v, end, left, room);
-        double change = followed(w, v, end, tau, left) - w;
-        if (size_of(change) > room) {
-            const double whole = left;
-            left = time_across(room, size_of(change), w, v, end, tau, whole);
-            change = signed_like(room, change);
-            const double gained = bow_of_curve(p, w, force, change, tau, left);
-            left = smaller(time_less_bow(left, gained, tau, v + (end - v) * (left / whole) - (w + change)), whole);
-        } else {
-            /* Once w follows the velocity at a constant distance, only the velocity's ramp changes w at an even rate. */
-            const double ramp = smaller(size_of(end - v) / larger(size_of(change), SHORTEST), 1.0);
-            change += (left < AT_REST * tau ? 1.0 : ramp) * bow_of_curve(p, w, force, change, tau, left);
-        }
-        double after = w + signed_like(smaller(size_of(change), room), change);
+        const real end = either(time + left >= piece->step, piece->velocity_end, velocity_at(piece, time + left));
+        const real tau = chord_time_constant(p, w, force, nearby, v, end, left, room, moves);
+        Part part = {v, end, left, room};
+        const real change = change_over(p, w, force, tau, &part, moves);
+        real after = w + signed_like(smaller(size_of(change), room), change);
         after = smaller(larger(after, smaller(smaller(w, v), end)), larger(larger(w, v), end));
-        change = valve_force(p, after) - force;
-        const double most_change = p->series_stiffness * left * far + FORCE_ROUNDING * size_of(force); /* |dF/dt| <= k far */
-        if (size_of(change) > most_change) { /* the curve falls a little here, and w crosses the dip at once */
-            after = velocity_under(p, force + signed_like(most_change, change), w, force);
+        real reached = valve_force(p, after);
+        const real most_change = p->series_stiffness * part.left * far + FORCE_ROUNDING * size_of(force); /* |dF/dt| <= k far */
+        const truth falls = both_of(moves, size_of(reached - force) > most_change); /* a little here, and w crosses the dip at once */
+        if (in_any(falls)) {
+            const real limit = force + signed_like(most_change, reached - force);
+            after = either(falls, velocity_under(p, limit, w, force, falls), after);
+            reached = either(falls, valve_force(p, after), reached);
         }
-        w = after;
-        force = valve_force(p, w);
-        time = time + left >= piece->step ? piece->step : time + left;
+        w = either(moves, after, w);
+        force = either(moves, reached, force);
+        time = either(moves, either(time + part.left >= piece->step, piece->step, time + part.left), time);
     }
     return force;
 }
+
+#ifndef EIGHTPOST_LANES
 
 /* ---- Functions declared in shock.h ------------------------------------------------------------------------------------- */
 
@@ -238,13 +268,13 @@ double law_lag_weight_slope(const Parameters *p, double static_force)
 double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece)
 {
     (void)kept;
-    return advance_force(p, lagged, piece);
+    return advance_force(p, lagged, piece, 1);
 }
 
 /* dF/dt = k (v - w) with f(w) = F, and so dw/dF = 1 / f'(w). */
 Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
 {
-    const double w = velocity_under(p, lagged, velocity, static_force), k = p->series_stiffness;
+    const double w = velocity_under(p, lagged, velocity, static_force, 1), k = p->series_stiffness;
     const Rate rate = {k * (velocity - w), -k / valve_slope(p, w), k, 0.0};
     return rate;
 }
@@ -308,3 +338,5 @@ const char *law_refuses(const Parameters *p)
                ? NULL
                : "curve.compression_slope and curve.rebound_slope must be positive for a Maxwell law";
 }
+
+#endif

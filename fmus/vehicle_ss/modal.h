@@ -32,6 +32,7 @@ typedef struct {
 
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */
+#ifndef EIGHTPOST_LANES
 static inline void load(const real *u, Modal *w)
 {
     int moving[INPUTS], count = 0;
@@ -53,6 +54,38 @@ static inline void load(const real *u, Modal *w)
         }
     }
 }
+#else
+/* The same; the last inputs, which are often equal in all setups, are then multiplied once. */
+static inline void load(const real *u, Modal *w)
+{
+    double product[INPUTS][BLOCK];
+    int own = INPUTS; /* inputs before those that are equal */
+    while (own > 0 && in_every(u[own - 1] == u[own - 1][0])) {
+        own--;
+    }
+    for (int b = 0; b < STATE_BLOCKS; b++) {
+        for (int c = own; c < INPUTS; c++) {
+            for (int r = 0; r < BLOCK; r++) {
+                product[c][r] = B[b][c][r] * u[c][0];
+            }
+        }
+        for (int first = 0; first < BLOCK; first += TILE) {
+            real sum[TILE] = {ZERO};
+            for (int c = 0; c < own; c++) {
+                for (int r = 0; r < TILE; r++) {
+                    sum[r] += B[b][c][first + r] * u[c];
+                }
+            }
+            for (int c = own; c < INPUTS; c++) {
+                for (int r = 0; r < TILE; r++) {
+                    sum[r] += product[c][first + r];
+                }
+            }
+            memcpy(&w->at[b * BLOCK + first], sum, sizeof sum);
+        }
+    }
+}
+#endif
 
 /* One row of C times z, as four sums. */
 static inline real row_times(const double *row, const real *z)

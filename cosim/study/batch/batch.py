@@ -83,6 +83,7 @@ class Batch:
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
         self._ended, self._sweeps = np.zeros(self.lanes, np.int64), np.zeros(self.lanes, np.int64)
         self._times, self._rows = np.zeros(2), np.zeros(1, np.int64)
+        self._filtered = _aligned_lanes((0,), self.lanes)
 
     def filtered(self, name: str, sections: Sections) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
@@ -92,7 +93,10 @@ class Batch:
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
         given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
         series, count = self._sums["series"], self._plan.rows.size
-        space = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
+        needed = count + 2 * sections.pad
+        if len(self._filtered) < needed:
+            self._filtered = _aligned_lanes((needed,), self.lanes)
+        space = self._filtered
         column = self._plan.series.index(name)
         self._library.filter(given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data)
         return space[sections.pad : sections.pad + count]

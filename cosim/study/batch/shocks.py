@@ -81,5 +81,5 @@ def _parameters(kind: str, values: Parameters) -> Array:
         found += _NO_LAG if kind == "shock_polylinear" else _ONLY_LAG
     found += numbers("series_stiffness", 1) if kind == "shock_maxwell" else [1.0]
     for name, count in _HYSTERESIS.items():
-        found += numbers(name, count) if kind == "shock_hysteresis" else [0.0] * count
+        found += numbers(name, count) if kind == "shock_hysteresis" else [1.0] * count
     return np.array(found)
