@@ -238,7 +238,8 @@ def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
     """Return the predicted and measured level of every selected setup for the measure of its selection."""
     levels = {entry["measure"]: entry for entry in found}
     lines = ["| lf | rf | lr | rr | selected for | predicted | measured |", "|---" * 7 + "|"]
-    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in selection(study)]
+    rows = [row for row in selection(study) if row["end"] != "repeat"]
+    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in rows]
     return "\n".join(dict.fromkeys(lines))
 
 
