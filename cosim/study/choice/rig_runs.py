@@ -114,7 +114,7 @@ def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | 
     Args:
         result: Result of the study.
         measured: Measured levels.
-        certainty: Certainty of the study, which states intervals of the levels; None if there is none.
+        certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
         InputError: A setup was not run in the study, or fewer than three setups were measured.
@@ -232,7 +232,7 @@ def compare_with_rig(
         read: Function that returns the channels of a record.
         measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
             differs.
-        certainty: Certainty of the study, which states intervals of the levels; None if there is none.
+        certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
         InputError: A measure is unknown, no record of the list exists, or none of the measures can be computed.
