@@ -1,4 +1,4 @@
-"""The rig day of chapter 7 on the 8-post stand-in: identify, predict 2401 setups, select twenty, test them, compare.
+"""The rig day of chapter 7 on the 8-post stand-in: identify, predict 2401 setups, select, test, compare, confirm.
 
     python docs/make/make_rig_day.py FOLDER [--duration '400 s'] [--bank FOLDER] [--workers N]
 
@@ -16,15 +16,12 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import geometric_mean
 from typing import Any
 
 from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle import read_fit
-from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, PICTURE = ROOT / "docs" / "evidence" / "rig_day.md", ROOT / "docs" / "pictures" / "rig_day.png"
@@ -91,13 +88,14 @@ def main() -> None:
         _fit_bank(bank)
     _predict(folder, bank, options.workers)
     _test(folder)
-    _compare(folder)
-    found = json.loads((folder / "study" / "compared" / "comparison.json").read_text(encoding="utf-8"))["measures"]
-    page = placed(
-        PAGE.read_text(encoding="utf-8"), "measures", measures_table(found, intervals(folder / "car.json", found))
-    )
-    PAGE.write_text(placed(page, "setups", setups_table(folder / "study", found)), encoding="utf-8")
-    shutil.copy(folder / "study" / "compared" / "comparison.png", PICTURE)
+    study = folder / "study"
+    found = _compare(study, "compared")
+    _confirm(study)
+    after = _compare(study, "compared_after")
+    page = placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
+    page = placed(page, "intervals", intervals_table(found, after))
+    PAGE.write_text(placed(page, "setups", setups_table(study, found)), encoding="utf-8")
+    shutil.copy(study / "compared" / "comparison.png", PICTURE)
 
 
 def _identify(folder: Path, duration: str) -> None:
@@ -160,8 +158,21 @@ def _test(folder: Path) -> None:
             call("rig", "--test", "track", "--seed", LAP, "--run", TEST_RUNS + int(row["run"]), *shocks, "-o", record)
 
 
-def _compare(folder: Path) -> None:
-    call("compare", folder / "study", "--measured", folder / "study", may_fail=True)
+def _compare(study: Path, name: str) -> list[dict[str, Any]]:
+    """Compare all rig runs with the study and its certainty; return the comparison of each measure."""
+    output = study / name
+    if not output.exists():
+        call("compare", study, "--measured", study, "-o", output, may_fail=True)
+    found: list[dict[str, Any]] = json.loads((output / "comparison.json").read_text(encoding="utf-8"))["measures"]
+    return found
+
+
+def _confirm(study: Path) -> None:
+    """Update the certainty of the study with the rig runs of the proposed tests only."""
+    if (study / "certainty.previous.parquet").exists():
+        return
+    tests = [row for row in selection(study) if row["end"] == "test"]
+    call("confirm", study, *(f"{row['setup']}={study / row['file']}" for row in tests), may_fail=True)
 
 
 def selection(study: Path) -> list[dict[str, str]]:
@@ -170,50 +181,21 @@ def selection(study: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def channel_of(measure: str) -> str:
-    """Return the name that a fit's uncertainty has for a measure of the study: lf.velocity for its RMS."""
-    place, _, what = measure.removesuffix(", RMS").partition(" ")
-    return (
-        f"{place}_{what}".replace(" ", "_")
-        if place == "total"
-        else f"{place}.{_WHAT.get(what, what.replace(' ', '_'))}"
-    )
-
-
-def intervals(car: Path, found: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[float, float]]]:
-    """Return the stated 95 % interval of each measure of each setup [SI], from the vehicle's uncertainty alone."""
-    trust = read_fit(car).trust
-    stated: Mapping[str, MeasureUncertainty] = {} if trust is None else trust.measures
-    known = {entry["measure"]: entry["predicted"] for entry in found if channel_of(entry["measure"]) in stated}
-    setups = [dict(zip(known, levels, strict=True)) for levels in zip(*known.values(), strict=True)]
-    mean = {name: geometric_mean(levels) for name, levels in known.items()}
-    distances = [setup_distance(setup, mean) for setup in setups]
-    return {
-        name: [stated[channel_of(name)].interval(p, distance=d) for p, d in zip(levels, distances, strict=True)]
-        for name, levels in known.items()
-    }
-
-
-def measures_table(found: Sequence[Mapping[str, Any]], stated: Mapping[str, Sequence[tuple[float, float]]]) -> str:
-    """Return the accuracy of each predicted measure as Markdown; sigma is from the baseline's five runs."""
+def measures_table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return the accuracy of each predicted measure as Markdown."""
     lines = [
         "| RMS | measured, minimum to maximum | Spearman | attainable | Kendall | slope (95 %) | level error | bias "
-        "| scatter about the line | a run's sigma | in the two-sigma band "
-        "| stated 95 % interval | in the 95 % interval |",
-        "|---" * 13 + "|",
+        "| scatter about the line | a run's sigma | in the two-sigma band |",
+        "|---" * 11 + "|",
     ]
-    for entry in found:
-        if entry["measure"] in SHOWN:
-            lines.append(_measure_line(entry, SHOWN[entry["measure"]], stated.get(entry["measure"], ())))
+    lines += [_measure_line(entry, SHOWN[entry["measure"]]) for entry in found if entry["measure"] in SHOWN]
     return "\n".join(lines)
 
 
-def _measure_line(entry: Mapping[str, Any], unit: str, stated: Sequence[tuple[float, float]]) -> str:
+def _measure_line(entry: Mapping[str, Any], unit: str) -> str:
     factor, _ = units.conversion(entry["unit"], unit)
     measured, (low, high) = [factor * value for value in entry["measured"]], entry["slope_interval_95"]
     percent = 100.0 * len(measured) / sum(entry["measured"])
-    inside = sum(low <= level <= high for level, (low, high) in zip(entry["measured"], stated, strict=False))
-    widths = [100.0 * (high / level - 1.0) for level, (_, high) in zip(entry["predicted"], stated, strict=False)]
     cells = (
         entry["measure"].removesuffix(", RMS"),
         f"{min(measured):.3g} to {max(measured):.3g} {unit}",
@@ -226,21 +208,38 @@ def _measure_line(entry: Mapping[str, Any], unit: str, stated: Sequence[tuple[fl
         f"{percent * entry['scatter']:.2g} %",
         f"{factor * entry['run_to_run']:.2g} {unit} ({percent * entry['run_to_run']:.2g} %)",
         f"{entry['within_band']} of {len(measured)}",
-        f"{min(widths):.1f} to {max(widths):.1f} %" if widths else "not stated",
-        f"{inside} of {len(stated)}" if stated else "",
     )
     return f"| {' | '.join(cells)} |"
 
 
-#: Channels of measures whose names differ.
-_WHAT = {"shock velocity": "velocity", "suspension travel": "displacement"}
+def intervals_table(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many measured levels are inside the intervals of the study, before and after `confirm`."""
+    lines = [
+        "| RMS | half-width of a rig run's 95 % interval, as predicted | measured levels inside | after the proposed "
+        "tests | measured levels of the other setups inside |",
+        "|---" * 5 + "|",
+    ]
+    for entries in zip(before, after, strict=True):
+        if entries[0]["measure"] in SHOWN:
+            cells = [f"{_widths(one)} | {one['within_interval']} of {one['judged']}" for one in entries]
+            lines.append(f"| {entries[0]['measure'].removesuffix(', RMS')} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _widths(entry: Mapping[str, Any]) -> str:
+    """Return the smallest and the largest half-width of the intervals of a measure [%]."""
+    lows, highs = entry["interval_95"]
+    known = [(low, high) for low, high in zip(lows, highs, strict=True) if low is not None]
+    widths = [100.0 * (high - low) / (high + low) for low, high in known]
+    return f"{min(widths):.1f} to {max(widths):.1f} %" if widths else "not known"
 
 
 def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
     """Return the predicted and measured level of every selected setup for the measure of its selection."""
     levels = {entry["measure"]: entry for entry in found}
     lines = ["| lf | rf | lr | rr | selected for | predicted | measured |", "|---" * 7 + "|"]
-    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in selection(study)]
+    rows = [row for row in selection(study) if row["end"] != "repeat"]
+    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in rows]
     return "\n".join(dict.fromkeys(lines))
 
 

@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.certainty import earlier_certainty
 from eightpost.app.options import Verb, map_option
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right
@@ -117,7 +118,11 @@ def _compare_with_rig(
     result = StudyResult.load(folder / RESULTS)
     path = measured / SELECTION if measured.is_dir() else measured
     found = compare_with_rig(
-        result, path, lambda file: read_rig_test(file, channel_map=channel_map).series, measures=measures
+        result,
+        path,
+        lambda file: read_rig_test(file, channel_map=channel_map).series,
+        measures=measures,
+        certainty=earlier_certainty(result, folder),
     )
     for note in found.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
@@ -136,8 +141,9 @@ def _compare_with_rig(
 def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the quality of each measure's prediction."""
     columns = right(
-        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band"
-    )
+        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
+        "in its 95 % interval"
+    )  # fmt: skip
     rows = []
     for one in entries:
         low, high = one.line.interval()
@@ -153,6 +159,7 @@ def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Tabl
             f"{one.bias:+.1f} %",
             sigma if one.run_to_run else "unknown",
             f"{int(one.within.sum())} of {one.within.size}",
+            f"{int(one.inside.sum())} of {one.judged}" if one.judged else "unknown",
         ))  # fmt: skip
     return console_table(["measure", *columns], rows)
 

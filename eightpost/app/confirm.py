@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.certainty import earlier_certainty, show_certainty
+from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
 from eightpost.app.options import map_option
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
@@ -72,9 +73,10 @@ def confirm(
             "(completed runs are not repeated)"
         )
     runs, notes = requested_runs(result, records)
+    known = Knowledge.of(before)
     found = with_rig_runs(
         result,
-        Knowledge.of(before),
+        replace(known, run_to_run={**measured_noise(folder), **known.run_to_run}),
         runs,
         lambda file: read_rig_test(file, channel_map=channel_map).series,
         measures=measures,

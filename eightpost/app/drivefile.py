@@ -9,7 +9,16 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import UNITS, Assignment, Quantity, VerbGroup, flip_option, map_option, seed_option
+from eightpost.app.options import (
+    UNITS,
+    Assignment,
+    Quantity,
+    VerbGroup,
+    car_seed_option,
+    flip_option,
+    map_option,
+    seed_option,
+)
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -192,6 +201,7 @@ def next_drive(
               help="Number of passes at the end, including those before.")  # fmt: skip
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
               help="Model of the car on the virtual rig (docs/explanation/rig.md).")  # fmt: skip
+@car_seed_option
 @click.option("--shock", "shocks", multiple=True, metavar="SHOCK",
               help="Shock of all corners, or four shocks in the order lf, rf, lr, rr, as in eightpost rig. Default "
               "demo:A.")  # fmt: skip
@@ -206,6 +216,7 @@ def simulate(
     folder: Path,
     passes: int,
     truth: str,
+    car_seed: int | None,
     shocks: tuple[str, ...],
     seed: int,
     noise: str,
@@ -228,7 +239,7 @@ def simulate(
 
     console = Console(soft_wrap=True, highlight=False)
     iteration = IterationFolder.read(folder)
-    bench = Bench.of(truth, friction=friction == "on", noise=noise == "rig", run=seed)
+    bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=seed)
     with bar(console, "passes", passes) as proceed:
         outcome = iterate(
             iteration, bench, bench.shocks(shocks or ("demo:A",)), passes, lambda state: proceed(len(state.errors))

@@ -193,6 +193,12 @@ RANK = click.option("--rank", metavar="MEASURE",
                     "study.")  # fmt: skip
 
 
+#: Option --car-seed of the commands with a virtual rig.
+car_seed_option = click.option("--car-seed", type=click.IntRange(min=0), metavar="N",
+    help="Seed of the parameters of the flexible car; another number is another car. Default: its base "
+    "parameters.")  # fmt: skip
+
+
 def seed_option(default: int, text: str) -> Callable[[Function], Function]:
     """Return the option --seed."""
     kind = click.IntRange(min=0)

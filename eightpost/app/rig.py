@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import Quantity, seed_option
+from eightpost.app.options import Quantity, car_seed_option, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
@@ -25,9 +25,7 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 @click.command()
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
               help="Model of the car under test (docs/explanation/rig.md).")  # fmt: skip
-@click.option("--car-seed", type=click.IntRange(min=0), metavar="N",
-              help="Seed of the parameters of the flexible car; another number is another car. Default: its base "
-              "parameters.")  # fmt: skip
+@car_seed_option
 @click.option("--test", "test_name", type=click.Choice(TESTS), default="random", show_default=True,
               help="Drive file of a single test (4.5.1, 6.1.3).")  # fmt: skip
 @click.option("--program", "program_name", type=click.Choice(PROGRAMS),

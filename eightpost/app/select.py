@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cosim.study.choice.selection import Selection
     from cosim.study.result import StudyResult
 
-TOTAL, POOL = 20, 0.02
+TOTAL, POOL, TWICE = 20, 0.02, 4
 
 
 @click.command()
@@ -29,20 +29,24 @@ TOTAL, POOL = 20, 0.02
               "addition.")  # fmt: skip
 @click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
               help="Share of the setups at each end of a ranking to choose from, 0 to 1.")  # fmt: skip
-def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> None:
+@click.option("--twice", type=click.IntRange(min=0), metavar="N", default=TWICE, show_default=True,
+              help="Maximum number of extreme setups that are listed twice: drift from run to run moves them more than "
+              "the baseline.")  # fmt: skip
+def select(folder: Path, measures: tuple[str, ...], total: int, pool: float, twice: int) -> None:
     """Select setups of a study to confirm on the rig: the tests that decide most about the best setup, then low and
     high setups of each measure, spread over the bank.
 
-    STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line for each run; the runs of the
-    baseline come last. Save the rig records in the same folder, under the names in the column `file`; then `eightpost
-    compare --measured` reads them. The page of the study is rewritten and shows the selection.
+    STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line for each run; second runs of
+    extreme setups and the runs of the baseline come last: they show how far two runs of a setup differ. Save the rig
+    records in the same folder, under the names in the column `file`; then `eightpost compare --measured` reads them.
+    The page of the study is rewritten and shows the selection.
 
     \b
     Examples:
       eightpost select out/
       eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
-    from cosim.study.choice.selection import BASELINE_RUNS, write_selection
+    from cosim.study.choice.selection import BASELINE_RUNS, repeated, write_selection
     from cosim.study.choice.selection import select as choose
     from cosim.study.folder import RESULTS, SELECTION
     from cosim.study.result import StudyResult
@@ -58,8 +62,10 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float) -> 
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
     console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
-    write_selection(selection, result, folder / SELECTION)
-    repeats = f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
+    write_selection(selection, result, folder / SELECTION, twice=twice)
+    second = len(repeated(selection, twice))
+    repeats = f", {second} of them twice" if second else ""
+    repeats += f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
     console.print(
         f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
     )

@@ -155,6 +155,12 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
     assert "does not contain the state" in eightpost("drivefile", "next", copy, code=2)
 
 
+def test_the_virtual_rig_takes_the_seed_of_the_car(iteration, tmp_path):
+    copy = copy_of(iteration, tmp_path / "copy", 2)
+    shown = eightpost("drivefile", "simulate", copy, *RIG, "--car-seed", 4, "--passes", 3, code=2)
+    assert "has no random parameters" in shown
+
+
 def test_an_iteration_that_is_not_accepted_exits_with_1(track, tmp_path):
     """A stroke of 3 mm cannot reproduce the road."""
     start = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", tmp_path / "lap", "--stroke", "3 mm")

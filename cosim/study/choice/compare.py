@@ -24,6 +24,9 @@ FEWEST = 3
 #: Number of simulated rig days for the attainable rank correlation, and share of them that must exceed it.
 _DAYS, _BETTER = 2000, 0.95
 
+#: Probability below the upper end of a 95 % interval.
+_UPPER = 0.975
+
 
 @dataclass(frozen=True, slots=True)
 class Line:
@@ -75,6 +78,9 @@ class Comparison:
         measured: Levels measured on the rig (K,), averaged over repeated runs of a setup.
         runs: Number of rig runs of each setup (K,).
         run_to_run: Standard deviation of one rig run; 0 if not known.
+        true: 95 % interval of the true level of each setup (2, K), as the certainty of the study states it: lower ends,
+            then upper ends. NaN where it is not known or already contains rig runs of the setup; None without a
+            certainty.
 
     Raises:
         InputError: The shapes disagree, there are fewer than three setups, or all predicted or measured levels are
@@ -87,6 +93,7 @@ class Comparison:
     measured: Array
     runs: Integers
     run_to_run: float = 0.0
+    true: Array | None = None
 
     def __post_init__(self) -> None:
         shapes = {self.setups.shape, self.predicted.shape, self.measured.shape, self.runs.shape}
@@ -147,6 +154,30 @@ class Comparison:
         return np.asarray(np.abs(self.measured - self.line.at(self.predicted)) <= self.band, dtype=np.bool_)
 
     @property
+    def interval(self) -> Array:
+        """95 % interval of the mean of each setup's rig runs (2, K): that of the true level, and run-to-run noise.
+
+        NaN where it is not known. The run-to-run deviation is an estimate, so its part has Student's t distribution.
+        """
+        if self.true is None or self.run_to_run == 0.0:
+            return np.full((2, self.setups.size), np.nan)
+        noise = stats.norm.ppf(_UPPER) * usable_deviation(self.run_to_run, int(np.sum(self.runs - 1)))
+        middle, half = self.true.mean(axis=0), 0.5 * np.ptp(self.true, axis=0)
+        reach = np.hypot(half, noise / np.sqrt(self.runs))
+        return np.stack([middle - reach, middle + reach])
+
+    @property
+    def judged(self) -> int:
+        """Number of setups whose interval is known."""
+        return int(np.isfinite(self.interval).all(axis=0).sum())
+
+    @property
+    def inside(self) -> Flags:
+        """Whether each measured level is in its interval (K,); false where the interval is not known."""
+        low, high = self.interval
+        return np.asarray((low <= self.measured) & (self.measured <= high), dtype=np.bool_)
+
+    @property
     def level_error(self) -> float:
         """RMS of predicted/measured - 1 [%]."""
         return float(100.0 * np.sqrt(np.mean((self.predicted / self.measured - 1.0) ** 2)))
@@ -155,6 +186,18 @@ class Comparison:
     def bias(self) -> float:
         """Mean of predicted/measured - 1 [%]."""
         return float(100.0 * np.mean(self.predicted / self.measured - 1.0))
+
+
+def usable_deviation(estimate: float, freedom: int) -> float:
+    """Return the deviation of the normal distribution that has the 95 % interval of an estimated deviation.
+
+    A deviation that was estimated from few repeats may be far too small, so its interval is that of Student's t.
+
+    Args:
+        estimate: Estimated standard deviation of one rig run.
+        freedom: Degrees of freedom of the estimate: number of repeated runs beyond the first one of each setup.
+    """
+    return estimate * float(stats.t.ppf(_UPPER, freedom) / stats.norm.ppf(_UPPER))
 
 
 def _standard(ranks: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.choice.compare import Comparison
+from cosim.study.choice.compare import Comparison, usable_deviation
 from cosim.study.result import StudyResult
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError
@@ -76,12 +76,18 @@ def write_and_plot(
 def read_run_to_run(path: str | Path) -> dict[str, float]:
     """Return the standard deviation of one rig run by measure [SI], as a comparison found it from repeated runs.
 
+    It is increased for the number of repeats; see `usable_deviation`.
+
     Raises:
         FileFormatError: The file is not a comparison, or no setup was run twice.
     """
     document = json_content(path, advice="`eightpost compare --measured` writes it")
     try:
-        deviations = {str(entry["measure"]): float(entry["run_to_run"]) for entry in document["measures"]}
+        repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
+        deviations = {
+            str(entry["measure"]): usable_deviation(float(entry["run_to_run"]), freedom) if freedom else 0.0
+            for entry, freedom in repeats
+        }
     except MALFORMED as error:
         raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
     if not any(deviations.values()):
@@ -107,6 +113,9 @@ def _entry(comparison: Comparison, unit: str) -> dict[str, Any]:
         "scatter": comparison.line.scatter,
         "band": comparison.band,
         "within_band": int(comparison.within.sum()),
+        "interval_95": [[None if np.isnan(end) else end for end in row] for row in comparison.interval.tolist()],
+        "within_interval": int(comparison.inside.sum()),
+        "judged": comparison.judged,
         "level_error_percent": comparison.level_error,
         "bias_percent": comparison.bias,
     }

@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.study.certainty.assess import Knowledge
 from cosim.study.certainty.certainty import ConfirmedRun
+from cosim.study.choice.compare import usable_deviation
 from cosim.study.choice.rig_runs import MeasuredRun, measured_runs, read_run_list, runs_with_records
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
@@ -76,7 +77,7 @@ def with_rig_runs(
 ) -> _Confirmed:
     """Return what is known with rig runs; a record that is known already counts once.
 
-    The run-to-run deviation of a measure for which none is known comes from setups that were tested several times.
+    Unless a run-to-run deviation is stated, it comes from setups that were tested several times, in all runs so far.
 
     Args:
         result: Result of the study.
@@ -101,7 +102,9 @@ def with_rig_runs(
         digests.add(digest)
         made.append(ConfirmedRun(run.file.name, run.setup, run.drive, digest, _values(result, run, read, measures)))
     every = (*known.runs, *made)
-    noise = {**repeated_noise(every), **known.run_to_run}
+    earlier = repeated_noise(known.runs)
+    stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
+    noise = {**repeated_noise(every), **stated}
     return _Confirmed(replace(known, runs=every, run_to_run=noise), tuple(made), tuple(notes))
 
 
@@ -123,7 +126,10 @@ def _values(
 
 
 def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
-    """Return the run-to-run deviation of each measure from setups with several runs, pooled, SI."""
+    """Return the run-to-run deviation of each measure from setups with several runs, pooled, SI.
+
+    It is increased for the number of repeats; see `usable_deviation`.
+    """
     names = dict.fromkeys(name for run in runs for name in run.values)
     return dict(_repeated(runs, names))
 
@@ -131,10 +137,10 @@ def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
 def _repeated(runs: Sequence[ConfirmedRun], names: Mapping[str, None]) -> Iterator[tuple[str, float]]:
     for name in names:
         squares, freedom = 0.0, 0
-        for setup in {(run.setup, run.drive) for run in runs}:
+        for setup in dict.fromkeys((run.setup, run.drive) for run in runs):
             values = [run.values[name] for run in runs if (run.setup, run.drive) == setup and name in run.values]
             if len(values) > 1:
                 squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
                 freedom += len(values) - 1
         if freedom:
-            yield name, float(np.sqrt(squares / freedom))
+            yield name, usable_deviation(float(np.sqrt(squares / freedom)), freedom)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.study.certainty import Certainty
 from cosim.study.choice.compare import FEWEST, Comparison
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
@@ -107,8 +108,13 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
     return Measured(np.array([run.setup for run in runs], dtype=np.int64), values, missing)
 
 
-def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ...]:
+def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | None = None) -> tuple[Comparison, ...]:
     """Compare every measure that was measured; the run-to-run deviation is pooled over setups with several runs.
+
+    Args:
+        result: Result of the study.
+        measured: Measured levels.
+        certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
         InputError: A setup was not run in the study, or fewer than three setups were measured.
@@ -117,7 +123,16 @@ def comparisons(result: StudyResult, measured: Measured) -> tuple[Comparison, ..
         raise InputError(
             f"setup {unknown[0]} was measured but not run in the study; run it, or remove it from the list"
         )
-    return tuple(_comparison(result, name, measured.setups, values) for name, values in measured.values.items())
+    found = [_comparison(result, name, measured.setups, values) for name, values in measured.values.items()]
+    return tuple(found if certainty is None else (replace(one, true=_true(one, certainty)) for one in found))
+
+
+def _true(one: Comparison, certainty: Certainty) -> Array:
+    """Return the 95 % intervals of the true levels (2, K); NaN for setups whose rig runs they already contain."""
+    known = {run.setup for run in certainty.runs}
+    rows = [certainty.row(setup) for setup in one.setups.tolist()]
+    new = [setup not in known for setup in one.setups.tolist()]
+    return np.where(new, np.stack(certainty.levels[one.measure].interval(0.95))[:, rows], np.nan)
 
 
 def _comparison(result: StudyResult, name: str, setups: Integers, values: Array) -> Comparison:
@@ -203,7 +218,11 @@ class _RigComparison:
 
 
 def compare_with_rig(
-    result: StudyResult, path: str | Path, read: Callable[[Path], TimeSeries], measures: Sequence[str] = ()
+    result: StudyResult,
+    path: str | Path,
+    read: Callable[[Path], TimeSeries],
+    measures: Sequence[str] = (),
+    certainty: Certainty | None = None,
 ) -> _RigComparison:
     """Compare a study's prediction with the rig runs of a list.
 
@@ -213,6 +232,7 @@ def compare_with_rig(
         read: Function that returns the channels of a record.
         measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
             differs.
+        certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
         InputError: A measure is unknown, no record of the list exists, or none of the measures can be computed.
@@ -226,7 +246,7 @@ def compare_with_rig(
     if means:
         notes.append(f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure")
     names = [name for name in measures or rig.values if name in rig.values and name not in means]
-    compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}))
+    compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}), certainty)
     if not compared:
         raise InputError(f"{path}: none of the study's measures can be computed from these records")
     return _RigComparison(runs, compared, tuple(notes))

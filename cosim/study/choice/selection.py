@@ -206,11 +206,20 @@ def _selected(result: StudyResult, key: tuple[str, End], row: int, order: Intege
 #: Number of baseline runs, from which the run-to-run deviation is computed (7.3).
 BASELINE_RUNS = 5
 
+#: Number of selected setups that are run twice: what drifts from run to run moves other setups more than the baseline.
+TWICE = 4
 
-def write_selection(selection: Selection, result: StudyResult, path: str | Path) -> None:
-    """Write the setups to test, one line each, followed by the runs of the baseline if the study has one.
+
+def write_selection(selection: Selection, result: StudyResult, path: str | Path, *, twice: int = TWICE) -> None:
+    """Write the setups to test, one line each, then second runs of some, then the runs of the baseline if there is one.
 
     The column `file` names the record that `eightpost compare --measured` reads from the folder of the list.
+
+    Args:
+        selection: Setups to test.
+        result: Result of the study.
+        path: List.
+        twice: Maximum number of setups with a second run; see `repeated`.
     """
     corners = tuple(result.study.corners)
     rows = [_row(number, result, selected.setup.index) for number, selected in enumerate(selection.chosen, start=1)]
@@ -220,13 +229,21 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path)
         row |= {"measure": selected.measure, "end": selected.end, "predicted": f"{predicted:.6g}", "unit": unit}
         row |= {"place": str(selected.rank), "marks": selected.marks}
     baseline = result.study.baseline_setup
-    if baseline is not None:
-        first = len(rows) + 1
-        repeats = [_row(number, result, baseline.index) for number in range(first, first + BASELINE_RUNS)]
-        rows += [{**row, "end": "baseline"} for row in repeats]
+    runs = [("repeat", setup) for setup in repeated(selection, twice)]
+    runs += [("baseline", baseline.index)] * BASELINE_RUNS if baseline is not None else []
+    rows += [{**_row(number, result, setup), "end": end} for number, (end, setup) in enumerate(runs, len(rows) + 1)]
     names = ("run", "file", "setup", *corners, "measure", "end", "predicted", "unit", "place", "marks")
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         write_rows(stream, [names, *([row.get(name, "") for name in names] for row in rows)], end="\r\n")
+
+
+def repeated(selection: Selection, twice: int = TWICE) -> list[int]:
+    """Return the numbers of at most `twice` setups that are run again: the first one of each end of each measure."""
+    first = dict[tuple[str, End], int]()
+    for one in selection.chosen:
+        if one.end in ENDS:
+            first.setdefault((one.measure, one.end), one.setup.index)
+    return list(first.values())[:twice]
 
 
 def read_selection(path: str | Path, result: StudyResult) -> Selection:

@@ -21,9 +21,13 @@ from cosim.study.certainty.assess import Knowledge, certainty_of
 from cosim.study.certainty.posterior import Observations, Posterior
 from cosim.study.certainty.sources import error_sources
 from cosim.study.certainty.verdict import certainty_reasons
+from cosim.study.choice.compare import usable_deviation
+from cosim.study.choice.confirm import with_rig_runs
+from cosim.study.choice.rig_runs import MeasuredRun
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError
 from eightpost.measure_uncertainty import local_features, separation
+from eightpost.signals import TimeSeries
 
 from .assessed import NOISE, assessed, lag, run, two_setups
 
@@ -68,6 +72,23 @@ def test_conditioning_equals_that_of_an_independently_built_joint_normal_distrib
         apart = np.abs(errors.mean(axis=0) - gain @ seen.changes)
         assert np.all(apart < 5.0 * np.sqrt(variance / len(errors)) + 1e-12)
         np.testing.assert_allclose(errors.var(axis=0), variance, rtol=0.05, atol=1e-7)
+
+
+@pytest.mark.parametrize(("stated", "expected"), [({}, np.sqrt(2e-6 / 2.0)), ({"a": 0.01}, 0.01)])
+def test_later_repeats_replace_a_run_to_run_deviation_unless_it_is_stated(tmp_path, stated, expected):
+    """Two runs of setup 0 that agree by chance, then two of setup 1 that differ by 0.002."""
+    study = two_setups(0.01)
+    known = Knowledge(run_to_run=stated)
+    for setup, levels in ((0, (1.0, 1.0)), (1, (1.01, 1.012))):
+        for k, level in enumerate(levels):
+            file = tmp_path / f"{setup}_{k}.csv"
+            file.write_text(str(file))
+            time = np.arange(0.0, 30.001, 0.01)
+            wave = np.sqrt(2.0) * level * np.sin(2.0 * np.pi * time)
+            series = TimeSeries.from_channels(time, {"o0": ("1", wave)})
+            known = with_rig_runs(study, known, [MeasuredRun(file, setup, "lap")], lambda _, s=series: s).known
+    factor = 1.0 if stated else usable_deviation(1.0, 2)
+    assert known.run_to_run["a"] == pytest.approx(factor * expected, rel=0.01)
 
 
 def test_a_rig_run_of_both_setups_decides_between_them():

@@ -139,6 +139,28 @@ def test_repeated_runs_are_averaged_and_give_the_run_to_run_deviation():
     assert found.run_to_run == pytest.approx(np.sqrt((2.0 + 2.0) / 3.0))
 
 
+def test_the_interval_of_a_rig_run_covers_it_at_its_level_however_few_the_repeats():
+    """True levels are known here, so that the intervals contain run-to-run noise only; two runs of one setup."""
+    generator, inside = np.random.default_rng(3), []
+    for _ in range(2000):
+        first, second, *others = PREDICTED[[0, 0, 1, 2, 3, 4]] + 0.1 * generator.standard_normal(6)
+        measured = np.array([0.5 * (first + second), *others])
+        known = np.stack([PREDICTED, PREDICTED])
+        runs = np.array([2, 1, 1, 1, 1])
+        noise = abs(first - second) / np.sqrt(2.0)
+        inside.append(Comparison("m", np.arange(5), PREDICTED, measured, runs, noise, known).inside[1:])
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
+
+
+def test_the_interval_of_a_rig_run_contains_that_of_the_true_level():
+    known = np.stack([PREDICTED - 0.3, PREDICTED + 0.3])
+    known[:, 4] = np.nan
+    measured, runs = PREDICTED + np.array([0.2, 0.4, -0.2, -0.4, 0.0]), np.array([2, 1, 1, 1, 1])
+    found = Comparison("m", np.arange(5), PREDICTED, measured, runs, 1e-6, known)
+    assert (found.inside.tolist(), found.judged) == ([True, False, True, False, False], 4)
+    assert comparison(PREDICTED, true=known).judged == 0  # the run-to-run deviation is not known
+
+
 def test_a_setup_that_was_not_run_in_the_study_is_named():
     made = result({"front": front}, kept=np.arange(10))
     with pytest.raises(InputError, match="setup 11 was measured"):
@@ -181,8 +203,9 @@ def test_the_selection_file_is_read_as_a_list_of_runs(tmp_path):
     selection = select(made, total=8)
     write_selection(selection, made, tmp_path / "selection.csv")
     runs = read_run_list(tmp_path / "selection.csv", made.study)
-    baseline = made.study.baseline_setup.index
-    assert [run.setup for run in runs] == [s.setup.index for s in selection.chosen] + BASELINE_RUNS * [baseline]
+    baseline, chosen = made.study.baseline_setup.index, [s.setup.index for s in selection.chosen]
+    extreme = [chosen[0], chosen[4]]  # the lowest and the highest one
+    assert [run.setup for run in runs] == chosen + extreme + BASELINE_RUNS * [baseline]
     assert runs[0].file == tmp_path / "run_01.parquet"
     assert read_selection(tmp_path / "selection.csv", made) == selection
 

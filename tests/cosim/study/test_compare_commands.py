@@ -50,7 +50,8 @@ def folder(fmus, tmp_path_factory):
 def measured(folder, shocks):
     """Records of the selected setups and two runs of the baseline on the virtual rig with the same laws."""
     result = StudyResult.load(folder / "results.parquet")
-    runs = read_run_list(folder / "selection.csv", result.study)[:6]
+    listed = read_run_list(folder / "selection.csv", result.study)
+    runs = (*listed[:4], *listed[-2:])
     track = Drivefile.read(TRACK).series.window(0.0, 5.0)
     law = shocks["lpnl2"].law
     bank = {}
@@ -81,7 +82,7 @@ def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     shown = eightpost("select", folder, "--measure", "total tire force=2")
     assert shown.exit_code == 0, shown.output
     assert "total tire force" in shown.output
-    assert "selection.csv: 4 setups, and 5 runs of the baseline" in " ".join(shown.output.split())
+    assert "selection.csv: 4 setups, 2 of them twice, and 5 runs of the baseline" in " ".join(shown.output.split())
     assert (folder / "report.html").is_file()
 
 
@@ -117,7 +118,7 @@ def test_measured_levels_agree_with_predicted_ones(folder, measured):
     text = " ".join(shown.output.split())
     assert "6 runs of 5 setups" in text
     assert "Usable: the study ranks setups as the rig does" in text
-    assert "run_07.parquet" in text  # not measured yet
+    assert "run_05.parquet" in text  # not measured yet
     document = json.loads((folder / "compared" / "comparison.json").read_text())
     assert document["verdict"]["grade"] == "usable"
     found = document["measures"]
@@ -188,6 +189,32 @@ def sure(folder, tmp_path) -> Path:
     exact = tuple(Effect(build, "lag", 1.0, 0.0, {}, {corner: {build: {}} for corner in CORNERS}) for build in SCALES)
     write_certainty(certainty_of(result, Knowledge(exact)), tmp_path / "certainty.parquet")
     return tmp_path
+
+
+def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder, measured, sure, pages):
+    """Setups whose runs the intervals already contain are not counted."""
+    judged = []
+    for words in ((), ("confirm", sure, f"{measured[0].setup}={measured[0].file}")):
+        assert not words or eightpost(*words).exit_code == 0
+        shown = eightpost("compare", sure, "--measured", folder / "selection.csv")
+        assert shown.exit_code == 0, shown.output
+        found = json.loads((sure / "compared" / "comparison.json").read_text())["measures"]
+        assert all(one["within_interval"] == one["judged"] for one in found)
+        judged.append({one["judged"] for one in found})
+    assert judged == [{5}, {4}]
+    assert "4 of 4" in shown.output
+
+
+def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured, sure, pages):
+    assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
+    assert eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
+    assert read_certainty(sure / "certainty.parquet").is_known
+
+
+def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_path):
+    shown = eightpost("compare", folder, "--measured", folder, "-o", tmp_path)
+    assert json.loads((tmp_path / "comparison.json").read_text())["measures"][0]["judged"] == 0
+    assert "unknown" in shown.output
 
 
 def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, measured, sure, pages):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.study.certainty import OBJECTIVE
+from cosim.study.choice.compare import usable_deviation
 from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
 from cosim.study.choice.robust import Draws, drawn_studies, leading, run_draws, spreads_of
@@ -134,7 +135,7 @@ def test_the_run_to_run_deviation_is_read_from_a_comparison(tmp_path):
     path = tmp_path / "uncertain.toml"
     path.write_text('schema = 1\ncompared = "comparison.json"\n[run_to_run]\nrear = 0.5\n')
     noise = read_uncertainty(path, made).run_to_run
-    assert noise == {"front": pytest.approx(np.sqrt(2.0)), "rear": 0.5}
+    assert noise == {"front": pytest.approx(usable_deviation(np.sqrt(2.0), 1)), "rear": 0.5}
 
 
 def test_a_comparison_without_repeated_runs_is_refused(tmp_path):

@@ -15,7 +15,14 @@ from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
 from eightpost.ident.preparation.plausibility import Finding, record_findings
 from eightpost.ident.preparation.plausibility.comparison import SIGNIFICANT, few_blocks_factor
-from eightpost.ident.preparation.plausibility.rules import DISCONNECTED, SPIKES, SWAPPED, WRONG_DELAY, WRONG_SCALE
+from eightpost.ident.preparation.plausibility.rules import (
+    DISCONNECTED,
+    SPIKES,
+    SWAPPED,
+    WRONG_DELAY,
+    WRONG_SCALE,
+    WRONG_SIGN,
+)
 from eightpost.ident.preparation.plausibility.spikes import spikes
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigTest, flexible_truth, run_test, track_drive
 from eightpost.signals import TimeSeries
@@ -58,6 +65,20 @@ def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
     found = only(record_findings(with_row(sound, name, factor * sound[name]), CORNERS))
     assert (found.rule, found.channels) == (WRONG_SCALE, (name,))
     assert float(found.text.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["lr.chassis_acceleration", "rf.hub_acceleration", "rr.displacement", "lf.tire_force"])
+def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound: TimeSeries, name: str) -> None:
+    found = only(record_findings(with_row(sound, name, -sound[name]), CORNERS))
+    assert (found.rule, found.channels) == (WRONG_SIGN, (name,))
+    assert f"pass --flip {name}" in found.remedy
+
+
+def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound: TimeSeries) -> None:
+    wrong = with_row(sound, "lr.chassis_acceleration", -sound["lr.chassis_acceleration"])
+    wrong = with_row(wrong, "rf.tire_force", 1.4 * sound["rf.tire_force"])
+    found = {(one.rule, one.channels) for one in record_findings(wrong, CORNERS)}
+    assert found == {(WRONG_SIGN, ("lr.chassis_acceleration",)), (WRONG_SCALE, ("rf.tire_force",))}
 
 
 @settings(max_examples=12, deadline=None)

@@ -14,6 +14,7 @@ from eightpost.ident.preparation.plausibility.drive import is_broadband
 from eightpost.ident.preparation.plausibility.finding import Finding
 from eightpost.ident.preparation.plausibility.large_delays import large_delays, without_delays
 from eightpost.ident.preparation.plausibility.laws import comparisons
+from eightpost.ident.preparation.plausibility.signs import reversed_spectra, wrong_signs
 from eightpost.ident.preparation.plausibility.spectra import Spectra, spectra_of
 from eightpost.ident.preparation.plausibility.spikes import spikes
 from eightpost.ident.preparation.plausibility.swaps import exchanged, swaps
@@ -35,7 +36,8 @@ def record_findings(series: TimeSeries, corners: Sequence[str], *, mass: float |
     """Return the channels of a rig record that contradict the mechanics of the car.
 
     Spikes are searched in every record, other faults only in those of random and track drives of at least 14 s.
-    Disconnected and swapped channels are left out or exchanged before the gains and delays of the others are estimated.
+    Disconnected, swapped and reversed channels are left out, exchanged or reversed before the gains and delays of the
+    others are estimated.
 
     Args:
         series: Rig record, before any filter.
@@ -64,10 +66,13 @@ def law_findings(spectra: Spectra, corners: Sequence[str], *, mass: float | None
     spectra = spectra.without(name for finding in noise for name in finding.channels)
     swapped = swaps(spectra, corners)
     spectra = exchanged(spectra, swapped)
+    compare = partial(comparisons, corners=corners, mass=mass)
+    signs = wrong_signs(spectra, compare)
+    spectra = reversed_spectra(spectra, [name for finding in signs for name in finding.channels])
     late = large_delays(spectra, corners)
     spectra = without_delays(spectra, late)
-    rest = attribute(spectra, partial(comparisons, corners=corners, mass=mass))
-    return (*noise, *swapped, *findings_of(_joined(late, rest)))
+    rest = attribute(spectra, compare)
+    return (*noise, *swapped, *signs, *findings_of(_joined(late, rest)))
 
 
 def _joined(late: Sequence[Fault], rest: Attribution) -> Attribution:

@@ -17,7 +17,7 @@ from eightpost.ident.preparation.plausibility.regression import Regression
 SIGNIFICANT = 4.0
 
 #: Smallest ratio that is distinguished from zero or a wrong sign.
-_SMALLEST = 0.01
+SMALLEST = 0.01
 
 
 class Kind(StrEnum):
@@ -73,7 +73,7 @@ def ratio(
 ) -> Comparison:
     """Return the comparison of a ratio, computed from coefficients (..., P), with its expected value."""
     value, samples = (figure(np.atleast_2d(c)) / expected for c in (fit.values, fit.samples))
-    size = max(float(value[0]), _SMALLEST)
+    size = max(float(value[0]), SMALLEST)
     gain = float(np.log(size))
     # A ratio and its inverse are tested; the weaker test counts. They differ if the ratio is not well determined.
     slope = 1.0 / size if size <= 1.0 else gain / (size - 1.0)

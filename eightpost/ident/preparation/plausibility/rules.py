@@ -15,6 +15,12 @@ WRONG_SCALE = RULES.add("a channel has the wrong scale", ABOUT, Grade.NOT_USABLE
     "become false stiffness and damping",
     remedy="check its calibration and its unit",
 )  # fmt: skip
+WRONG_SIGN = RULES.add("a channel has the wrong sign", ABOUT, Grade.NOT_USABLE,
+    condition="a ratio of a law of mechanics is negative, and reversing this channel removes most violations of its "
+    "laws (docs/how_to/rig_data.md)",
+    why="responses with this channel have a false phase of 180 degrees",
+    remedy="set gain = -1 in the channel map, or pass --flip with the channel",
+)  # fmt: skip
 WRONG_DELAY = RULES.add("a channel is out of step", ABOUT, Grade.NOT_USABLE,
     condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are "
     "violated by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
