@@ -89,3 +89,38 @@ def header_in(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
         raise FileFormatError(f"is not a study result but {found!r}", path=path)
     check_schema(header, SCHEMA, path, key="schema_version")
     return header
+
+
+def with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a header whose relative paths lead to files from the current folder.
+
+    The paths are relative to the folder in which the study was run. A file that the current folder does not have is
+    looked for from the result's folder and from those above it.
+
+    Args:
+        header: Header of a result's file.
+        folder: Folder of the result.
+    """
+    study = header["study"]
+    models = [study["vehicle"], *study["bank"].values()]
+    files = {model["fmu"] for model in models} | {*header["guids"], *header["digests"], *header.get("models", {})}
+    for drive in study["drives"]:
+        files |= {drive["file"], drive.get("channel_map") or drive["file"]}
+    found = {file: there for file in files if (there := _found(file, folder.resolve())) != file}
+    renamed: dict[str, Any] = _renamed(header, found) if found else dict(header)
+    return renamed
+
+
+def _found(file: str, folder: Path) -> str:
+    if Path(file).exists():
+        return file
+    return next((str(place / file) for place in (folder, *folder.parents) if (place / file).exists()), file)
+
+
+def _renamed(value: Any, names: Mapping[str, str]) -> Any:
+    """Return a JSON value in which texts and keys that are among the names have their new names."""
+    if isinstance(value, dict):
+        return {names.get(key, key): _renamed(one, names) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_renamed(one, names) for one in value]
+    return names.get(value, value) if isinstance(value, str) else value

@@ -15,7 +15,7 @@ import pyarrow.parquet
 
 from cosim.study.columns import DONE, check_columns, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance, header_in, header_of
+from cosim.study.provenance import Provenance, header_in, header_of, with_found_files
 from cosim.study.setup import Setup
 from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
@@ -301,13 +301,17 @@ class StudyResult(Summarized):
     def load(cls, path: str | Path) -> StudyResult:
         """Read a result that `save` wrote.
 
+        Files of the study with relative paths are also found if the current folder is not that in which it was run
+        (`with_found_files`).
+
         Raises:
             FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
         """
         path = Path(path)
         table = open_table(path)
-        header = header_in(path, table)
+        stated = header_in(path, table)
         try:
+            header = with_found_files(stated, path.parent)
             study = Study.from_json(json.dumps(header["study"]))
             made_by = Provenance.of_header(header)
             check_columns(table, study_schema(study, made_by.measure_units))
