@@ -113,7 +113,8 @@ def _setups(result: StudyResult) -> Iterator[Reason]:
 
 def _means(result: StudyResult) -> Iterator[Reason]:
     if not result.study.vehicle.means_trusted:
-        yield NO_MEANS.reason("means are not trusted", figure="0 measures of means", origin=result.study.vehicle.name)
+        statement, figure = "measures that depend on a mean are omitted", "the study file does not trust means"
+        yield NO_MEANS.reason(statement, figure=figure, origin=result.study.vehicle.name)
 
 
 def _marks(result: StudyResult) -> Iterator[Reason]:
