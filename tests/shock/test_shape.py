@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,20 @@ def test_the_force_of_every_shape_rises_through_zero_and_takes_energy(compressio
     assert all(curve.force(v) * v > 0.0 for v in (-2.0, -0.3, -1e-3, 1e-3, 0.3, 2.0))
 
 
-@settings(max_examples=15)
-@example(Side(8e3, 1500.0, 0.3, 200.0, 200.0), Side(5806.0, 1500.0, 0.25, 200.0, 200.0))  # ended in a local minimum
+@settings(max_examples=10)
 @given(REAL, REAL)
-def test_the_curve_of_a_shape_is_found_again(compression, rebound):
-    assert fit_shape(Shape(compression, rebound).curve()).relative < 2e-3
+def test_the_curve_of_a_shape_with_one_bleed_is_found_again(compression, rebound):
+    rebound = replace(rebound, bleed=compression.bleed)
+    assert fit_shape(Shape(compression, rebound).curve()).relative < 1e-3
+
+
+@settings(max_examples=10)
+@example(Side(8e3, 1500.0, 0.3, 200.0, 200.0), Side(5806.0, 1500.0, 0.25, 200.0, 200.0))  # ended in a local minimum
+@example(Side(2e3, 1500.0, 0.3, 200.0, 200.0), Side(8e3, 1500.0, 0.05, 200.0, 200.0))  # 0.37 %, largest of 600 extremes
+@given(REAL, REAL)
+def test_the_curve_of_a_shape_is_found_again_but_for_the_slope_at_rest_that_its_sides_share(compression, rebound):
+    """Each side is fitted alone, and cannot know that its slope at rest is the mean of two."""
+    assert fit_shape(Shape(compression, rebound).curve()).relative < 5e-3
 
 
 @pytest.mark.parametrize("path", BANK, ids=lambda path: path.stem)
