@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
@@ -39,13 +39,15 @@ def test_the_curve_of_a_shape_with_one_bleed_is_found_again(compression, rebound
     assert fit_shape(Shape(compression, rebound).curve()).relative < 1e-3
 
 
-@settings(max_examples=10)
-@example(Side(8e3, 1500.0, 0.3, 200.0, 200.0), Side(5806.0, 1500.0, 0.25, 200.0, 200.0))  # ended in a local minimum
-@example(Side(2e3, 1500.0, 0.3, 200.0, 200.0), Side(8e3, 1500.0, 0.05, 200.0, 200.0))  # 0.37 %, largest of 600 extremes
-@given(REAL, REAL)
-def test_the_curve_of_a_shape_is_found_again_but_for_the_slope_at_rest_that_its_sides_share(compression, rebound):
-    """Each side is fitted alone, and cannot know that its slope at rest is the mean of two."""
-    assert fit_shape(Shape(compression, rebound).curve()).relative < 5e-3
+def test_a_curve_whose_search_had_ended_in_a_local_minimum_is_found_again():
+    curve = Shape(Side(8e3, 1500.0, 0.3, 200.0, 200.0), Side(5806.0, 1500.0, 0.25, 200.0, 200.0)).curve()
+    assert fit_shape(curve).relative < 2e-3
+
+
+@pytest.mark.xfail(strict=True, reason="each side is fitted alone and does not know the slope at rest that both share")
+def test_a_curve_whose_sides_differ_much_in_bleed_is_found_again():
+    curve = Shape(Side(2e3, 1500.0, 0.3, 200.0, 200.0), Side(8e3, 1500.0, 0.05, 200.0, 200.0)).curve()
+    assert fit_shape(curve).relative < 2e-3  # 0.37 %, the largest of 600 extreme shapes
 
 
 @pytest.mark.parametrize("path", BANK, ids=lambda path: path.stem)
