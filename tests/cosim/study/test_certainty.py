@@ -227,11 +227,11 @@ def test_a_build_without_the_effect_of_any_parameter_is_unknown_and_not_exact():
 
 def test_the_contribution_of_the_fits_says_which_of_them_count_as_correlated():
     apart = lag("B/B", 0.001), lag("C/C", 0.001)
-    for effects, said in ((apart, False), (paired(*apart, 0.9), True)):
+    for effects, is_expected in ((apart, False), (paired(*apart, 0.9), True)):
         (fits,) = [
             x for x in certainty_of(two_setups(0.01), Knowledge(effects)).contributions if x.name == "shock fits"
         ]
-        assert ("the errors of 2 of them are correlated" in fits.text) is said
+        assert ("the errors of 2 of them are correlated" in fits.text) is is_expected
 
 
 def test_copies_are_included_only_if_all_builds_state_them():
