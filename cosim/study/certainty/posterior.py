@@ -193,7 +193,7 @@ class Posterior:
 
     @cached_property
     def _changes(self) -> tuple[Array, Array]:
-        """Changes at the measured levels by a standard deviation of each mode (N, F) and copy (N, C, F)."""
+        """Changes at the measured levels by a standard deviation of each mode (N, F) and copy (N, C, P)."""
         seen, sources = self.observations, self.sources
         pairs = list(zip(seen.rows.tolist(), seen.measures.tolist(), strict=True))
         fits = [sources.by_parameter(np.array([row]), m)[0] for row, m in pairs]

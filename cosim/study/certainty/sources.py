@@ -65,8 +65,8 @@ class ErrorSources:
         builds: Positions of the builds at the corners (R, C) in the list of all builds.
         shared: Change of all setups by a standard deviation of each of F modes (F, M).
         changes: Change by a build at a corner by a standard deviation of each mode (F, C, B, M).
-        copies: Change by a build at a corner by a standard deviation between copies of each parameter (F, C, B, M); (0,
-            C, B, M) if none is known.
+        copies: Change by a build at a corner by a standard deviation between copies, for each of P parameters for which
+            it is known (P, C, B, M).
         coupling: Standard deviation due to the coupling (R, M) [1].
         run_to_run: Standard deviation of one rig run (M,), SI; NaN if it is not known.
     """
@@ -105,11 +105,11 @@ class ErrorSources:
         return np.asarray(self.shared[:, m] + self._at_corners(self.changes, rows, m).sum(axis=1))
 
     def by_copy(self, rows: Integers, m: int) -> Array:
-        """Return the changes of a measure of some setups (K, C, F) by one standard deviation of each copy."""
+        """Return the changes of a measure of some setups (K, C, P) by one standard deviation of each copy."""
         return self._at_corners(self.copies, rows, m)
 
     def _at_corners(self, changes: Array, rows: Integers, m: int) -> Array:
-        """Return the changes of a measure (K, C, F) by the builds at the corners of some setups."""
+        """Return the changes of a measure (K, C, F) by the builds at the corners of some setups, from (F, C, B, M)."""
         corners = np.arange(self.builds.shape[1])
         return np.moveaxis(changes[:, corners, self.builds[rows], m], 0, -1)
 

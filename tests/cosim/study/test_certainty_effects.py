@@ -116,11 +116,13 @@ def test_builds_whose_fits_had_the_same_test_have_correlated_errors(small, effec
     folder, result = small
     change = np.sin(np.arange(60.0))
     blocks, other = (LeftOutBlocks.of(velocity, {"compression_scale": change}) for velocity in np.eye(2, 60) + 0.1)
-    middle = replace(SCALE, part="middle", value=1.0)
 
     def correlations(*left_out: LeftOutBlocks | None) -> list[dict[str, float]]:
-        parameters = [replace(one, left_out=given) for one, given in zip((SCALE, middle), left_out, strict=True)]
-        found = effects_of(result, parameters, folder, InProcess())
+        parts = tuple(
+            Uncertain(build, ("compression_scale",), np.array([value]), np.array([[0.01**2]]), left_out=given)
+            for build, value, given in zip(("stiff", "middle"), (2.0, 1.0), left_out, strict=True)
+        )
+        found = knowledge_of(result, Draws(parts, count=2), {}, folder, InProcess()).effects
         assert found[0].changes == effect.changes
         return [one.correlations for one in found]
 
