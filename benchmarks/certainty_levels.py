@@ -15,8 +15,10 @@ from benchmarks.identification_measures import TOTAL, measures_of
 from benchmarks.identification_shocks import bank, fitted_bank, fitted_shocks, physical_bank
 from benchmarks.vehicle_uncertainty_truths import LAP, Outcome, truth
 from cosim.study.certainty.certainty import Effect
+from cosim.study.certainty.effects import correlated
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.rig import BUILDS
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post.drivefiles import STEPS
@@ -135,9 +137,11 @@ def shock_effects(
     laws = [shock.law for shock in shocks]
     base = _places(levels.setups, len(laws))[int(np.argmin(levels.predicted[:, levels.names.index(TOTAL)]))]
     bank_of_all, effects, setups = list(laws), list[tuple[str, str, float, float, int]](), list[tuple[int, ...]]()
+    left_out = list[LeftOutBlocks | None]()
     for place, shock in enumerate(shocks):
         found = fitted_parameters(shock)
         assert found is not None
+        left_out += [found.left_out] * len(found.names)
         for name, value, deviation, high in zip(
             found.names, found.values, np.sqrt(found.covariance.diagonal()), found.highest, strict=True
         ):
@@ -148,7 +152,8 @@ def shock_effects(
         setups += [(*base[:corner], k, *base[corner + 1 :]) for k in range(len(bank_of_all))]
     rows = np.array([list(row.values()) for row in _predicted(vehicle, bank_of_all, lap, setups)])
     logarithms = np.log(rows).reshape(len(CORNERS), len(bank_of_all), -1)
-    return tuple(_effect(one, levels.names, logarithms) for one in effects)
+    found = [_effect(one, levels.names, logarithms) for one in effects]
+    return tuple(correlated(found, left_out))
 
 
 def _effect(one: tuple[str, str, float, float, int], names: Sequence[str], logarithms: Array) -> Effect:

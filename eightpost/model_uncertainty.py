@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost.errors import InputError
 from eightpost.files import MALFORMED
+from eightpost.left_out_blocks import SECTION, LeftOutBlocks, left_out_of
 
 if TYPE_CHECKING:
     from eightpost.measure_uncertainty import MeasureUncertainty
@@ -52,11 +53,14 @@ class ModelUncertainty:
         measures: Uncertainty of the RMS of the outputs of an identified vehicle, by output; see MeasureUncertainty.
         parameters: Uncertainty of the parameters of a fitted shock.
         held: A sentence for each parameter whose uncertainty the fit could not determine.
+        left_out: Changes of the parameters when blocks of the fit's test are left out, which show what several fits
+            have in common; None if they are not known.
     """
 
     measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
     parameters: tuple[ParameterUncertainty, ...] = ()
     held: tuple[str, ...] = ()
+    left_out: LeftOutBlocks | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the uncertainty as a JSON document; open limits are omitted."""
@@ -64,6 +68,7 @@ class ModelUncertainty:
             "measures": {name: asdict(one) for name, one in self.measures.items()},
             "parameters": [_finite(asdict(one)) for one in self.parameters],
             "held": list(self.held),
+            **({} if self.left_out is None else {SECTION: self.left_out.to_json()}),
         }
 
     @classmethod
@@ -78,7 +83,8 @@ class ModelUncertainty:
         try:
             measures = {str(name): _measure(entry) for name, entry in document.get("measures", {}).items()}
             parameters = tuple(_parameter(entry) for entry in document.get("parameters", []))
-            return cls(measures, parameters, tuple(str(text) for text in document.get("held", [])))
+            held = tuple(str(text) for text in document.get("held", []))
+            return cls(measures, parameters, held, left_out_of(document))
         except MALFORMED as error:
             raise InputError(f"a model's uncertainty: {error}") from error
 

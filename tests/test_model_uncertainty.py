@@ -7,10 +7,12 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from builder.documents.validity import validity_of
 from eightpost.errors import InputError
+from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.shock import read_shock
@@ -25,6 +27,7 @@ def test_an_uncertainty_survives_its_document_with_open_limits_and_unknown_copie
         {"lf.tire_force": MeasureUncertainty(0.01, 0.2)},
         (ParameterUncertainty("lag", 1e-3, None, 0.0, inf), ParameterUncertainty("scale", 0.0, 0.0)),
         ("a sentence",),
+        LeftOutBlocks.of(np.linspace(0.1, 0.2, 9), {"lag": np.arange(9.0)}),
     )
     validity = Validity(Verdict([]), (), stated)
     assert Validity.from_json(json.loads(json.dumps(validity.to_json(), allow_nan=False))) == validity
@@ -39,6 +42,7 @@ def test_an_uncertainty_survives_its_document_with_open_limits_and_unknown_copie
         ({"measures": {"a": {"common": -1.0, "own": 0.1}}}, "numbers of 0 or more"),
         ({"measures": {"a": {"common": 1.0}}}, "own"),
         ({"parameters": [{"name": "lag"}]}, "deviation"),
+        ({"left_out_blocks": {"velocity [m/s]": [0.1], "changes": {"lag": [1.0, 2.0]}}}, "lag must be 1 finite"),
         ({"parameters": [{"name": "lag", "deviation": -1.0}]}, "the parameter 'lag': deviation is -1.0"),
     ],
 )

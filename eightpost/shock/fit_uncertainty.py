@@ -12,6 +12,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.files import MALFORMED
+from eightpost.left_out_blocks import LeftOutBlocks, left_out_of
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.shock.file import Shock
 from eightpost.shock.laws import own_parameters
@@ -28,6 +29,7 @@ class FittedParameters:
         lowest: Lower limits (n,).
         highest: Upper limits (n,).
         held: A sentence for each parameter that is kept constant.
+        left_out: Changes of the parameters when blocks of the test are left out; None if the file does not state them.
     """
 
     names: tuple[str, ...]
@@ -36,6 +38,7 @@ class FittedParameters:
     lowest: Array
     highest: Array
     held: tuple[str, ...]
+    left_out: LeftOutBlocks | None = None
 
 
 def fitted_parameters(shock: Shock) -> FittedParameters | None:
@@ -62,6 +65,7 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
         np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
         np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
         held,
+        left_out_of(shock.fit) if "factor_half_width" in band else None,
     )
 
 
@@ -84,7 +88,7 @@ def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
     deviations = np.sqrt(found.covariance.diagonal())
     rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
     parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
-    return ModelUncertainty(parameters=parameters, held=found.held)
+    return ModelUncertainty(parameters=parameters, held=found.held, left_out=found.left_out)
 
 
 def _is_of(name: str, parameter: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -148,6 +148,8 @@ class Effect:
         copies: Standard deviation between copies of the build, in units of `deviation`; 0 if it is not known.
         shared: Change of the measures of all setups, by measure.
         changes: Change of the measures of setups with a build at a corner, by corner, build and measure.
+        correlations: Correlation of the parameter's error with that of the same parameter of other builds, by build;
+            builds that are not listed are independent. Copies are always independent.
     """
 
     part: str
@@ -156,6 +158,7 @@ class Effect:
     copies: float
     shared: Mapping[str, float]
     changes: Mapping[str, Mapping[str, Mapping[str, float]]]
+    correlations: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

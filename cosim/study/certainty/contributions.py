@@ -67,9 +67,11 @@ def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str
     if unknown:
         text = f"the uncertainty of {', '.join(unknown)} is not known; build the FMU from a file of `eightpost fit`"
         return Contribution(name, Status.UNKNOWN, text)
-    return Contribution(
-        name, Status.INCLUDED, f"standard errors of {len(builds)} parameters of {len(set(builds))} builds"
-    )
+    text = f"standard errors of {len(builds)} parameters of {len(set(builds))} builds"
+    alike = {effect.part for effect in effects if effect.correlations}
+    if alike:
+        text += f"; the errors of {len(alike)} of them are correlated, because their fits had the same test"
+    return Contribution(name, Status.INCLUDED, text)
 
 
 def _copies(result: StudyResult, effects: Sequence[Effect]) -> Contribution:

@@ -17,8 +17,12 @@ from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Study
+from eightpost.left_out_blocks import FittedParameter, LeftOutBlocks, correlation_of
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.progress import Progress
+
+#: Decimal places of correlations.
+_PLACES = 4
 
 #: Mark of a changed build in the names of the bank.
 _CHANGED = " with another "
@@ -32,11 +36,13 @@ class UncertainParameter:
         part: Name of the build, or of the vehicle's component.
         value: Value in the study.
         stated: Uncertainty of the parameter.
+        left_out: Changes of the build's fit when blocks of its test are left out; None if they are not known.
     """
 
     part: str
     value: float
     stated: ParameterUncertainty
+    left_out: LeftOutBlocks | None = None
 
     @property
     def changed(self) -> float:
@@ -68,7 +74,7 @@ def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ..
         for text in (*stated.held, *(f"the FMU has no parameter {name}" for name in missing)):
             notes.setdefault(text, []).append(build)
         found += [
-            UncertainParameter(build, values[one.name], _scaled(one, values[one.name]))
+            UncertainParameter(build, values[one.name], _scaled(one, values[one.name]), stated.left_out)
             for one in stated.parameters
             if one.name in values and one.deviation > 0.0
         ]
@@ -128,7 +134,7 @@ def effects_of(
         for key, row in runs.at(corner, result.study, own).items():
             (shocks if _CHANGED in key[1] else nominal)[key] = row
         progress(count := count + 1, total)
-    found = [runs.shock_effect(one, nominal, shocks) for one in own]
+    found = correlated([runs.shock_effect(one, nominal, shocks) for one in own], [one.left_out for one in own])
     others = [(one.stated.name, one.stated.deviation, one.sign, runs.with_vehicle(one)) for one in cars]
     share = (2.0 * len(vehicles)) ** -0.5 if vehicles else 0.0
     others += [(path.name, 1.0, share, runs.with_other_vehicle(path)) for path in vehicles]
@@ -139,6 +145,22 @@ def effects_of(
             progress(count := count + 1, total)
         found.append(runs.vehicle_effect(name, deviation, factor, nominal, changed))
     return tuple(found)
+
+
+def correlated(effects: Sequence[Effect], left_out: Sequence[LeftOutBlocks | None]) -> list[Effect]:
+    """Return effects of builds' parameters with the correlations of their errors, see `correlation_of`.
+
+    Args:
+        effects: Effects of parameters of builds (F,).
+        left_out: Changes of the fit of each effect's build (F,); None if they are not known.
+    """
+    fitted = [FittedParameter(one, effect.parameter) for one, effect in zip(left_out, effects, strict=True)]
+    table = np.round(correlation_of(fitted), _PLACES)
+    others = [[k for k in np.flatnonzero(row).tolist() if k != place] for place, row in enumerate(table)]
+    return [
+        replace(effect, correlations={effects[k].part: float(row[k]) for k in places})
+        for effect, row, places in zip(effects, table, others, strict=True)
+    ]
 
 
 def _best(result: StudyResult) -> Mapping[str, str] | None:

@@ -193,7 +193,7 @@ class Posterior:
 
     @cached_property
     def _changes(self) -> tuple[Array, Array]:
-        """Changes at the measured levels by a standard deviation of each parameter (N, F) and copy (N, C, F)."""
+        """Changes at the measured levels by a standard deviation of each mode (N, F) and copy (N, C, P)."""
         seen, sources = self.observations, self.sources
         pairs = list(zip(seen.rows.tolist(), seen.measures.tolist(), strict=True))
         fits = [sources.by_parameter(np.array([row]), m)[0] for row, m in pairs]
@@ -210,7 +210,7 @@ class Posterior:
         own = same[:, :, None] * gradient * sources.positions[seen.rows][:, None]
         shocks = np.tensordot(fits, sources.changes, axes=1)
         for corner in range(copies.shape[1]):
-            shocks[:, corner] += np.tensordot(copies[:, corner] * sources.copies, sources.changes[:, corner], axes=1)
+            shocks[:, corner] += np.tensordot(copies[:, corner], sources.copies[:, corner], axes=1)
         return Variables(common, own, shocks)
 
     def _covariance(self, scales: Scales) -> Array:

@@ -8,7 +8,8 @@ for setup k and measure m. The position `z` of a setup has three parts. The firs
 setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
 error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
 unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
-another one.
+another one. The errors of several fits are correlated if these had the same test (`Effect.correlations`): they are
+sums of independent variables, the modes.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN, vehicle_uncertai
 from cosim.study.columns import error_column
 from cosim.study.result import StudyResult
 from eightpost.array_types import Array, Integers
+from eightpost.left_out_blocks import square_root
 
 
 class Scales(NamedTuple):
@@ -61,9 +63,10 @@ class ErrorSources:
         bases: Origin of both, by measure (Levels.basis).
         positions: Positions z of the setups (R, Z); 0 for setups that failed.
         builds: Positions of the builds at the corners (R, C) in the list of all builds.
-        shared: Change of all setups by a standard deviation of each of F parameters (F, M).
-        changes: Change by a build at a corner by a standard deviation of each parameter (F, C, B, M).
-        copies: Standard deviation between copies in units of that of the fit (F,).
+        shared: Change of all setups by a standard deviation of each of F modes (F, M).
+        changes: Change by a build at a corner by a standard deviation of each mode (F, C, B, M).
+        copies: Change by a build at a corner by a standard deviation between copies, for each of P parameters for which
+            it is known (P, C, B, M).
         coupling: Standard deviation due to the coupling (R, M) [1].
         run_to_run: Standard deviation of one rig run (M,), SI; NaN if it is not known.
     """
@@ -90,25 +93,25 @@ class ErrorSources:
 
     @property
     def parameters(self) -> int:
-        """Number of uncertain parameters F."""
-        return int(self.copies.size)
+        """Number of uncertain parameters F, and of their modes."""
+        return len(self.shared)
 
     def index(self, name: str) -> int:
         """Return the position of a measure."""
         return self.names.index(name)
 
     def by_parameter(self, rows: Integers, m: int) -> Array:
-        """Return the changes of a measure of some setups (K, F) by one standard deviation of each parameter."""
-        total = np.broadcast_to(self.shared[:, m], (rows.size, self.parameters)).copy()
-        for corner in range(self.builds.shape[1]):
-            total += self.changes[:, corner, :, m].T[self.builds[rows, corner]]
-        return total
+        """Return the changes of a measure of some setups (K, F) by one standard deviation of each mode."""
+        return np.asarray(self.shared[:, m] + self._at_corners(self.changes, rows, m).sum(axis=1))
 
     def by_copy(self, rows: Integers, m: int) -> Array:
-        """Return the changes of a measure of some setups (K, C, F) by one standard deviation of each copy."""
-        corners = range(self.builds.shape[1])
-        found = [self.copies * self.changes[:, corner, :, m].T[self.builds[rows, corner]] for corner in corners]
-        return np.stack(found, axis=1)
+        """Return the changes of a measure of some setups (K, C, P) by one standard deviation of each copy."""
+        return self._at_corners(self.copies, rows, m)
+
+    def _at_corners(self, changes: Array, rows: Integers, m: int) -> Array:
+        """Return the changes of a measure (K, C, F) by the builds at the corners of some setups, from (F, C, B, M)."""
+        corners = np.arange(self.builds.shape[1])
+        return np.moveaxis(changes[:, corners, self.builds[rows], m], 0, -1)
 
     def shock_covariance(self, rows: Integers, first: int, second: int) -> Array:
         """Return the covariance (K,) of two measures of each of some setups due to the uncertain parameters."""
@@ -118,8 +121,8 @@ class ErrorSources:
             flat = self.changes[:, :, :, m].reshape(self.parameters, corners * builds)
             sides.append(np.hstack([self.shared[:, m, None], flat]))
         table = sides[0].T @ sides[1]
-        copies = np.sum(self.copies[:, None] ** 2 * sides[0] * sides[1], axis=0)
-        table[np.arange(1, copies.size), np.arange(1, copies.size)] += copies[1:]
+        copies = np.sum(self.copies[..., first] * self.copies[..., second], axis=0).ravel()
+        table[np.arange(1, copies.size + 1), np.arange(1, copies.size + 1)] += copies
         places = [np.zeros(rows.size, dtype=np.int64)]
         places += [1 + corner * builds + self.builds[rows, corner] for corner in range(corners)]
         found = np.zeros(rows.size)
@@ -149,8 +152,9 @@ class ErrorSources:
         own = normal((count, *gradient.shape)) * gradient
         shocks = np.zeros((count, *self.changes.shape[1:]))
         for corner in range(corners):
-            drawn = fit + self.copies * normal((count, self.parameters)) if np.any(self.copies) else fit
-            shocks[:, corner] = np.tensordot(drawn, self.changes[:, corner], axes=1)
+            shocks[:, corner] = np.tensordot(fit, self.changes[:, corner], axes=1)
+            if len(self.copies):
+                shocks[:, corner] += np.tensordot(normal((count, len(self.copies))), self.copies[:, corner], axes=1)
         return Variables(common, own, shocks)
 
     def errors(self, drawn: Variables, rows: Integers, m: int) -> Array:
@@ -191,6 +195,7 @@ def error_sources(
         kept = bases if vehicle is VehicleSource.ADDED else [UNKNOWN for _ in names]
         bases = [FILE if base == UNKNOWN and positive[m] else base for m, base in enumerate(kept)]
     shared, changes = _effects(result, effects, names)
+    copies, modes = np.array([effect.copies for effect in effects]), _modes(effects)
     noise = run_to_run or {}
     return ErrorSources(
         names=names,
@@ -200,9 +205,9 @@ def error_sources(
         bases=tuple(bases),
         positions=np.where(done, axes.position(np.where(done, predicted, 1.0)), 0.0),
         builds=result.places(list(result.study.bank)),
-        shared=shared,
-        changes=changes,
-        copies=np.array([effect.copies for effect in effects]),
+        shared=modes.T @ shared,
+        changes=np.tensordot(modes.T, changes, axes=1),
+        copies=(copies[:, None, None, None] * changes)[copies > 0.0],
         coupling=_coupling(result, predicted),
         run_to_run=np.array([noise.get(name, np.nan) for name in names]),
     )
@@ -219,6 +224,17 @@ def _effects(result: StudyResult, effects: Sequence[Effect], names: Sequence[str
                 row = [by_measure.get(name, 0.0) for name in names]
                 changes[f, corners.index(corner), builds.index(build)] = row
     return shared, changes
+
+
+def _modes(effects: Sequence[Effect]) -> Array:
+    """Return the errors of the parameters (F,), in standard deviations, as sums of independent modes (F, F)."""
+    found = np.eye(len(effects))
+    places = {(effect.part, effect.parameter): place for place, effect in enumerate(effects)}
+    for place, effect in enumerate(effects):
+        for build, correlation in effect.correlations.items():
+            found[place, places.get((build, effect.parameter), place)] = correlation
+    np.fill_diagonal(found, 1.0)
+    return square_root(found)
 
 
 def _coupling(result: StudyResult, predicted: Array) -> Array:

@@ -20,6 +20,7 @@ from cosim.study.study import Parameters, Study
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
+from eightpost.left_out_blocks import FittedParameter, LeftOutBlocks, correlation_of, square_root
 
 # ---- Spread of setups -----------------------------------------------------------------------------------------------
 
@@ -155,6 +156,8 @@ class Uncertain:
         covariance: Covariance of the parameters (n, n).
         lowest: Lower limits (n,), or one number for all; draws below are set to the limit.
         highest: Upper limits (n,), or one number for all.
+        left_out: Changes of the parameters when blocks of the fit's test are left out; parts with the same test have
+            correlated errors. None if they are not known.
 
     Raises:
         InputError: The shapes disagree, or the covariance is not symmetric or has negative variances.
@@ -166,6 +169,7 @@ class Uncertain:
     covariance: Array
     lowest: ArrayLike = -inf
     highest: ArrayLike = inf
+    left_out: LeftOutBlocks | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -191,8 +195,7 @@ class Uncertain:
 
     def at(self, standard: Array) -> Array:
         """Return parameter values (S, n) for standard normal numbers (S, n)."""
-        variances, axes = np.linalg.eigh(self.covariance)
-        drawn = self.values + (standard * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+        drawn = self.values + standard @ square_root(self.covariance)
         return np.asarray(np.clip(drawn, self.lowest, self.highest), dtype=np.float64)
 
 
@@ -219,7 +222,9 @@ def drawn_studies(
             raise InputError(f"there is no part {entry.part!r}; the parts are {known}")
     sizes = [len(entry.names) for entry in uncertain]
     uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
-    parts = np.split(norm.ppf(uniform), np.cumsum(sizes)[:-1], axis=1) if sizes else []
+    fitted = [FittedParameter(entry.left_out, name) for entry in uncertain for name in entry.names]
+    standard = norm.ppf(uniform) @ square_root(correlation_of(fitted))
+    parts = np.split(standard, np.cumsum(sizes)[:-1], axis=1) if sizes else []
     values = [entry.at(part) for entry, part in zip(uncertain, parts, strict=True)]
     cars = [replace(study, vehicle=replace(study.vehicle, fmu=fmu)) for fmu in (study.vehicle.fmu, *vehicles)]
     return tuple(_with(cars[s % len(cars)], uncertain, [rows[s] for rows in values]) for s in range(draws))

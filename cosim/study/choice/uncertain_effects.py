@@ -89,7 +89,7 @@ def _parameters(part: Uncertain, values: Mapping[str, float]) -> list[UncertainP
     low, high = (np.broadcast_to(limit, shape).tolist() for limit in (part.lowest, part.highest))
     rows = zip(part.names, part.deviations.tolist(), low, high, strict=True)
     return [
-        UncertainParameter(part.part, values[name], ParameterUncertainty(name, deviation, None, *limits))
+        UncertainParameter(part.part, values[name], ParameterUncertainty(name, deviation, None, *limits), part.left_out)
         for name, deviation, *limits in rows
     ]
 

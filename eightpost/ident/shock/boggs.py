@@ -16,7 +16,7 @@ from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
 from eightpost.ident.shock.force import ForceModel, Models, linear_solution
 from eightpost.ident.shock.limits import FORCE
 from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.uncertainty import covariances
+from eightpost.ident.shock.uncertainty import block_changes, covariances
 from eightpost.shock.curve import INNER_ORDER
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
@@ -60,8 +60,9 @@ def _static(model: ForceModel) -> Solution:
     if model.gas.size and weights[-1] < 0.0:
         return replace(_static(replace(model, gas=model.gas.without_stiffness())), notes=(_NEGATIVE,))
     at_rows = np.hstack([model.curve_rows(), model.gas_rows])
-    spread = covariances(at_rows, at_rows @ weights - model.runs.target, model.runs)
-    return Solution(model, weights, spread, True, "linear least squares")
+    error = at_rows @ weights - model.runs.target
+    spread, left_out = covariances(at_rows, error, model.runs), block_changes(at_rows, error, model.runs)
+    return Solution(model, weights, spread, True, "linear least squares", left_out=left_out)
 
 
 def _on_grid(static: Solution, dynamics: FullLag) -> Solution:
@@ -118,5 +119,7 @@ def _with_theta(static: Solution, theta: Array, converged: bool, status: str) ->
     spread = np.zeros((len(static.covariance), parameters.size, parameters.size))
     spread[:, :m, :m] = static.covariance
     by_theta = model.rows_jacobian(parameters)[:, model.linear_count :]
-    spread[:, m:, m:] = covariances(by_theta, model.rows(parameters) - model.runs.target, model.runs)
-    return Solution(model, parameters, spread, converged, status, static.notes)
+    error = model.rows(parameters) - model.runs.target
+    spread[:, m:, m:] = covariances(by_theta, error, model.runs)
+    left_out = np.hstack([static.left_out, block_changes(by_theta, error, model.runs)])
+    return Solution(model, parameters, spread, converged, status, static.notes, left_out)

@@ -20,7 +20,7 @@ from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.uncertainty import covariances
+from eightpost.ident.shock.uncertainty import block_changes, covariances
 from eightpost.shock import LAWS
 from eightpost.shock.curve import KNOTS
 
@@ -117,8 +117,10 @@ class HysteresisFit(FittedLaw):
             ]
         )
         penalties = end.problem.penalty @ end.linear, end.problem.unevenness @ end.parameters
-        spread = covariances(jacobian, root * end.error, model.runs, penalties)
-        return Solution(model, parameters, spread, self.found.converged, self.found.status, (self.stop_note,))
+        error = root * end.error
+        spread = covariances(jacobian, error, model.runs, penalties)
+        left_out, notes = block_changes(jacobian, error, model.runs), (self.stop_note,)
+        return Solution(model, parameters, spread, self.found.converged, self.found.status, notes, left_out)
 
 
 def search_coordinates(model: ForceModel) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, nnls
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import CurveConstraint, slope_constraint
 from eightpost.ident.shock.force import ForceModel, linear_solution
-from eightpost.ident.shock.uncertainty import covariances
+from eightpost.ident.shock.uncertainty import block_changes, covariances
 from eightpost.progress import beat
 
 # ---- The solution that a recipe returns -----------------------------------------------------------------------------
@@ -31,6 +31,8 @@ class Solution:
         converged: Whether the optimiser ended at a minimum.
         status: Description of how the optimiser ended.
         notes: Changes that the recipe made, one sentence each.
+        left_out: Changes of the parameters (B, n + g + k) when each block is left out, see `block_changes`; (0, 0) if
+            they are not known.
     """
 
     model: ForceModel
@@ -39,6 +41,7 @@ class Solution:
     converged: bool
     status: str
     notes: tuple[str, ...] = ()
+    left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 # ---- Nonlinear least squares with linear inequality constraints, such as a curve that must not fall -----------------
@@ -274,8 +277,9 @@ class Minimum:
         """Return the solution with notes."""
         model = self.problem.model
         error = self.residual[: model.runs.target.size]
-        spread = covariances(np.vstack([self.jacobian, self._stiff()]), error, model.runs)
-        return Solution(model, self.parameters, spread, self.converged, self.status, notes)
+        jacobian = np.vstack([self.jacobian, self._stiff()])
+        spread, left_out = covariances(jacobian, error, model.runs), block_changes(jacobian, error, model.runs)
+        return Solution(model, self.parameters, spread, self.converged, self.status, notes, left_out)
 
     def _active_rows(self) -> Array:
         constraint = self.problem.constraint

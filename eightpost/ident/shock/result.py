@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,15 +16,17 @@ from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.choice_verdict import choice_reasons
 from eightpost.ident.shock.curve import fitted_curve
+from eightpost.ident.shock.curve_uncertainty import curve_band_of, factor_half_widths, left_out_blocks
 from eightpost.ident.shock.gas import GasColumns
 from eightpost.ident.shock.law_choice import LawChoice
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.uncertainty import LEVEL, CurveBand, curve_band, quantile
+from eightpost.ident.shock.uncertainty import LEVEL, CurveBand
 from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
 from eightpost.labelled import data_frame, dataset
+from eightpost.left_out_blocks import SECTION
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
@@ -90,7 +92,7 @@ def _fit_of(
             "velocity [m/s]": band.velocity.tolist(),
             "force [N]": band.force.tolist(),
             "half_width [N]": band.half_width.tolist(),
-            "factor_half_width": dict(_factors(band)),
+            "factor_half_width": factor_half_widths(band),
         },
     }
 
@@ -152,9 +154,6 @@ def _frequency_range(prepared: Prepared) -> list[float]:
 
 
 # ---- The result of a fit --------------------------------------------------------------------------------------------
-
-#: Number of velocities at which the curve's band is stated.
-_BAND = 61
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -318,9 +317,10 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
-    band = _band(solution)
+    band = curve_band_of(solution)
     chosen: dict[str, Any] = {"law_choice": story.choice.to_json()} if story.choice else {}
     chosen |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
+    chosen |= {SECTION: left_out_blocks(solution).to_json()} if solution.left_out.size else {}
     choices = chosen | {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
@@ -357,23 +357,6 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         choice=story.choice,
         between_builds=story.between_builds,
     )
-
-
-def _band(solution: Solution) -> CurveBand:
-    model = solution.model
-    n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
-    velocity = np.linspace(inside.min(), inside.max(), _BAND)
-    covariance = np.nan_to_num(solution.covariance[:, :n, :n])
-    samples = model.basis.at(model.runs.row_velocity[model.runs.weights > 0.0])
-    reach = quantile(model.runs)
-    return curve_band(model.basis.at(velocity), samples, solution.parameters[:n], covariance, velocity, reach)
-
-
-def _factors(band: CurveBand) -> Iterator[tuple[str, float]]:
-    """Yield the half-width of the factor on each side that has samples, by the name of the parameter."""
-    for name, half_width in zip(("compression_scale", "rebound_scale"), band.factors.tolist(), strict=True):
-        if np.isfinite(half_width):
-            yield name, half_width
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:

@@ -115,6 +115,11 @@ def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequenc
     return np.array(found) + bias.T @ bias
 
 
+def block_changes(jacobian: Array, residual: Array, runs: Runs) -> Array:
+    """Return the changes of the parameters (B, n) when each block of `blocks_of` is left out; see `covariance`."""
+    return _Directions.of(jacobian).moves(residual, blocks_of(runs))
+
+
 def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
     """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
 

@@ -25,6 +25,12 @@ def lag(build: str, change: float, copies: float = 0.0, corner: str = "rr", meas
     return Effect(build, "lag", 1.0, copies, {}, {corner: {build: {measure: change}}})
 
 
+def paired(first: Effect, second: Effect, correlation: float) -> tuple[Effect, Effect]:
+    """Return the effects of the same parameter of two builds whose errors are correlated."""
+    there, back = ({one.part: correlation} for one in (second, first))
+    return replace(first, correlations=there), replace(second, correlations=back)
+
+
 def run(setup: int, **values: float) -> ConfirmedRun:
     """Return a rig run of a setup with measured levels."""
     return ConfirmedRun(f"run_{setup}.csv", setup, "lap", f"{setup}", values)

@@ -27,7 +27,7 @@ from eightpost.errors import InputError
 from eightpost.measure_uncertainty import separation
 from eightpost.verdict import Grade
 
-from .assessed import NOISE, assessed, lag, stating, two_setups
+from .assessed import NOISE, assessed, lag, paired, stating, two_setups
 from .constructed import result
 
 # ---- Probability of being best --------------------------------------------------------------------------------------
@@ -53,6 +53,33 @@ def test_an_error_that_all_setups_share_does_not_affect_the_choice():
 def test_of_two_setups_that_differ_in_one_uncertain_shock_the_probability_is_normal(deviation):
     found = certainty_of(two_setups(0.01, (0.0, 0.0)), Knowledge((lag("C/C", deviation),)))
     assert found.best[0] == pytest.approx(stats.norm.cdf(0.01 / deviation), abs=NOISE)
+
+
+@pytest.mark.parametrize("correlation", [-0.5, 0.5, 0.95])
+def test_what_the_fits_of_two_builds_have_in_common_does_not_affect_which_is_better(correlation):
+    """The variance of the difference of two errors of size s is 2 (1 - r) s^2; that of each one does not change."""
+    effects = paired(lag("B/B", 0.01), lag("C/C", 0.01), correlation)
+    found = certainty_of(two_setups(0.004, (0.0, 0.0)), Knowledge(effects))
+    assert found.best[0] == pytest.approx(stats.norm.cdf(0.004 / (0.01 * np.sqrt(2.0 - 2.0 * correlation))), abs=NOISE)
+    low, high = found.levels["a"].interval(0.95)
+    np.testing.assert_allclose(np.log(high / low), 2.0 * 0.01 * stats.norm.ppf(0.975), rtol=0.02)
+
+
+def test_builds_of_one_common_error_have_a_certain_order():
+    effects = paired(lag("B/B", 0.01), lag("C/C", 0.01), 1.0)
+    assert certainty_of(two_setups(0.001, (0.0, 0.0)), Knowledge(effects)).best[0] == 1.0
+
+
+def test_errors_of_other_parameters_and_of_copies_are_not_correlated():
+    effects = paired(lag("B/B", 0.01, copies=1.0), replace(lag("C/C", 0.01), parameter="stop_time"), 1.0)
+    apart = [replace(one, correlations={}) for one in effects]
+    first, second = (error_sources(two_setups(0.01), one) for one in (effects, apart))
+    np.testing.assert_array_equal(first.changes, second.changes)
+    same = error_sources(two_setups(0.01), paired(*(lag(build, 0.01, copies=1.0) for build in ("B/B", "C/C")), 1.0))
+    rows = np.arange(2)
+    fit, copies = same.by_parameter(rows, 0), same.by_copy(rows, 0).reshape(2, -1)
+    np.testing.assert_allclose(fit @ fit.T, 0.01**2)
+    np.testing.assert_allclose(copies @ copies.T, 0.01**2 * np.eye(2), atol=1e-18)
 
 
 def test_the_same_build_has_the_same_error_of_the_fit_at_every_corner_and_another_one_of_the_copy():
@@ -196,6 +223,15 @@ def test_a_build_without_the_effect_of_any_parameter_is_unknown_and_not_exact():
         found = certainty_of(two_setups(0.01), known)
         (fits,) = [one for one in found.contributions if one.name == "shock fits"]
         assert fits.status is Status.UNKNOWN and "C/C" in fits.text and not found.is_known
+
+
+def test_the_contribution_of_the_fits_says_which_of_them_count_as_correlated():
+    apart = lag("B/B", 0.001), lag("C/C", 0.001)
+    for effects, is_expected in ((apart, False), (paired(*apart, 0.9), True)):
+        (fits,) = [
+            x for x in certainty_of(two_setups(0.01), Knowledge(effects)).contributions if x.name == "shock fits"
+        ]
+        assert ("the errors of 2 of them are correlated" in fits.text) is is_expected
 
 
 def test_copies_are_included_only_if_all_builds_state_them():

@@ -15,6 +15,7 @@ from cosim.study.choice.robust import Draws, Uncertain
 from cosim.study.choice.uncertain_effects import knowledge_of
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested, run_study
+from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
@@ -111,11 +112,31 @@ def test_a_parameter_of_the_vehicle_has_an_effect_on_all_setups_and_another_one_
     assert certainty.levels["total tire force"].basis == "file"
 
 
+def test_builds_whose_fits_had_the_same_test_have_correlated_errors(small, effect):
+    folder, result = small
+    change = np.sin(np.arange(60.0))
+    blocks, other = (LeftOutBlocks.of(velocity, {"compression_scale": change}) for velocity in np.eye(2, 60) + 0.1)
+
+    def correlations(*left_out: LeftOutBlocks | None) -> list[dict[str, float]]:
+        parts = tuple(
+            Uncertain(build, ("compression_scale",), np.array([value]), np.array([[0.01**2]]), left_out=given)
+            for build, value, given in zip(("stiff", "middle"), (2.0, 1.0), left_out, strict=True)
+        )
+        found = knowledge_of(result, Draws(parts, count=2), {}, folder, InProcess()).effects
+        assert found[0].changes == effect.changes
+        return [one.correlations for one in found]
+
+    assert correlations(blocks, blocks) == [{"middle": 1.0}, {"stiff": 1.0}]
+    assert correlations(blocks, other) == correlations(blocks, None) == [{}, {}]
+
+
 def test_builds_state_their_parameters_and_those_that_state_nothing_are_unknown(small):
     _, result = small
+    blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"compression_scale": np.sin(np.arange(20.0))})
     stated = ModelUncertainty(
         parameters=(ParameterUncertainty("compression_scale", 0.01), ParameterUncertainty("none_such", 1.0)),
         held=("time_constant is kept at its fitted value: the fit ended at its lower bound",),
+        left_out=blocks,
     )
     fmu = str(next(iter(result.study.bank.values())).fmu)
     models = {fmu: Validity(Verdict([]), (), stated).to_json()}
@@ -125,6 +146,7 @@ def test_builds_state_their_parameters_and_those_that_state_nothing_are_unknown(
         ("middle", 1.0, 0.01),
         ("stiff", 2.0, 0.02),  # a scale is uncertain relative to its value
     ]
+    assert [one.left_out for one in found] == [blocks, blocks]
     assert unknown == ("middle", "stiff")  # a parameter that the FMU does not have
     assert notes == (
         "middle, stiff: time_constant is kept at its fitted value: the fit ended at its lower bound",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -29,13 +31,14 @@ from eightpost.errors import FileFormatError
 from eightpost.measure_uncertainty import local_features, separation
 from eightpost.signals import TimeSeries
 
-from .assessed import NOISE, assessed, lag, run, two_setups
+from .assessed import NOISE, assessed, lag, paired, run, two_setups
 
 
 def test_conditioning_equals_that_of_an_independently_built_joint_normal_distribution():
     """Given the scales, medians and variances of all levels are those of the dense joint distribution."""
     study = assessed({"a": lambda d: np.exp(0.01 * d[:, 2] - 0.02 * d[:, 3]), "b": lambda d: np.exp(0.03 * d[:, 3])})
-    effects = (lag("C/C", 0.01, 0.5), lag("B/C", -0.02, 0.0, "lr", "b"), Effect("car", "k", 1.0, 0.0, {"a": 0.01}, {}))
+    fits = paired(lag("C/C", 0.01, 0.5), lag("B/C", -0.02, 0.0, "lr", "b"), 0.6)
+    effects = (*fits, Effect("car", "k", 1.0, 0.0, {"a": 0.01}, {}))
     sources = error_sources(study, effects)
     seen = Observations(np.array([3, 40]), np.array([0, 1]), np.array([0.02, -0.01]), np.array([0.003, 0.004]))
     posterior = Posterior(sources, seen)
@@ -48,13 +51,14 @@ def test_conditioning_equals_that_of_an_independently_built_joint_normal_distrib
     builds = [study.setup(int(row)).builds for row in rows]
 
     def column(m: int) -> np.ndarray:
-        """Loadings of the standard normal variables: own of a, own of b, fit C/C, copy C/C, B/C, k."""
+        """Loadings of the standard normal variables: own of a and b, fit C/C, copy C/C, rest of B/C, k."""
         gradient = 0.5 * scales.own[m] * np.column_stack([z, level[:, m]])
         own = np.zeros((3, 2 * gradient.shape[1]))
         own[:, m * gradient.shape[1] : (m + 1) * gradient.shape[1]] = gradient
         c = np.array([m == 0 and one["rr"] == "C/C" for one in builds], dtype=float)
         b = np.array([m == 1 and one["lr"] == "B/C" for one in builds], dtype=float)
-        return np.column_stack([own, 0.01 * c, 0.005 * c, -0.02 * b, np.full(3, 0.01 * (m == 0))])
+        shared = 0.01 * c - 0.6 * 0.02 * b
+        return np.column_stack([own, shared, 0.005 * c, -0.8 * 0.02 * b, np.full(3, 0.01 * (m == 0))])
 
     loadings = [column(m) for m in range(2)]
     at_levels = np.stack([loadings[0][0], loadings[1][1]])
@@ -168,7 +172,9 @@ def test_the_order_of_rig_runs_does_not_matter(order):
 
 def test_a_certainty_is_read_back_from_its_file(tmp_path):
     study = two_setups(0.01, (0.02, 1.0), objective=(Term("a", 2.0, "m"),))
-    known = Knowledge((lag("C/C", 0.01, 0.5),), ("B/B",), {"a": 0.001}, (run(0, a=1.5),), ("a note",))
+    known = Knowledge(
+        paired(lag("C/C", 0.01, 0.5), lag("B/C", 0.02), 0.7), ("B/B",), {"a": 0.001}, (run(0, a=1.5),), ("a note",)
+    )
     kept = certainty_of(study, known)
     write_certainty(kept, tmp_path / "certainty.parquet")
     found = read_certainty(tmp_path / "certainty.parquet", digest=study.provenance.digest)
@@ -181,6 +187,19 @@ def test_a_certainty_is_read_back_from_its_file(tmp_path):
         np.testing.assert_allclose(found.levels[name].half_widths, levels.half_widths, rtol=1e-6)
     with pytest.raises(FileFormatError, match="belongs to another study"):
         read_certainty(tmp_path / "certainty.parquet", digest="other")
+
+
+def test_effects_of_an_earlier_version_are_independent(tmp_path):
+    """Their entries in the header have no correlations."""
+    effects = (lag("C/C", 0.01), lag("B/B", 0.02))
+    path = tmp_path / "certainty.parquet"
+    write_certainty(certainty_of(two_setups(0.01), Knowledge(effects)), path)
+    table = pyarrow.parquet.read_table(path)
+    header = json.loads(table.schema.metadata[b"eightpost"])
+    for entry in header["effects"]:
+        del entry["correlations"]
+    pyarrow.parquet.write_table(table.replace_schema_metadata({"eightpost": json.dumps(header)}), path)
+    assert read_certainty(path).effects == effects
 
 
 def test_a_file_that_is_no_certainty_is_refused(tmp_path):

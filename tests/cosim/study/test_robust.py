@@ -9,6 +9,7 @@ from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, spreads_
 from cosim.study.choice.robust_file import read_spreads, write_spreads
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
+from eightpost.left_out_blocks import LeftOutBlocks
 
 from .constructed import independent, result, study
 
@@ -30,6 +31,17 @@ def test_draws_have_the_covariance_that_they_are_drawn_from():
     drawn = np.stack([parameters(studies, "C/B", name) for name in SHOCK.names])
     np.testing.assert_allclose(drawn.mean(axis=1), 1.0, atol=1e-4)
     np.testing.assert_allclose(np.cov(drawn), COVARIANCE, rtol=0.1)
+
+
+def test_parts_with_the_same_test_are_drawn_with_the_correlation_of_their_fits():
+    blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"compression_scale": np.sin(np.arange(20.0))})
+    names, values, covariance = ("rebound_scale", "compression_scale"), np.ones(2), np.diag([9e-4, 1e-4])
+    parts = [Uncertain(build, names, values, covariance, left_out=blocks) for build in ("C/B", "C/C")]
+    studies = drawn_studies(study(("front",)), parts, draws=500)
+    drawn = np.stack([parameters(studies, build, name) for build in ("C/B", "C/C") for name in names])
+    np.testing.assert_allclose(drawn[1], drawn[3])  # one error
+    np.testing.assert_allclose(drawn.std(axis=1), [0.03, 0.01, 0.03, 0.01], rtol=0.05)
+    assert np.abs(np.corrcoef(drawn)[[0, 0, 1], [1, 2, 2]]).max() < 0.15
 
 
 def test_the_same_seed_draws_the_same_studies():

@@ -8,8 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from cosim.study.choice.robust import Uncertain
+from cosim.study.choice.robust_file import Uncertainty
+from eightpost.app.robust import _plan
+from eightpost.left_out_blocks import SECTION, LeftOutBlocks
 from eightpost.shock import Hysteresis, read_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from tests.shock.example_curve import knot_curve
@@ -85,6 +89,14 @@ def test_draws_are_limited_to_the_bounds_of_the_fit(free):
     low, high = document("AA_B")["fit"]["parameters"]["time_constant"]["bounds"]
     assert drawn[:, 0].min() == pytest.approx(low)
     assert drawn[:, 0].max() == pytest.approx(high)
+
+
+def test_a_fit_that_an_uncertainty_file_names_is_drawn_with_what_it_has_in_common_with_others(free):
+    blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"rebound_scale": np.sin(np.arange(20.0))})
+    shock = json.loads(free.read_text())
+    free.write_text(json.dumps(shock | {"fit": shock["fit"] | {SECTION: blocks.to_json()}}))
+    (part,) = _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0).parts
+    assert part.left_out == blocks
 
 
 def test_a_shock_without_a_fit_states_no_uncertainty(shocks):

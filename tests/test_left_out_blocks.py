@@ -1,0 +1,142 @@
+"""What the errors of fits have in common: the same test, and the correlation of changes when a block is left out."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eightpost.errors import InputError
+from eightpost.left_out_blocks import BLOCKS, FittedParameter, LeftOutBlocks, correlation_of, square_root
+from eightpost.rig import Actuator, random_multisine
+
+VELOCITY = np.linspace(0.1, 0.3, 60)
+
+
+def blocks(**changes: np.ndarray) -> LeftOutBlocks:
+    return LeftOutBlocks.of(VELOCITY, changes)
+
+
+def parameters(*parts: LeftOutBlocks | None, name: str = "lag") -> list[FittedParameter]:
+    return [FittedParameter(part, name) for part in parts]
+
+
+def orthonormal(count: int) -> np.ndarray:
+    """Return changes of 60 blocks that are not correlated at all, with a mean of 0."""
+    drawn = np.random.default_rng(2).standard_normal((60, count))
+    return np.linalg.qr(np.column_stack([np.ones(60), drawn]))[0].T[1:]
+
+
+def velocities(seed: int, *, gain: float = 1.0, noise: float = 0.0, late: int = 0, duration: float = 6.0) -> np.ndarray:
+    """Return the RMS velocities of blocks of 0.3 s of a random test, as a dynamometer measures them."""
+    motion = Actuator().follow(random_multisine(seed, duration=duration).series)
+    rate = (len(motion) - 1) / motion.duration
+    velocity = gain * np.gradient(motion["displacement"], motion.time)[late:]
+    velocity += noise * velocity.std() * np.random.default_rng(seed).standard_normal(velocity.size)
+    count = int((duration - 0.5) / 0.3)
+    return np.sqrt(np.mean(velocity[: count * int(0.3 * rate)].reshape(count, -1) ** 2, axis=1))
+
+
+# ---- The same test --------------------------------------------------------------------------------------------------
+
+
+def test_the_same_signal_is_recognised_in_spite_of_noise_another_gain_and_a_late_start():
+    first = LeftOutBlocks.of(velocities(1), {})
+    for how in ({"noise": 0.1}, {"gain": 0.95}, {"late": 20}):
+        assert first.has_the_test_of(LeftOutBlocks.of(velocities(1, **how), {})), how
+
+
+def test_another_signal_of_the_same_kind_another_length_and_another_amplitude_are_other_tests():
+    first = LeftOutBlocks.of(velocities(1), {})
+    others = [velocities(seed) for seed in range(2, 8)] + [velocities(1, duration=7.0), 0.8 * velocities(1)]
+    assert not any(first.has_the_test_of(LeftOutBlocks.of(other, {})) for other in others)
+
+
+# ---- Correlation ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shared", [0.3, 0.8, 1.0])
+def test_fits_of_the_same_test_have_the_correlation_of_their_changes(shared):
+    """It is lowered by the share of its square that independent changes of 60 blocks would have on average."""
+    common, *own = orthonormal(3)
+    first, second = (np.sqrt(shared) * common + np.sqrt(1.0 - shared) * one for one in own)
+    found = correlation_of(parameters(blocks(lag=2.0 * first), blocks(lag=0.1 * second)))
+    by_chance = (1.0 - shared**2) ** 2 / 59.0
+    assert found[0, 1] == pytest.approx(shared * (1.0 - by_chance / shared**2), abs=1e-3)
+    assert found[0, 1] == found[1, 0]
+
+
+def test_changes_that_have_nothing_in_common_count_as_independent():
+    """A single correlation of 60 random changes reaches 0.3."""
+    changes = np.random.default_rng(3).standard_normal((8, 60))
+    found = correlation_of(parameters(*(blocks(lag=one) for one in changes)))
+    assert np.abs(found - np.eye(8)).max() < 0.1
+    assert np.abs(np.corrcoef(changes) - np.eye(8)).max() > 0.3
+
+
+def test_other_tests_other_parameters_and_files_without_changes_are_independent():
+    change = np.sin(np.arange(60.0))
+    here, there = blocks(lag=change, stop=change), LeftOutBlocks.of(VELOCITY[::-1], {"lag": change})
+    named = [*parameters(here, there, None), FittedParameter(here, "stop"), FittedParameter(here, "unknown")]
+    np.testing.assert_array_equal(correlation_of(named), np.eye(5))
+    both = correlation_of([*parameters(here, there, here), *parameters(there)])
+    np.testing.assert_allclose(both, [[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 1, 0, 1]], atol=1e-3)
+
+
+def test_few_blocks_show_no_correlation():
+    few = LeftOutBlocks.of(VELOCITY[:4], {"lag": np.array([1.0, 2.0, 0.0, 4.0])})
+    np.testing.assert_array_equal(correlation_of(parameters(few, few)), np.eye(2))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**31), count=st.integers(2, 12), size=st.integers(8, 30), rank=st.integers(1, 12))
+def test_a_correlation_has_a_root_and_modes_that_keep_the_variance(seed, count, size, rank):
+    """Also if there are more parameters than blocks, or fewer independent changes than parameters."""
+    generator = np.random.default_rng(seed)
+    changes = generator.standard_normal((count, rank)) @ generator.standard_normal((rank, size))
+    velocity = 0.1 + generator.random(size)
+    found = correlation_of(parameters(*(LeftOutBlocks.of(velocity, {"lag": one}) for one in changes)))
+    root = square_root(found)
+    np.testing.assert_allclose(root @ root.T, found, atol=1e-3)
+    np.testing.assert_allclose(np.sum(root**2, axis=1), 1.0, atol=1e-3)
+
+
+# ---- What is kept ---------------------------------------------------------------------------------------------------
+
+
+def test_blocks_of_a_long_test_are_joined_so_that_the_changes_of_each_join_add():
+    velocity, change = np.repeat([0.1, 0.3], 10 * BLOCKS), np.repeat(np.sin(np.arange(BLOCKS)), 20)
+    found = LeftOutBlocks.of(velocity, {"lag": change})
+    assert found.velocity == (0.1,) * (BLOCKS // 2) + (0.3,) * (BLOCKS // 2)
+    expected = np.sin(np.arange(BLOCKS)) - np.mean(np.sin(np.arange(BLOCKS)))
+    np.testing.assert_allclose(found.changes["lag"], expected / np.linalg.norm(expected), atol=1e-4)
+
+
+def test_a_parameter_that_does_not_change_or_is_not_known_is_omitted():
+    found = blocks(lag=np.zeros(60), stop=np.full(60, np.nan), stiff=np.arange(60.0))
+    assert set(found.changes) == {"stiff"}
+
+
+def test_changes_survive_their_document():
+    found = blocks(lag=np.sin(np.arange(60.0)))
+    text = json.dumps(found.to_json(), allow_nan=False)
+    assert LeftOutBlocks.from_json(json.loads(text)) == found
+    assert len(text) < 1200
+
+
+@pytest.mark.parametrize(
+    ("document", "what"),
+    [
+        ([], "left-out blocks"),
+        ({"velocity [m/s]": [0.1, 0.2]}, "changes"),
+        ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [1.0]}}, "lag must be 2 finite numbers"),
+        ({"velocity [m/s]": [0.1, float("nan")], "changes": {}}, "velocity must be 2 finite numbers"),
+        ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [0.0, 0.0]}}, "not all of them 0"),
+    ],
+)
+def test_a_document_of_no_left_out_blocks_is_refused(document, what):
+    with pytest.raises(InputError, match=what):
+        LeftOutBlocks.from_json(document)
