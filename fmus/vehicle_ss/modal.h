@@ -63,8 +63,8 @@ enum { MODE_ROWS = MODES, PAIR_ROWS = PAIRS };
 enum { MODE_ROWS = MODE_COUNT, PAIR_ROWS = PAIR_COUNT };
 
 /* Rows `first` to `first` + `count` - 1 of b u; the products of the inputs from `own` on are given. */
-static inline __attribute__((always_inline)) void load_rows(const real *u, int own, double (*product)[STATE_BLOCKS * BLOCK],
-                                                            int first, int count, Modal *w)
+static inline WITHIN void load_rows(const real *u, int own, double (*product)[STATE_BLOCKS * BLOCK], int first, int count,
+                                    Modal *w)
 {
     real sum[TILE] = {ZERO};
     for (int c = 0; c < own; c++) {
@@ -88,7 +88,7 @@ static inline int smaller_of(int a, int b)
 /* The same; the last inputs, which are often equal in all setups, are then multiplied once. */
 static inline void load(const real *u, Modal *w)
 {
-    _Alignas(64) double product[INPUTS][STATE_BLOCKS * BLOCK];
+    ALIGNED double product[INPUTS][STATE_BLOCKS * BLOCK];
     int own = INPUTS; /* inputs before those that are equal */
     while (own > 0 && in_every(u[own - 1] == u[own - 1][0])) {
         own--;
