@@ -38,6 +38,10 @@ typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 /* Of functions that run rarely: inlined, they would take registers from those that call them. */
 #define APART __attribute__((noinline))
 
+/* Of functions that are efficient only with constant arguments, and of arrays that vectors are stored in. */
+#define WITHIN __attribute__((always_inline))
+#define ALIGNED _Alignas(64)
+
 static inline real uniform(double value)
 {
     real same;

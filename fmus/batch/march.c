@@ -139,7 +139,7 @@ static real start_of_line(const Signal *s, real end, const Step *step)
 static Line line_to(const Signal *s, real end, const Step *step)
 {
     const real a = start_of_line(s, end, step) + 0.0, b = end + 0.0;
-    const Line line = {0.0 + a, 0.0 + (b - a) * step->per_second, 0.5 * a + 0.5 * b, b};
+    const Line line = {a, (b - a) * step->per_second, 0.5 * a + 0.5 * b, b};
     return line;
 }
 
@@ -154,20 +154,21 @@ static void feed_vehicle(March *m, const Step *step, real *start, real *rate)
     const double *x = run->starts + step->first * run->drive_channels, *y = run->samples + step->last * run->drive_channels;
     for (int i = 0; i < INPUTS; i++) {
         const Input *in = &run->inputs[i];
-        start[i] = uniform(in->constant);
-        rate[i] = uniform(0.0);
+        real value = uniform(in->constant), slope = uniform(0.0);
         if (in->corner >= 0) {
             const Signal *s = &m->force[in->corner];
             const real a = start_of_line(s, on_parabola(s, step), step) + 0.0, b = on_parabola(s, step) + 0.0;
             const Line line = {a, a, 0.5 * a + 0.5 * b, b};
-            start[i] += a;
-            rate[i] += (b - a) * step->per_second;
+            value += a;
+            slope += (b - a) * step->per_second;
             m->force_line[in->corner] = line;
         }
         if (in->channel >= 0) {
-            start[i] += in->factor * x[in->channel] + in->offset;
-            rate[i] += in->factor * (y[in->channel] - x[in->channel]) * step->per_second;
+            value += in->factor * x[in->channel] + in->offset;
+            slope += in->factor * (y[in->channel] - x[in->channel]) * step->per_second;
         }
+        start[i] = value;
+        rate[i] = slope;
     }
 }
 
@@ -255,18 +256,23 @@ static void accept(March *m, const Step *step)
     }
 }
 
-/* Where signals are far below an overflow. Their sum is compared with the limit of each in cosim/engine/march.py: a setup between the
+static real square(real x)
+{
+    return x * x;
+}
+
+/* Where signals are far below an overflow. Their norm is compared with the limit of each in cosim/engine/march.py: a setup between the
  * two runs through the FMUs, which decide. */
 static truth are_sensible(const March *m)
 {
     real sum = uniform(0.0);
     for (int c = 0; c < CORNERS; c++) {
-        sum += size_of_number(m->velocity[c].ahead) + size_of_number(m->displacement[c].ahead) + size_of_number(m->force[c].ahead);
+        sum += square(m->velocity[c].ahead) + square(m->displacement[c].ahead) + square(m->force[c].ahead);
     }
     for (int w = 0; w < m->run->limit_count; w++) {
-        sum += size_of_number(m->output[m->run->limits[w].output]);
+        sum += square(m->output[m->run->limits[w].output]);
     }
-    return sum < DIVERGED;
+    return sum < DIVERGED * DIVERGED;
 }
 
 /* Puts a number in place of the whole state of setups that are no longer finite: computing with infinities is slow. */

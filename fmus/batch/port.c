@@ -115,10 +115,11 @@ typedef struct {
 
 static Range range_of(real count)
 {
-    Range range = {1, 1};
-    while (in_any(count > (double)range.most)) {
-        range.least += in_every(count > (double)range.least);
-        range.most++;
+    const Short whole = __builtin_convertvector(count, Short);
+    Range range = {whole[0], whole[0]};
+    for (int i = 1; i < SETUPS; i++) {
+        range.least = whole[i] < range.least ? whole[i] : range.least;
+        range.most = whole[i] > range.most ? whole[i] : range.most;
     }
     return range;
 }

@@ -10,19 +10,19 @@ static real add_term(Totals *t, int k, const Signal *s, const Line *line, double
     const real came = s->ahead + 0.0, missed = line->end - came;
     t->defect[k] += missed * missed * h;
     t->total[k] += came * h;
-    t->squares[k] += came * came * h;
+    t->squares[k] += came * (came * h);
     return s->now + s->ahead;
 }
 
 void add_bonds(March *m, const Step *step)
 {
     Totals *t = &m->totals;
-    const double h = step->size;
+    const double h = step->size, half = 0.5 * h;
     t->duration += h;
     for (int c = 0; c < CORNERS; c++) {
         const real moved = add_term(t, c, &m->velocity[c], &m->velocity_line[c], h);
         const real pushed = add_term(t, CORNERS + c, &m->force[c], &m->force_line[c], h);
-        const real given = 0.5 * moved * m->force_line[c].mean * h, taken = 0.5 * pushed * m->velocity_line[c].mean * h;
+        const real given = moved * (half * m->force_line[c].mean), taken = pushed * (half * m->velocity_line[c].mean);
         t->residual[c] += given - taken;
         t->transferred[c] += size_of_number(taken);
     }
@@ -52,14 +52,18 @@ static real value_at(const March *m, const Channel *c)
     return m->is_needed[c->number] ? m->output[c->number] : vehicle_output(m->run->car, &m->vehicle, c->number);
 }
 
+static real with_term(const Quantity *q, real value, real next)
+{
+    return q->is_product ? value * next : value + next;
+}
+
 static real value_of(const March *m, const Quantity *q)
 {
     const int *terms = m->run->terms + q->first;
     const double *weights = m->run->weights + q->first;
     real value = weights[0] * m->seen[terms[0]];
     for (int k = 1; k < q->count; k++) {
-        const real next = weights[k] * m->seen[terms[k]];
-        value = q->is_product ? value * next : value + next;
+        value = with_term(q, value, weights[k] * m->seen[terms[k]]);
     }
     return value;
 }
@@ -99,6 +103,18 @@ void record(March *m, const Sums *sums)
         }
     }
     m->row++;
+}
+
+/* Sums the statistics of a quantity of series, the rows of which are in `columns`. */
+EXPORTED void sum_series(const Quantity *q, const real *const *columns, const double *weights, double *statistics)
+{
+    for (int row = q->begin; row < q->end; row++) {
+        real value = weights[0] * columns[0][row];
+        for (int k = 1; k < q->count; k++) {
+            value = with_term(q, value, weights[k] * columns[k][row]);
+        }
+        add_row((real *)(void *)statistics, q, value, row == q->begin);
+    }
 }
 
 void report(const March *m, const Sums *sums)

@@ -33,19 +33,27 @@ static const Factors *factors_of(const Car *car, double h)
 static truth is_sound(const real *z)
 {
     real sum[LANES] = {ZERO};
-    for (int k = 0; k < STATE_COUNT; k += LANES) {
-        for (int i = 0; i < LANES; i++) {
-            sum[i] += z[k + i] * z[k + i];
-        }
+    for (int k = 0; k < MODE_ROWS; k++) {
+        sum[k % LANES] += z[k] * z[k];
+    }
+    for (int k = 0; k < PAIR_ROWS; k++) {
+        sum[k % LANES] += z[MODES + k] * z[MODES + k];
     }
     return (sum[0] + sum[2]) + (sum[1] + sum[3]) < LARGEST * LARGEST;
 }
 
-/* Saves the inputs without forces of the ports, and adds these. */
-static void reach(const Car *car, Vehicle *vehicle, const real *inputs)
+/* Saves a state; the padding stays zero. */
+static void keep_state(Vehicle *vehicle, const Modal *state)
+{
+    memcpy(vehicle->z, state->at, MODE_ROWS * sizeof *state->at);
+    memcpy(vehicle->z + MODES, state->at + MODES, PAIR_ROWS * sizeof *state->at);
+}
+
+/* Saves the inputs without forces of the ports, and adds these if there are any. */
+static void reach(const Car *car, Vehicle *vehicle, const real *inputs, int has_forces)
 {
     memcpy(vehicle->reached, inputs, sizeof vehicle->reached);
-    if (has_port_forces(&car->parameters)) {
+    if (has_forces) {
         add_port_forces(&car->parameters, vehicle->z, vehicle->bend, vehicle->reached);
     }
 }
@@ -65,7 +73,7 @@ truth start_vehicle(const Car *car, Vehicle *vehicle, const real *inputs)
         }
     }
     this_car = car;
-    reach(car, vehicle, inputs);
+    reach(car, vehicle, inputs, has_port_forces(&car->parameters));
     return found;
 }
 
@@ -86,26 +94,27 @@ static truth step_rubbing(const Car *car, Vehicle *vehicle, const real *from, co
         rub(&car->parameters, f, u0, u1, &now);
         memcpy(u0, u1, sizeof u0);
     }
-    memcpy(vehicle->z, now.z.at, sizeof vehicle->z);
+    keep_state(vehicle, &now.z);
     memcpy(vehicle->bend, now.bend, sizeof vehicle->bend);
     return is_sound(vehicle->z);
 }
 
 truth step_vehicle(const Car *car, Vehicle *vehicle, const real *from, const real *to, double h)
 {
+    const int has_forces = has_port_forces(&car->parameters);
     truth sound;
     this_car = car;
-    if (has_port_forces(&car->parameters)) {
+    if (has_forces) {
         sound = step_rubbing(car, vehicle, from, to, h);
     } else {
         Modal w0, w1, end;
         load(from, &w0);
         load(to, &w1);
         advance(factors_of(car, h), vehicle->z, &w0, &w1, &end);
-        memcpy(vehicle->z, end.at, STATE_COUNT * sizeof *end.at);
+        keep_state(vehicle, &end);
         sound = is_sound(vehicle->z);
     }
-    reach(car, vehicle, to);
+    reach(car, vehicle, to, has_forces);
     return sound;
 }
 

@@ -16,14 +16,10 @@ enum {
 /* c_0 + c_1 s + c_2 s^2 + ... as four independent sums in powers of s^4. */
 static inline real polynomial(const real *coefficients, int count, real s)
 {
-    const real square = s * s, fourth = square * square, zero = uniform(0.0);
-    real sum[4] = {zero, zero, zero, zero};
-    for (int first = (count - 1) / 4 * 4; first >= 0; first -= 4) {
-        for (int i = 0; i < 4; i++) {
-            if (first + i < count) {
-                sum[i] = sum[i] * fourth + coefficients[first + i];
-            }
-        }
+    const real square = s * s, fourth = square * square;
+    real sum[4] = {ZERO};
+    for (int k = count - 1; k >= 0; k--) {
+        sum[k % 4] = k + 4 < count ? sum[k % 4] * fourth + coefficients[k] : coefficients[k];
     }
     return (sum[0] + s * sum[1]) + square * (sum[2] + s * sum[3]);
 }

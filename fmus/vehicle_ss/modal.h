@@ -54,40 +54,61 @@ static inline void load(const real *u, Modal *w)
         }
     }
 }
+
+/* Numbers of rows that are computed: with padding, so that a compiler uses vector instructions. */
+enum { MODE_ROWS = MODES, PAIR_ROWS = PAIRS };
 #else
+
+/* Lanes need no padding. */
+enum { MODE_ROWS = MODE_COUNT, PAIR_ROWS = PAIR_COUNT };
+
+/* Rows `first` to `first` + `count` - 1 of b u; the products of the inputs from `own` on are given. */
+static inline WITHIN void load_rows(const real *u, int own, double (*product)[STATE_BLOCKS * BLOCK], int first, int count,
+                                    Modal *w)
+{
+    real sum[TILE] = {ZERO};
+    for (int c = 0; c < own; c++) {
+        for (int r = 0; r < count; r++) {
+            sum[r] += B[(first + r) / BLOCK][c][(first + r) % BLOCK] * u[c];
+        }
+    }
+    for (int c = own; c < INPUTS; c++) {
+        for (int r = 0; r < count; r++) {
+            sum[r] += product[c][first + r];
+        }
+    }
+    memcpy(&w->at[first], sum, (size_t)count * sizeof *sum);
+}
+
+static inline int smaller_of(int a, int b)
+{
+    return a < b ? a : b;
+}
+
 /* The same; the last inputs, which are often equal in all setups, are then multiplied once. */
 static inline void load(const real *u, Modal *w)
 {
-    double product[INPUTS][BLOCK];
+    ALIGNED double product[INPUTS][STATE_BLOCKS * BLOCK];
     int own = INPUTS; /* inputs before those that are equal */
     while (own > 0 && in_every(u[own - 1] == u[own - 1][0])) {
         own--;
     }
-    for (int b = 0; b < STATE_BLOCKS; b++) {
-        for (int c = own; c < INPUTS; c++) {
-            for (int r = 0; r < BLOCK; r++) {
-                product[c][r] = B[b][c][r] * u[c][0];
-            }
+    for (int c = own; c < INPUTS; c++) {
+        for (int k = 0; k < STATE_BLOCKS * BLOCK; k++) {
+            product[c][k] = B[k / BLOCK][c][k % BLOCK] * u[c][0];
         }
-        for (int first = 0; first < BLOCK; first += TILE) {
-            real sum[TILE] = {ZERO};
-            for (int c = 0; c < own; c++) {
-                for (int r = 0; r < TILE; r++) {
-                    sum[r] += B[b][c][first + r] * u[c];
-                }
-            }
-            for (int c = own; c < INPUTS; c++) {
-                for (int r = 0; r < TILE; r++) {
-                    sum[r] += product[c][first + r];
-                }
-            }
-            memcpy(&w->at[b * BLOCK + first], sum, sizeof sum);
-        }
+    }
+    for (int first = 0; first < MODE_ROWS; first += TILE) {
+        load_rows(u, own, product, first, smaller_of(TILE, MODE_ROWS - first), w);
+    }
+    for (int first = 0; first < PAIR_ROWS; first += TILE) {
+        load_rows(u, own, product, MODES + first, smaller_of(TILE, PAIR_ROWS - first), w);
     }
 }
 #endif
 
 /* One row of C times z, as four sums. */
+#ifndef EIGHTPOST_LANES
 static inline real row_times(const double *row, const real *z)
 {
     real sum[LANES] = {ZERO};
@@ -98,5 +119,19 @@ static inline real row_times(const double *row, const real *z)
     }
     return (sum[0] + sum[2]) + (sum[1] + sum[3]);
 }
+#else
+/* The same; MODES is a multiple of LANES. Zero is added once, at the end, and makes the same bits: no result is -0. */
+static inline real row_times(const double *row, const real *z)
+{
+    real sum[LANES] = {ZERO};
+    for (int k = 0; k < MODE_ROWS; k++) {
+        sum[k % LANES] = k < LANES ? row[k] * z[k] : sum[k % LANES] + row[k] * z[k];
+    }
+    for (int k = 0; k < PAIR_ROWS; k++) {
+        sum[k % LANES] += row[MODES + k] * z[MODES + k];
+    }
+    return (sum[0] + sum[2]) + (sum[1] + sum[3]) + 0.0;
+}
+#endif
 
 #endif

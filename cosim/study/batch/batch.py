@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.study.batch import library
 from cosim.study.batch.library import Library
-from cosim.study.batch.plan import Plan
+from cosim.study.batch.plan import Plan, Quantity
 from cosim.study.batch.shocks import ShockData
 from cosim.study.statistics import Sections
 from eightpost.array_types import Array, Integers
@@ -54,6 +55,23 @@ class BatchResult:
     duration: float
     settled: float
 
+    def kept(self, statistics: Sequence[Array]) -> BatchResult:
+        """Return a copy that the next run does not overwrite, without series and with further statistics."""
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        more = {"statistics": np.array([*self.statistics, *statistics]), "series": self.series[:0].copy()}
+        return replace(self, **(arrays | more))
+
+    def _arrays(self) -> dict[str, Array]:
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "series"}
+
+
+def joined(results: Sequence[BatchResult]) -> BatchResult:
+    """Return the sums of several batches of a plan as those of one, without series."""
+    arrays = [result._arrays() for result in results]
+    together: dict[str, Any] = {name: np.concatenate([own[name] for own in arrays], axis=-1) for name in arrays[0]}
+    return replace(results[0], **together)
+
 
 class Batch:
     """Memory for batches of a plan, used again and again.
@@ -83,23 +101,30 @@ class Batch:
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
         self._ended, self._sweeps = np.zeros(self.lanes, np.int64), np.zeros(self.lanes, np.int64)
         self._times, self._rows = np.zeros(2), np.zeros(1, np.int64)
-        self._filtered = _aligned_lanes((0,), self.lanes)
+        self._filtered: dict[tuple[str, Sections], Array] = {}
 
     def filtered(self, name: str, sections: Sections) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
 
-        The array is overwritten by the next call.
+        The array is overwritten when the same channel of another run is filtered.
         """
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
         given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
         series, count = self._sums["series"], self._plan.rows.size
-        needed = count + 2 * sections.pad
-        if len(self._filtered) < needed:
-            self._filtered = _aligned_lanes((needed,), self.lanes)
-        space = self._filtered
+        if (name, sections) not in self._filtered:
+            self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
+        space = self._filtered[name, sections]
         column = self._plan.series.index(name)
         self._library.filter(given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data)
         return space[sections.pad : sections.pad + count]
+
+    def statistics_of(self, quantity: Quantity, columns: Sequence[Array]) -> Array:
+        """Return the statistics (8, lanes) of a quantity of filtered channels, each of (R, lanes)."""
+        given, weights = quantity.structure(), np.array(quantity.weights)
+        addresses = (ctypes.c_void_p * len(columns))(*(column.ctypes.data for column in columns))
+        found = _aligned_lanes((len(STATISTICS),), self.lanes)
+        self._library.sum_series(given, ctypes.addressof(addresses), weights.ctypes.data, found.ctypes.data)
+        return found
 
     def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
         """Run up to as many setups as there are lanes; each is a shock per corner, in the plan's order.

@@ -213,6 +213,12 @@ class Library:
         function.restype, function.argtypes = None, [_POINTER, _POINTER, _LONG, _LONG, _LONG, _POINTER]
         function(ctypes.addressof(given), series, columns, column, count, space)
 
+    def sum_series(self, quantity: Any, columns: int, weights: int, statistics: int) -> None:
+        """Sum the statistics of a quantity of filtered series; the arguments are those of sum_series in sums.c."""
+        function = self._library.sum_series
+        function.restype, function.argtypes = None, [_POINTER] * 4
+        function(ctypes.addressof(quantity), columns, weights, statistics)
+
     def run(self, run: Any, parameters: int, laws: int, space: int, sums: Any) -> None:
         """Run a batch; the arguments are addresses and structures of fmus/batch/batch.h."""
         function = self._library.run_batch

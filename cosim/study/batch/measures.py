@@ -1,17 +1,17 @@
-"""Measures of a batch: those that are summed while it runs, and those that need the series."""
+"""Measures of a batch: those that are summed while it runs, those of filtered channels, and those of the series."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 
 from cosim.study.batch.plan import Quantity
 from cosim.study.measures import Measure
+from cosim.study.statistics import Sections, sections_of
 from eightpost.array_types import Array
-from eightpost.errors import InputError
+from eightpost.signals import TimeSeries
 
 # ---- Statistics of a quantity ---------------------------------------------------------------------------------------
 
@@ -76,46 +76,69 @@ _WITH_LIMITS = ("peak", "range", "maximum", "minimum", "share")
 
 # ---- Measures of a run ----------------------------------------------------------------------------------------------
 
+#: A channel and the band to which it is filtered [Hz].
+ChannelBand = tuple[str, tuple[float, float]]
+
+#: Largest number of sections of a filter of fmus/batch/filter.c.
+_MOST_SECTIONS = 16
+
 
 class BatchMeasures:
-    """Measures on a drive, divided into those that are summed and those that need series.
+    """Measures on a drive: summed while the batch runs, computed from channels filtered in lanes, or from the series.
 
     Args:
         measures: Measures of the drive.
         times: Times of the recorded rows (R,) [s].
         settling: Time at the start of the run that the measures exclude [s].
+
+    Attributes:
+        summed: Measures that are summed while the batch runs.
+        quantities: Quantities of which the statistics are summed, each once.
+        bands: Filter of every channel that is filtered in lanes.
+        filtered: Measures of such channels.
+        filtered_quantities: Quantities of these measures, with the band of their channels.
+        others: Measures that need the series of each setup.
     """
 
     def __init__(self, measures: Sequence[Measure], times: Array, settling: float) -> None:
         self._windows = {m.name: _window(m, times, settling) for m in measures}
-        self.summed = tuple(m for m in measures if _is_summed(m, self._windows[m.name]))
-        self.others = tuple(m for m in measures if m not in self.summed)
-        found = [self._quantities(m) for m in self.summed]
-        self.quantities = tuple(q for several in found for q in several)
-        self._begins = list(accumulate(map(len, found), initial=0))
         self._step = float(times[-1] - times[0]) / (times.size - 1)
+        self.bands = _bands(measures, times)
+        known = [m for m in measures if self._is_known(m)]
+        self.summed = tuple(m for m in known if m.band is None)
+        self.filtered = tuple(m for m in known if m.band and all((c, m.band) in self.bands for c in m.channels))
+        self.others = tuple(m for m in measures if m not in self.summed and m not in self.filtered)
+        self.quantities = tuple(dict.fromkeys(q for m in self.summed for q in self._quantities_of(m)))
+        self.filtered_quantities = tuple((q, m.band) for m in self.filtered if m.band for q in self._quantities_of(m))
+        every = (*((q, None) for q in self.quantities), *self.filtered_quantities)
+        self._places = {
+            m.name: [every.index((q, m.band)) for q in self._quantities_of(m)] for m in (*self.summed, *self.filtered)
+        }
 
     @property
     def series(self) -> tuple[str, ...]:
         """Channels of the measures that need series."""
-        return tuple(dict.fromkeys(channel for m in self.others for channel in m.channels))
+        return tuple(dict.fromkeys(channel for m in (*self.filtered, *self.others) for channel in m.channels))
 
-    def values(self, statistics: Array) -> dict[str, Array]:
-        """Return the values (n,) of the summed measures, in SI, from the statistics of the quantities (Q, 8, n).
+    def values(self, statistics: Array) -> dict[str, list[float]]:
+        """Return the values (n,) of the summed and the filtered measures, in SI; not finite if one is not defined.
 
-        Raises:
-            InputError: A measure is not defined for a setup.
+        Args:
+            statistics: Statistics of the quantities, then of the filtered quantities (Q, 8, n).
         """
-        found = {}
-        for k, measure in enumerate(self.summed):
-            begin, end = self._windows[measure.name]
-            summed = _Summed(statistics[self._begins[k] : self._begins[k + 1]], end - begin, self._step)
-            if measure.statistic == "variation" and not summed.mean.all():
-                raise InputError(f"measure {measure.name!r}: the mean is zero")
-            found[measure.name] = _STREAMED[measure.statistic](summed)
-        return found
+        return {m.name: self._values_of(m, statistics[self._places[m.name]]) for m in (*self.summed, *self.filtered)}
 
-    def _quantities(self, measure: Measure) -> list[Quantity]:
+    def _values_of(self, measure: Measure, statistics: Array) -> list[float]:
+        begin, end = self._windows[measure.name]
+        summed = _Summed(statistics, end - begin, self._step)
+        values: list[float] = _STREAMED[measure.statistic](summed).tolist()
+        return values
+
+    def _is_known(self, measure: Measure) -> bool:
+        begin, end = self._windows[measure.name]
+        return not measure.function and measure.statistic in _STREAMED and end - begin >= 2
+
+    def _quantities_of(self, measure: Measure) -> list[Quantity]:
         rows, weights = self._windows[measure.name], measure.weights or (1.0,) * len(measure.channels)
         if measure.statistic == "joint_rms":
             return [Quantity((c,), (w,), rows) for c, w in zip(measure.channels, weights, strict=True)]
@@ -124,9 +147,15 @@ class BatchMeasures:
         return [Quantity(measure.channels, weights, rows, measure.statistic == "work", inside, limits)]
 
 
-def _is_summed(measure: Measure, window: tuple[int, int]) -> bool:
-    known = not measure.function and measure.band is None and measure.statistic in _STREAMED
-    return known and window[1] - window[0] >= 2
+def _bands(measures: Sequence[Measure], times: Array) -> dict[ChannelBand, Sections]:
+    """Return the filter of every channel of a measure with a band, if lanes can filter it."""
+    rate = TimeSeries(times, np.zeros((0, times.size)), (), ()).sample_rate
+    found = {}
+    for name, band in dict.fromkeys((c, m.band) for m in measures if m.band is not None for c in m.channels):
+        sections = sections_of(*band, rate)
+        if sections is not None and times.size > sections.pad and len(sections.rows) <= _MOST_SECTIONS:
+            found[name, band] = sections
+    return found
 
 
 def _window(measure: Measure, times: Array, settling: float) -> tuple[int, int]:

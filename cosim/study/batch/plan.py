@@ -47,6 +47,11 @@ class Quantity:
     inside: tuple[float, float] = (-np.inf, np.inf)
     limits: bool = False
 
+    def structure(self, first: int = 0) -> Any:
+        """Return the structure Quantity of fmus/batch/batch.h; `first` is the place of its first term."""
+        options = (int(self.product), *self.rows, int(self.limits), *self.inside)
+        return library.Quantity(first, len(self.channels), *options)
+
 
 class Plan:
     """A run of all setups on one drive.
@@ -155,7 +160,7 @@ class Plan:
     def _quantities(self) -> Iterable[Any]:
         first = 0
         for q in self.quantities:
-            yield library.Quantity(first, len(q.channels), int(q.product), *q.rows, int(q.limits), *q.inside)
+            yield q.structure(first)
             first += len(q.channels)
 
     def _first_drive(self) -> NDArray[np.float64]:

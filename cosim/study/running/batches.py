@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
@@ -16,16 +17,17 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import judged_by
 from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
+from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.batch.batch import Batch, BatchResult
+from cosim.study.batch.batch import Batch, BatchResult, joined
 from cosim.study.batch.car import CarData, read_car
 from cosim.study.batch.library import Library, compiled
-from cosim.study.batch.measures import BatchMeasures
+from cosim.study.batch.measures import BatchMeasures, ChannelBand
 from cosim.study.batch.plan import Plan
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.batch.shocks import ShockData, read_shock
 from cosim.study.setup import Setup
-from cosim.study.statistics import Filtered, sections_of
+from cosim.study.statistics import Filtered
 from cosim.study.study import Build, Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
@@ -38,11 +40,8 @@ from eightpost.workers.pool import heartbeat
 EXACT, FAST = "exact", "fast"
 
 
-#: Largest number of sections of a filter of fmus/batch/filter.c.
-_MOST_SECTIONS = 16
-
-#: Filtered channels (n, R) by name and band [Hz].
-_Filtered = dict[tuple[str, tuple[float, float]], Array]
+#: Number of batches that are evaluated together, which takes less time than one after the other.
+_GROUP = 8
 
 
 class Models(Protocol):
@@ -108,97 +107,95 @@ class _DriveBatch:
         self._units = tuple(to_si(setup.system.output(name))[1] for name in self._measures.series)
         self._batch, self._setup, self._study = Batch(found, self._plan), setup, study
         self.lanes = self._batch.lanes
+        self._ends_units = {
+            (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))
+        }
+        self._watched = [self._place_of(limit) for limit in setup.limits.watched]
+
+    def _place_of(self, limit: Limit) -> tuple[str, int]:
+        """Return the array of a result in which the time beyond a limit is, and its row."""
+        if limit in self._plan.limits:
+            return "watched", self._plan.limits.index(limit)
+        return "beyond", self._plan.corners.index(limit.signal.partition(".")[0])
 
     def runs(self, shocks: Sequence[Sequence[ShockData]]) -> list[BatchRun | None]:
-        """Return the runs of up to as many setups as there are lanes; None for those that did not end regularly."""
+        """Return the runs of setups; None for those that did not end regularly."""
+        pairs = [self._sums(shocks[first : first + self.lanes]) for first in range(0, len(shocks), self.lanes)]
+        result, others = joined([result for result, _ in pairs]), [values for _, several in pairs for values in several]
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            values, ends = self._measures.values(result.statistics), self._ends(result)
+        return [self._run(values, ends, own, k) if result.ended[k] < 0 else None for k, own in enumerate(others)]
+
+    def _sums(self, shocks: Sequence[Sequence[ShockData]]) -> tuple[BatchResult, list[dict[str, float] | None]]:
+        """Return the sums of one batch, and of each setup the measures that need its series; None if one has none."""
+        heartbeat()
         result = self._batch.run(shocks)
-        try:
-            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-                values = self._measures.values(result.statistics)
-                ends = self._ends(result)
-        except EightpostError:
-            return [None] * len(shocks)
-        filtered = self._filtered(result)
-        return [
-            self._run(result, values, ends, filtered, k) if result.ended[k] < 0 else None for k in range(len(shocks))
+        filtered = {key: self._batch.filtered(key[0], sections) for key, sections in self._measures.bands.items()}
+        own = [
+            self._batch.statistics_of(q, [filtered[channel, band] for channel in q.channels])[..., : len(shocks)]
+            for q, band in self._measures.filtered_quantities
         ]
+        others = [self._from_series(result, filtered, k) for k in range(len(shocks))]
+        return result.kept(own), others
 
     def _run(
-        self, result: BatchResult, values: Mapping[str, Any], ends: Mapping[str, Any], filtered: _Filtered, k: int
+        self, values: Mapping[str, Sequence[float]], ends: Mapping[str, Any], others: dict[str, float] | None, k: int
     ) -> BatchRun | None:
-        found = {name: float(several[k]) for name, several in values.items()}
-        try:
-            found |= self._from_series(result, filtered, k)
-        except EightpostError:
+        found = {name: several[k] for name, several in values.items()} | (others or {})
+        if others is None or not all(map(math.isfinite, found.values())):
             return None
-        if not all(map(np.isfinite, found.values())):
-            return None
-        return BatchRun(found, self._summary(result, ends, k))
+        return BatchRun(found, self._summary(ends, k))
 
-    def _filtered(self, result: BatchResult) -> _Filtered:
-        """Return the channels of measures with a band, filtered (n, R)."""
-        rate = TimeSeries(self._plan.rows, np.zeros((0, self._plan.rows.size)), (), ()).sample_rate
-        found: _Filtered = {}
-        for name, band in {(c, m.band) for m in self._measures.others for c in m.channels if m.band is not None}:
-            sections = sections_of(*band, rate)
-            if (
-                sections is not None
-                and self._plan.rows.size > sections.pad
-                and sections.rows.shape[0] <= _MOST_SECTIONS
-            ):
-                found[name, band] = np.ascontiguousarray(self._batch.filtered(name, sections).T)
-        return found
-
-    def _from_series(self, result: BatchResult, filtered: _Filtered, k: int) -> dict[str, float]:
+    def _from_series(
+        self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
+    ) -> dict[str, float] | None:
         if not self._measures.others:
             return {}
-        series = TimeSeries(
-            self._plan.rows,
-            np.ascontiguousarray(result.series[:, :, k].T),
-            self._measures.series,
-            self._units,
-        )
-        run = Filtered(series)
-        for (name, band), several in filtered.items():
-            run.keep(name, band, several[k])
-        return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
+        series = np.ascontiguousarray(result.series[:, :, k].T)
+        try:
+            run = Filtered(TimeSeries(self._plan.rows, series, self._measures.series, self._units))
+            for (name, band), several in filtered.items():
+                run.keep(name, band, np.ascontiguousarray(several[:, k]))
+            return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
+        except EightpostError:
+            return None
 
     def _ends(self, result: BatchResult) -> dict[str, Any]:
-        """Return local errors and spreads of both directions of every bond (2, C, n), as cosim.session.outcome does."""
+        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), as
+        cosim.session.outcome does; energies of the bonds (C, n) and times beyond the limits (W, n).
+        """
         time = result.duration or 1.0
         share = self._setup.algorithm.accuracy.share
         variance = result.squares / time - (result.total / time) ** 2
         return {
             "error": (share * np.sqrt(result.defect / time)).tolist(),
             "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
+            "residual": result.residual.tolist(),
+            "transferred": result.transferred.tolist(),
+            "beyond": [getattr(result, name)[place].tolist() for name, place in self._watched],
+            "settled": result.settled,
         }
 
-    def _summary(self, result: BatchResult, ends: Mapping[str, Any], k: int) -> RunSummary:
+    def _summary(self, ends: Mapping[str, Any], k: int) -> RunSummary:
         corners = self._plan.corners
         error, spread = ends["error"], ends["spread"]
-        keys = [(way, c) for c in range(len(corners)) for way in range(2)]
         scale = judged_by(
-            {(corners[c], str(way)): spread[way][c][k] for way, c in keys},
-            {(corners[c], str(way)): ("m/s", "N")[way] for way, c in keys},
+            {(corner, way): spread[way][c][k] for c, corner in enumerate(corners) for way in range(2)}, self._ends_units
         )
         coupled = {
-            name: Coupled(
-                error[0][c][k], spread[0][c][k], error[1][c][k], spread[1][c][k], scale[name, "0"], scale[name, "1"]
+            corner: Coupled(
+                error[0][c][k], spread[0][c][k], error[1][c][k], spread[1][c][k], scale[corner, 0], scale[corner, 1]
             )
-            for c, name in enumerate(corners)
+            for c, corner in enumerate(corners)
         }
-        limits = self._setup.limits
-        times = [result.beyond[corners.index(w.signal.partition(".")[0]), k] if w not in self._plan.limits
-                 else result.watched[self._plan.limits.index(w), k] for w in limits.watched]  # fmt: skip
-        shares = limits.shares([*map(float, times), result.settled])
+        shares = self._setup.limits.shares([*(times[k] for times in ends["beyond"]), ends["settled"]])
         return RunSummary(
             share_beyond_fit=shares["share_beyond_fit"],
             share_tire_off=shares["share_tire_off"],
             share_beyond_settings=shares["share_beyond_settings"],
             share_untested_settings=shares["share_untested_settings"],
             energy={
-                name: BondEnergy(float(result.residual[c, k]), float(result.transferred[c, k]))
-                for c, name in enumerate(corners)
+                name: BondEnergy(ends["residual"][c][k], ends["transferred"][c][k]) for c, name in enumerate(corners)
             },
             coupled=coupled,
         )
@@ -256,8 +253,7 @@ class Batches:
     def runs(self, setups: Sequence[Setup]) -> Iterator[tuple[Setup, dict[str, BatchRun] | None, float]]:
         """Yield each setup with its runs by drive, and their wall time [s]; None if a run did not end regularly."""
         left = iter(setups)
-        while several := list(islice(left, self.lanes)):
-            heartbeat()
+        while several := list(islice(left, _GROUP * self.lanes)):
             began = clock.perf_counter()
             shocks = {setup.index: self._shocks_of(setup) for setup in several}
             lanes = [own for own in shocks.values() if own is not None]

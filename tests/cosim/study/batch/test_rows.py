@@ -30,6 +30,10 @@ def measures():
     yield Measure("warp", TIRES, weights=(1.0, -1.0, -1.0, 1.0))
     yield Measure("band", TIRES, band=(1.0, 5.0))
     yield Measure("low band", ("car.front.ride_height",), "mean", band=(0.0, 2.0))
+    for name in ("peak", "share", "percentile"):
+        yield Measure(f"{name} in a band", ("car.lf.velocity",), name, band=(1.0, 5.0), options=OPTIONS.get(name, {}))
+    yield Measure("joint in a band", TIRES, "joint_rms", weights=(1.0, 2.0, 1.0, 1.0), band=(1.0, 5.0))
+    yield Measure("work in a band", ("lf.force", "car.lf.velocity"), "work", band=(0.5, 20.0))
     yield Measure("section", ("car.rr.hub_acceleration",), section=(0.7, 1.3))
 
 
