@@ -75,3 +75,12 @@ def test_a_dark_telephone_prints_light_and_as_wide_as_the_paper(opened):
     shown.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
     assert json.loads(shown.evaluate("JSON.stringify(window.printed)")) == ["#fff", 1000]
     shown.until(f"{_DRAWN}.paper_bgcolor === '#14181e' && {_DRAWN}.width < 400")  # the screen is as before
+
+
+@pytest.mark.slow
+def test_stacked_plots_follow_a_screen_that_becomes_narrower(opened):
+    shown = opened(700, "light")
+    width = shown.evaluate(f"{_DRAWN}.width")
+    shown.call("Emulation.setDeviceMetricsOverride", width=400, height=900, deviceScaleFactor=1, mobile=False)
+    shown.until(f"{_DRAWN}.width < 400")
+    assert width > 600

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from eightpost import units
 from eightpost.errors import UnknownUnitError
-from eightpost.signals.raw_record import letters_of
+from eightpost.signals.column_headers import letters_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -14,7 +14,7 @@ from eightpost.errors import DataError, FileFormatError
 from eightpost.rig.dyno_columns import DYNO_UNITS, dyno_map, has_channels, is_command
 from eightpost.rig.plausibility_rules import DEAD, LEFT_OUT
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
-from eightpost.signals.raw_record import is_number, letters_of
+from eightpost.signals.column_headers import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:

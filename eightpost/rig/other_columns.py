@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.rig.plausibility import MixedUnits
 from eightpost.rig.plausibility_rules import CHANGED_COLUMN
-from eightpost.signals.raw_record import letters_of
+from eightpost.signals.column_headers import letters_of
 from eightpost.units import compatible, is_unit
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from eightpost.array_types import Array
 from eightpost.errors import DataError, MissingChannelError, UnknownUnitError
 from eightpost.rig.continuous_velocity import MOST_PEAKS, is_loop, loop_means
 from eightpost.rig.dyno_columns import dyno_map, has_channels
+from eightpost.signals.column_headers import is_number, letters_of
 from eightpost.signals.faults import check_finite
-from eightpost.signals.raw_record import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ _STATISTICS = {
     "target", "ref", "reference", "tol", "tolerance", "limit", "upper", "lower", "hyst", "hysteresis", "ratio", "slope",
 }  # fmt: skip
 _MEANS = {"avg", "mean", "average"}
+#: Mark of a repeated name.
+_REPEATED = re.compile(r"\(\d+\)$")
 
 
 class Point(NamedTuple):
@@ -195,7 +197,10 @@ class Columns:
 
         These are slopes and temperatures, statistics beside the mean, and columns without a unit if others have one.
         """
+        above = self._above()
         named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
+        if above:
+            named = [one._replace(clicks=above[one.place]) if _is_plain(one) else one for one in named]
         named = [one for one in named if one.stroke and letters_of(one.clicks) not in _SPEED]
         plain = [one for one in named if self._has_unit_of_force(one.place) and not _words(one) & _STATISTICS]
         means = [one for one in plain if _words(one) & _MEANS]
@@ -210,6 +215,15 @@ class Columns:
             names = ", ".join(map(repr, left_out))
             _LOG.warning("%s: not read, because they are not the force of a stroke: %s", self.record.origin.path, names)
         return tuple(kept)
+
+    def _above(self) -> list[str]:
+        """Return the setting above each column, from a row above repeated names; an empty cell repeats the last one."""
+        row = self.record.preamble[-1] if self.record.preamble else ()
+        is_repeated = any(_split(name)[0] and _REPEATED.search(name) for name in self.record.names)
+        if not is_repeated or not 1 < len(row) <= len(self.record.names):
+            return []
+        cells = [cell.strip() for cell in row] + [""] * (len(self.record.names) - len(row))
+        return [next((c for c in cells[i::-1] if c), "") for i in range(len(cells))]
 
     def _speed_place(self, column: StrokeColumn) -> int:
         """Return the speed of a column of forces: of its stroke, or the nearest one before it, or the first one."""
@@ -280,6 +294,11 @@ class Columns:
         raw = self.record.numbers(i, channel=channel)
         check_finite(raw, channel=channel, origin=self.record.origin)
         return convert(raw, unit, si)
+
+
+def _is_plain(column: StrokeColumn) -> bool:
+    """Return whether a column's name has the stroke alone, at most with the mark of a repeated name."""
+    return not column.clicks or bool(_REPEATED.fullmatch(column.clicks))
 
 
 def _words(column: StrokeColumn) -> set[str]:

@@ -59,6 +59,10 @@ RATIO_TOLERANCE = 0.08
 RECTIFIED_CORRELATION = 0.3
 #: ... it does not fall below minus this share of its maximum.
 RECTIFIED_FLOOR = 0.02
+#: Number of classes of the rebound speed in which the force may fall to zero and rise again.
+TURN_CLASSES = 12
+#: Smallest number of samples of a class.
+TURN_SAMPLES = 5
 #: Seconds that a fit uses unless others are given (3.3).
 SEGMENT = (1.0, 10.0)
 #: Share of the range, and number of standard errors, of a negative force at standstill that is reported.
@@ -189,12 +193,34 @@ def rectified_force(series: TimeSeries) -> str:
     speed = np.abs(velocity)
     fast = speed > FAST * float(speed.max())
     with_speed = [_correlation(speed[side], force[side]) for side in (fast & (velocity > 0.0), fast & (velocity < 0.0))]
-    if min(with_speed) < RECTIFIED_CORRELATION:
-        return ""
-    return (
-        f"minimum {force.min():.4g} N, maximum {force.max():.4g} N; its correlation with speed is {with_speed[0]:.2f} "
-        f"in compression and {with_speed[1]:.2f} in rebound, where it must be negative"
+    values = f"minimum {force.min():.4g} N, maximum {force.max():.4g} N"
+    if min(with_speed) >= RECTIFIED_CORRELATION:
+        return (
+            f"{values}; its correlation with speed is {with_speed[0]:.2f} in compression and {with_speed[1]:.2f} in "
+            "rebound, where it must be negative"
+        )
+    turn = _turning_speed(speed[velocity < 0.0], force[velocity < 0.0], float(force.max()))
+    return f"{values}; in rebound it falls to about zero at {turn:.2g} m/s and rises again beyond" if turn else ""
+
+
+def _turning_speed(speed: Array, force: Array, largest: float) -> float:
+    """Return the rebound speed [m/s] at which the force falls to zero and rises again; 0 if it does not.
+
+    Gas pushes in rebound too, so of a force with little damping only the part at high speed was negative.
+    """
+    place = np.minimum((speed / float(speed.max(initial=1e-12)) * TURN_CLASSES).astype(int), TURN_CLASSES - 1)
+    classes = [part for k in range(TURN_CLASSES) if (part := np.flatnonzero(place == k)).size >= TURN_SAMPLES]
+    if len(classes) < 3:
+        return 0.0
+    means = np.array([force[part].mean() for part in classes])
+    lowest = int(np.argmin(means))
+    beyond = np.concatenate(classes[lowest:])
+    is_folded = (
+        force.min() < RECTIFIED_FLOOR * largest
+        and means[-1] - means[lowest] > RECTIFIED_FLOOR * largest
+        and _correlation(speed[beyond], force[beyond]) >= RECTIFIED_CORRELATION
     )
+    return float(speed[classes[lowest]].mean()) if is_folded else 0.0
 
 
 def _correlation(first: Array, second: Array) -> float:

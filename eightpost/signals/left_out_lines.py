@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from eightpost.signals.raw_record import is_number
+from eightpost.signals.column_headers import is_number
 
 # ---- Comments -------------------------------------------------------------------------------------------------------
 

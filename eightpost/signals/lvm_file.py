@@ -14,10 +14,11 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import reading
+from eightpost.signals.column_headers import split_header
 from eightpost.signals.csv_file import read_csv_blocks
 from eightpost.signals.faults import Origin
 from eightpost.signals.lvm_text import has_header, readable_lines, separator_of
-from eightpost.signals.raw_record import RawRecord, split_header
+from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.text_cleaning import decoded, seconds_of
 from eightpost.signals.time_axes import by_time, temperatures_at
 from eightpost.units import compatible, convert, is_unit

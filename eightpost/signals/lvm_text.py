@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from eightpost.errors import FileFormatError
-from eightpost.signals.raw_record import is_number
+from eightpost.signals.column_headers import is_number
 
 _END_OF_HEADER, _NAMES = "***End_of_Header***", "X_Value"
 _SPECIAL = ("***Start_Special***", "***End_Special***")

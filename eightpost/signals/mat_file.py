@@ -12,10 +12,11 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path
 from eightpost.signals.channel_map import TIME_NAMES
+from eightpost.signals.column_headers import split_header
 from eightpost.signals.faults import Origin
 from eightpost.signals.mat_structs import opened
 from eightpost.signals.provenance import parse_header, time_series_header
-from eightpost.signals.raw_record import RawRecord, split_header
+from eightpost.signals.raw_record import RawRecord
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

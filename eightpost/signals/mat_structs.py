@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
     Args:
         content: Variables by name; structs are mappings, arrays of structs are sequences of mappings.
     """
-    content = {name: _as_struct(value) for name, value in content.items()}
+    content = {name: _as_struct(_recorded(value) or value) for name, value in content.items()}
     units = content.pop("units", {})
     while True:
         content, more = _with_plain_channels(content)
@@ -30,6 +31,46 @@ def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
         content = {name: _as_struct(value) for name, value in inner[0].items()}
         own = content.pop("units", {})
         units = units if _is_empty(own) else own
+
+
+def _recorded(value: Any) -> list[dict[str, Any]]:
+    """Return the channels of a recording of ControlDesk: a struct with X (times) and Y (signals), each with Data.
+
+    Signals with other times than the first one are left out. Of a path `"Model Root"/"Force"/"Out1"` the name is the
+    last part that is not a port, unless it is not unique.
+    """
+    axes, signals = (_rows(value.get(field)) for field in "XY") if isinstance(value, Mapping) else ([], [])
+    if not axes or not signals or not all("Data" in row for row in (*axes, *signals)):
+        return []
+    indices = [row.get("XIndex", 1 if len(axes) == 1 else 0) for row in signals]
+    if indices[0] not in range(1, len(axes) + 1):
+        return []
+    times = axes[int(indices[0]) - 1]
+    signals = [row for row, index in zip(signals, indices, strict=True) if index == indices[0]]
+    paths = [str(row.get("Name", "")) for row in signals]
+    short = [_last_part(path) for path in paths]
+    names = short if len(set(short)) == len(short) else paths
+    named = zip(["time", *names], [times, *signals], strict=True)
+    return [{"name": name, "data": row["Data"], "unit": _text_or_none(row.get("Unit"))} for name, row in named]
+
+
+def _text_or_none(value: Any) -> str | None:
+    return value if isinstance(value, str) and value else None  # an empty text of MATLAB is an empty array
+
+
+def _rows(value: Any) -> list[Mapping[str, Any]]:
+    """Return the structs of a struct or of an array of structs; nothing for other values."""
+    if isinstance(value, Mapping):
+        return [value]
+    rows = list(value) if isinstance(value, list) or _is_array_of_objects(value) else []
+    return rows if all(isinstance(row, Mapping) for row in rows) else []
+
+
+def _last_part(path: str) -> str:
+    """Return the last part of a signal's path that is not a port (`Out1`, `Value`)."""
+    parts = [part.strip().strip('"') for part in path.split("/")]
+    kept = [part for part in parts if part and not re.fullmatch(r"(?:In|Out)\d+|Value|Gain", part)]
+    return kept[-1] if kept else path
 
 
 def _is_empty(units: Any) -> bool:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, reading
+from eightpost.signals.column_headers import split_header
 from eightpost.signals.faults import Origin
 from eightpost.signals.provenance import parse_header, time_series_header
-from eightpost.signals.raw_record import RawRecord, split_header
+from eightpost.signals.raw_record import RawRecord
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries

@@ -21,126 +21,17 @@ from eightpost.errors import (
     UnknownUnitError,
 )
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.column_headers import is_number
 from eightpost.signals.faults import check_finite, check_time
-from eightpost.signals.text_cleaning import numbers_with_groups, seconds_of, times_of
+from eightpost.signals.text_cleaning import times_of
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.units import SI_UNITS, compatible, convert, is_unit, si_unit
+from eightpost.units import SI_UNITS, compatible, convert, si_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.faults import Origin
 
 
 _LOG = logging.getLogger(__name__)
-
-# ---- Column headers -------------------------------------------------------------------------------------------------
-
-_BRACKETED = re.compile(r"^(?P<name>.*\S)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]$")
-#: A name and a unit behind a slash, a comma or a colon: `Force / N`, `v/(mm/s)`, `Time, s`.
-_SEPARATED = re.compile(r"^(?P<name>[^/,:]*[^/,:\s])\s*[/,:]\s*(?P<unit>\([^()]+\)|[^()]+)$")
-#: A column of a matrix in MATLAB's notation, `data(:,2)`, which is a name.
-_MATRIX_COLUMN = re.compile(r":,\d+|\d+,:")
-_BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
-
-#: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
-_SUFFIXES = {
-    "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",
-    "m_s": "m/s", "m_s2": "m/s2", "ips": "in/s", "mm": "mm", "cm": "cm", "inch": "in", "N": "N", "kN": "kN",
-    "lbf": "lbf", "lbs": "lbf", "lb": "lbf", "kgf": "kgf", "Kgf": "kgf", "daN": "daN", "Nm": "N.m",
-    "psi": "psi", "bar": "bar", "kPa": "kPa", "MPa": "MPa", "Pa": "Pa", "degC": "degC", "degF": "degF", "Hz": "Hz",
-    "rpm": "rpm", "sec": "s",
-    "rad": "rad", "deg": "deg", "mm_per_sec": "mm/s", "in_per_sec": "in/s", "m_per_sec": "m/s", "mm_sec": "mm/s",
-    "in_sec": "in/s", "msec": "ms",
-}  # fmt: skip
-
-_TIME = {"t", "time", "timestamp"}
-_LENGTH = {"x", "z", "disp", "displacement", "pos", "position", "travel", "stroke", "height", "road"}
-_TEMPERATURE = {"t", "temp", "temperature"}
-#: Suffixes that may also be words or abbreviations (`max_s`, `sensor_in`): units only after a matching quantity.
-_CAUTIOUS = {
-    "s": ("s", _TIME), "ms": ("ms", _TIME), "us": ("us", _TIME), "m": ("m", _LENGTH), "in": ("in", _LENGTH),
-    "C": ("degC", _TEMPERATURE), "F": ("degF", _TEMPERATURE), "K": ("K", _TEMPERATURE),
-}  # fmt: skip
-#: The same suffixes in headers of capitals: `TIME_SEC`, `VEL_MM_S`.
-_CAPITALS = {suffix.upper(): unit for suffix, unit in _SUFFIXES.items()}
-_CAUTIOUS_CAPITALS = {suffix.upper(): (unit, words) for suffix, (unit, words) in _CAUTIOUS.items()}
-
-
-def split_header(text: str) -> tuple[str, str | None]:
-    """Split a column header into its name and its unit, which is None for a header without a unit.
-
-    Brackets (`velocity [in/s]`, `Force (N)`) contain any unit, known or not. A text behind a slash, a comma or a colon
-    (`Force / N`, `Time, s`) is a unit only if it is known. A suffix (`x_mm`, `v_mm_s`, `T_degC`, `TIME_SEC`) is a unit
-    only if it is in a list of such suffixes: `lf_force` and `max_s` have no unit.
-
-    >>> split_header("Force (N)"), split_header("v_mm_s"), split_header("max_s")
-    (('Force', 'N'), ('v', 'mm/s'), ('max_s', None))
-    """
-    text = text.strip()
-    if separated := _separated(text):
-        return separated
-    match = _BRACKETED.match(text)
-    if match and not _MATRIX_COLUMN.fullmatch(match["unit"]):
-        return match["name"], match["unit"].strip()
-    for cut in [i for i, letter in enumerate(text) if letter == "_" and i > 0]:
-        unit = _suffix_unit(text[:cut], text[cut + 1 :])
-        if unit:
-            return text[:cut], unit
-    return text, None
-
-
-def _separated(text: str) -> tuple[str, str] | None:
-    """Return the name and the unit of `Force / N`; None if no unit follows the mark, or the name ends in one.
-
-    `Vel mm/s` is not divided: its name would end in a unit.
-    """
-    match = _SEPARATED.match(text)
-    last = match["name"].split()[-1] if match else ""
-    if match is None or (" " in match["name"] and is_unit(last) and not is_number(last)):
-        return None
-    unit = match["unit"].strip().removeprefix("(").removesuffix(")").strip()
-    return (match["name"], unit) if unit and not is_number(unit) and is_unit(unit) else None
-
-
-def _suffix_unit(stem: str, suffix: str) -> str | None:
-    if suffix in _SUFFIXES:
-        return _SUFFIXES[suffix]
-    if stem.isupper() and suffix in _CAPITALS:
-        return _CAPITALS[suffix]
-    cautious = _CAUTIOUS | (_CAUTIOUS_CAPITALS if stem.isupper() else {})
-    unit, words = cautious.get(suffix, (None, set()))
-    return unit if re.split(r"[\s_.]", stem)[-1].lower() in words else None
-
-
-def units_row(cells: list[str]) -> list[str] | None:
-    """Return the units of a row under the header (`s;mm;N`, brackets allowed), or None if it is not a row of units.
-
-    A row of units contains no number and at least one cell that can be read as a unit.
-    """
-    bare = [_BARE_BRACKETS.sub(lambda match: match["unit"], cell).strip() for cell in cells]
-    if any(is_number(cell) for cell in bare if cell != "1"):
-        return None
-    return bare if any(cell and is_unit(cell) for cell in bare) else None
-
-
-def is_number(cell: str) -> bool:
-    """Return whether a cell is a number, with a decimal point or comma and thousands separators, or a time of day."""
-    try:
-        if numbers_with_groups(np.array([cell], dtype=object), ".") is not None or seconds_of(cell) is not None:
-            return True
-        float(cell.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def letters_of(name: str) -> str:
-    """Return a name in lower case and reduced to its letters, for the comparison with usual names.
-
-    >>> letters_of("Shock Vel. 1")
-    'shockvel'
-    """
-    return re.sub(r"[^a-z]", "", name.lower())
-
 
 # ---- Raw records ----------------------------------------------------------------------------------------------------
 
@@ -205,6 +96,7 @@ class RawRecord:
 
         Raises:
             MissingUnitError: No source states the unit.
+            NotANumberError: The column is the time, has no unit, and a cell is neither a number nor a time.
             UnknownUnitError: The file and `given` state different units.
         """
         source, stated = self.names[index], self.units[index]
@@ -217,6 +109,8 @@ class RawRecord:
                 channel=channel,
             )
         unit = mapped or given_unit or stated
+        if unit is None and channel == "time" and self.columns[index].dtype == object:
+            self._check_times(index)
         if unit is None:
             raise self.origin.header_fault(
                 MissingUnitError,
@@ -225,6 +119,16 @@ class RawRecord:
                 channel=channel,
             )
         return unit
+
+    def _check_times(self, index: int) -> None:
+        """Raise a NotANumberError for the first cell of a column of times that is neither a number nor a time."""
+        for row, cell in enumerate(map(str, self.columns[index])):
+            if not is_number(cell):
+                what = (
+                    f"{cell!r} is neither a number nor a time; write seconds, hh:mm:ss.s or a date such as 2026-11-12 "
+                    "or 12-Nov-2026 before the time"
+                )
+                raise self.origin.fault(NotANumberError, what, channel="time", sample=row)
 
     def numbers(self, index: int, *, channel: str) -> NDArray[np.float64]:
         """Return a column (N,) as numbers; a NotANumberError names the first cell that is not a number."""

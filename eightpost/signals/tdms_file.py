@@ -12,8 +12,9 @@ from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.signals.channel_map import TIME_NAMES
+from eightpost.signals.column_headers import split_header
 from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord, split_header
+from eightpost.signals.raw_record import RawRecord
 
 if TYPE_CHECKING:
     from eightpost.confined.readers import Table

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.units import is_unit
+
 # ---- Encoding -------------------------------------------------------------------------------------------------------
 
 
@@ -92,28 +94,39 @@ _NAME_WITH_UNIT = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?")
 
 def with_tabs(lines: list[str]) -> list[str]:
     """Return the lines of a table whose columns are separated by spaces with tabs instead; other lines unchanged."""
-    counts = Counter(len(cells) for line in lines[:200] if (cells := _spaced_numbers(line)))
+    counts = Counter(cells for line in lines[:200] if (cells := _spaced_numbers(line)))
     if not counts:
         return lines
-    width, often = counts.most_common(1)[0]
-    if width < 2 or often < 0.5 * sum(bool(line.strip()) for line in lines[:200]) - 30:
+    kinds, often = counts.most_common(1)[0]
+    if often < 0.5 * sum(bool(line.strip()) for line in lines[:200]) - 30 * all(kinds):
         return lines
+    width = len(kinds)
     return [_with_tabs(line, width) for line in lines]
 
 
-def _spaced_numbers(line: str) -> list[str]:
-    """Return the numbers of a line that has nothing else; empty for other lines."""
+def _spaced_numbers(line: str) -> tuple[bool, ...]:
+    """Return whether each cell of a line is a number or a time; empty for a line with fewer than two, or delimiters."""
     if "\t" in line or ";" in line:
-        return []
+        return ()
     cells = line.split()
-    return cells if len(cells) > 1 and all(_PLAIN.fullmatch(c) and c[-1] != "," for c in cells) else []
+    found = tuple(bool(_PLAIN.fullmatch(cell)) or seconds_of(cell) is not None for cell in cells)
+    has_commas = any("," in cell and (not plain or cell[-1] == ",") for cell, plain in zip(cells, found, strict=True))
+    return found if sum(found) > 1 and not has_commas else ()
 
 
 def _with_tabs(line: str, width: int) -> str:
-    for cells in (re.split(r"\s{2,}", line.strip()), line.split(), _NAME_WITH_UNIT.findall(line)):
+    for cells in (re.split(r"\s{2,}", line.strip()), line.split(), _NAME_WITH_UNIT.findall(line), _pairs(line)):
         if len(cells) == width:
             return "\t".join(cells)
     return line
+
+
+def _pairs(line: str) -> list[str]:
+    """Return the names with units of `Time s Force N`: every second word is a unit."""
+    words = line.split()
+    names, units = words[::2], words[1::2]
+    is_paired = len(names) == len(units) and all(is_unit(unit) and not unit.isnumeric() for unit in units)
+    return [f"{name} [{unit}]" for name, unit in zip(names, units, strict=False)] if is_paired else []
 
 
 # ---- Footers --------------------------------------------------------------------------------------------------------
@@ -214,16 +227,32 @@ def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64
 
 # ---- Times of day and dates -----------------------------------------------------------------------------------------
 
+#: Months as words: English, German, French, Italian, Spanish, Portuguese and Dutch, abbreviated or not.
+_MONTH = (
+    r"(?:jan|feb|f[ée]v|fev|m[aä]r|maa|mrt|apr|avr|abr|ma[iyg]|mei|jui?n|giu|jui?l|lug|aug|ao[uû]|ago|se[pt]t?|oct|okt|"
+    r"ott|out|nov|de[czs]|d[ée]c|dic|gen|ene)[^\W\d_]*\.?"
+)
+#: A day before a time of day. It only matters past midnight, which the times show, so its order need not be known.
+_DAY_BEFORE = (
+    r"(?:\d{1,2}[./-]\d{1,2}[./-](?:\d{4}|\d{2})|\d{4}[./]\d{1,2}[./]\d{1,2}|"
+    rf"(?:[^\W\d_]{{2,10}}\.?,? +)?(?:\d{{1,2}}[ .-]+{_MONTH}[ .,-]+\d{{2,4}}|{_MONTH}[ -]+\d{{1,2}}[ ,-]+\d{{4}}))"
+    r"[ T,]+(?=\d{1,2}:\d{2}:)"
+)
 _CLOCK = re.compile(
-    r"(?:\d{1,2}[./-]\d{1,2}[./-]\d{4}[ T]+(?=\d{1,2}:\d{2}:))?"  # a day, which only matters past midnight
-    r"(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?"
+    rf"(?:{_DAY_BEFORE})?"
+    r"(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?",
+    re.IGNORECASE,
 )
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{1,2}:\d{2}")
 _DAY = 86400.0
 
 
 def seconds_of(text: str) -> float | None:
-    """Return the seconds of `hh:mm:ss.s`, `mm:ss.s`, an ISO date and time, or `dd.mm.yyyy hh:mm:ss.s`; else None."""
+    """Return the seconds of `hh:mm:ss.s`, `mm:ss.s`, or of these behind a date; else None.
+
+    The day counts in ISO dates (`2026-11-12 10:00:00`) only; in others (`12.11.2026`, `11/12/26`, `12-Nov-2026`) its
+    order may be unknown.
+    """
     text = text.strip()
     if match := _CLOCK.fullmatch(text):
         hours, minutes, seconds, half = match.groups()

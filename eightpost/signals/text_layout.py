@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eightpost.cells import plain_cell
 from eightpost.errors import FileFormatError
-from eightpost.signals.raw_record import is_number, split_header, units_row
+from eightpost.signals.column_headers import is_number, split_header, units_row
 
 # ---- Layout of a text file ------------------------------------------------------------------------------------------
 

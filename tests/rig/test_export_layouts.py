@@ -11,8 +11,8 @@ from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
+from eightpost.signals.column_headers import split_header
 from eightpost.signals.left_out_lines import is_cut_off
-from eightpost.signals.raw_record import split_header
 from eightpost.units import convert
 
 from .layouts import (
@@ -340,7 +340,7 @@ def test_a_unit_is_found_in_every_notation(name, unit, mark):
     assert split_header(name + mark.format(unit)) == (name, unit)
 
 
-@pytest.mark.parametrize("header", ["Vel mm/s", "F/v", "comp/reb", "max_s", "MAX_S", "lf_force", "run 3: clicks 4"])
+@pytest.mark.parametrize("header", ["Disp N", "Load 2", "F/v", "comp/reb", "max_s", "MAX_S", "lf_force", "run 3: 4"])
 def test_what_is_not_a_unit_stays_in_the_name(header):
     assert split_header(header) == (header, None)
 

@@ -88,6 +88,8 @@ FAULTS = {
     "velocity in in/s labelled mm/s": ("contradictory units", times("v", 1 / 25.4), None),
     "force in lbf labelled N, of a shock below 4400 N.s/m": ("unlikely units", times("F", 0.9 * 0.2248), None),
     "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
+    "rectified force of which 7 % of the range were negative": (
+        "rectified force", lambda c: c | {"F": np.abs(c["F"] - c["F"].min() - 0.07 * np.ptp(c["F"]))}, None),
     "all signs reversed": ("negative force at standstill",
                            both(times("F", -1.0), times("v", -1.0), times("x", -1.0)), None),
     "two settings": ("the shock changed", lambda c: later(c, 1.15), None),
@@ -112,6 +114,13 @@ def test_a_good_record_has_no_reason(tmp_path):
         "supply": np.full(good["t"].size, 12.0), "noise": np.random.default_rng(2).standard_normal(good["t"].size),
     }  # fmt: skip
     assert rules(tmp_path, good | extra) == []
+
+
+@pytest.mark.parametrize("lowest", [0.0, 0.01])
+def test_gas_that_keeps_the_force_positive_does_not_look_rectified(tmp_path, lowest):
+    columns = sine()
+    span = np.ptp(columns["F"])
+    assert "rectified force" not in rules(tmp_path, columns | {"F": columns["F"] - columns["F"].min() + lowest * span})
 
 
 def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):

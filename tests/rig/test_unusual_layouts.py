@@ -194,7 +194,7 @@ REFUSED = {
     "UTF-32": (text(H, encoding="utf-32"), "zero byte"),
     "a colon before the milliseconds": (
         text("Time,x [mm],v [mm/s],F [N]", [[f"00:00:{int(t):02d}:{round(1e4 * (t % 1)):04d}" for t in T], *SI[1:]]),
-        "no unit"),
+        "neither a number nor a time"),
     "a header among the samples": (interrupted(H, by=160), "3 tables.*lines 1, 162, 323"),
     "statistics without words": (text(H, below="0.6,0.0,0.0,120.0\n0.0,14.0,220.0,1200.0\n"), "time decreases"),
     "a second table of other columns": (text(H, below="\nSpeed [mm/s],Compression [N]\n50,400\n100,700\n"), "line 48"),

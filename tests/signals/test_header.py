@@ -2,7 +2,7 @@
 
 import pytest
 
-from eightpost.signals.raw_record import split_header, units_row
+from eightpost.signals.column_headers import split_header, units_row
 
 
 @pytest.mark.parametrize(

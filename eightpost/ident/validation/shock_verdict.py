@@ -77,7 +77,7 @@ OFFSET_ERROR = RULES.add("offset of a prediction", ABOUT, Grade.LIMITED,
 MISSING_DYNAMICS = RULES.add("dynamics missing in the law", ABOUT, Grade.LIMITED,
     condition=f"more than {100 * COHERENT:g} % of the residual is coherent with the velocity",
     why="a linear filter would predict it: the law misses dynamics, or the slope of its curve is wrong",
-    remedy="fit a law with a lag",
+    remedy="fit a law with a lag; if it has one, fit it to a record like this one too",
 )  # fmt: skip
 
 

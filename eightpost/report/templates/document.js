@@ -35,6 +35,7 @@ function layout(units, given) {
 
 const NARROW = 760, PANEL = 250, GAP = 62; // width of a small screen, height of a panel and of its axis there [px]
 let stacked = document.body.clientWidth < NARROW; // on paper never
+let wide = document.body.clientWidth; // width for which the figures are drawn; only stacked ones depend on it
 
 /** Return a layout with its panels one below the other in the width of a small screen. */
 function inOneColumn(whole, figure, width) {
@@ -60,7 +61,7 @@ function draw(place) {
   place.drawn = true;
   const figure = content.figures[Number(place.dataset.figure)];
   const whole = layout(figure.units, figure.layout);
-  const shown = stacked ? inOneColumn(whole, figure, document.body.clientWidth - 32) : whole;
+  const shown = stacked ? inOneColumn(whole, figure, wide - 32) : whole;
   place.style.width = `${shown.width}px`;
   place.style.height = `${shown.height}px`;
   Plotly.react(place, figure.data.map((one) => trace(figure.units, one)), shown, SETTINGS);
@@ -73,11 +74,12 @@ function color() {
   content = JSON.parse(source, dark ? (_key, value) => (typeof value === "string" && DARK[value]) || value : undefined);
 }
 
-/** Draw all figures again if they are to be stacked or not, or if the colours change. */
+/** Draw all figures again if they are to be stacked or not, in another width, or in other colours. */
 function drawAll(narrow) {
-  const unchanged = narrow === stacked && dark === (darkness.matches && !printing);
+  const same = narrow === stacked && (!narrow || wide === document.body.clientWidth);
+  const unchanged = same && dark === (darkness.matches && !printing);
   if (!content || !window.Plotly || unchanged) return;
-  stacked = narrow;
+  [stacked, wide] = [narrow, document.body.clientWidth];
   color();
   places.filter((place) => place.drawn).forEach(draw);
 }
