@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
 from eightpost.app.options import map_option
+from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 from eightpost.report.console import Table, console_table, right
@@ -62,7 +63,6 @@ def confirm(
     from cosim.study.result import StudyResult
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict, write_page
-    from eightpost.rig.post import read_rig_test
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)
@@ -78,7 +78,7 @@ def confirm(
         result,
         replace(known, run_to_run={**measured_noise(folder), **known.run_to_run}),
         runs,
-        lambda file: read_rig_test(file, channel_map=channel_map).series,
+        record_reader(console, channel_map),
         measures=measures,
     )
     for note in (*notes, *found.notes):

@@ -277,6 +277,13 @@ _POLISHING = 12
 _EXHAUSTIVE = 5000
 
 
+def bank_plan(requested: Requested) -> str:
+    """Return which setups of the bank are run before the curves are searched."""
+    if len(requested.study.space) > _EXHAUSTIVE:
+        return f"at most {Search().evaluations} to be evaluated; then the curves are searched"
+    return f"{requested.left} to be run; then the curves are searched"
+
+
 def _best_of_bank(
     requested: Requested, workers: Workers, coupling: Coupling, objective: str
 ) -> tuple[StudyResult, int]:

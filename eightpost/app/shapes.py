@@ -147,10 +147,10 @@ def _search(
 ) -> Aim:  # fmt: skip
     from cosim.study.folder import RESULTS
     from cosim.study.running.sweep import Requested
-    from eightpost.app.shape_search import aim
+    from eightpost.app.shape_search import aim, bank_plan
 
     requested = Requested(described, output)
-    show_study(console, requested)
+    show_study(console, requested, bank_plan(requested))
     with running_workers(workers, scheduler) as pool:
         with console.status("choosing the coupling step"):
             coupling = requested.coupling(pool)

@@ -21,7 +21,15 @@ from eightpost.__main__ import main
 from eightpost.corners import CORNERS
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
+from eightpost.rig.post import (
+    NO_DRIFT,
+    Actuators,
+    RigSensors,
+    RigTest,
+    read_rig_test,
+    run_test,
+    seven_dof_truth,
+)
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.validity import Validity
@@ -127,6 +135,47 @@ def test_measured_levels_agree_with_predicted_ones(folder, measured):
         assert one["spearman"] == pytest.approx(1.0)
         assert abs(one["bias_percent"]) < 1.0
     assert (folder / "compared" / "comparison.png").stat().st_size > 10_000
+
+
+@pytest.fixture
+def tires_only(folder, measured, tmp_path) -> Path:
+    """Return a list of the records, which have tire forces only."""
+    for run in measured:
+        series = read_rig_test(run.file).series
+        RigTest(series.select(list(TIRES))).write(tmp_path / run.file.name)
+    path = tmp_path / "tires.csv"
+    path.write_text("file,setup\n" + "".join(f"{run.file.name},{run.setup}\n" for run in measured))
+    return path
+
+
+def test_records_need_only_the_channels_of_the_measures(folder, sure, tires_only, pages):
+    compared = eightpost("compare", sure, "--measured", tires_only)
+    confirmed = eightpost("confirm", sure, tires_only)
+    for shown in (compared, confirmed):
+        text = " ".join(shown.output.split())
+        assert shown.exit_code == 0, text
+        assert "without front ride height, because the records lack front.ride_height" in text
+        assert "sign and corner of lf.tire_force, rf.tire_force" in text and "were not checked" in text
+    found = json.loads((sure / "compared" / "comparison.json").read_text())["measures"]
+    assert [one["measure"] for one in found] == ["total tire force"]
+    assert all(set(run.values) == {"total tire force"} for run in read_certainty(sure / "certainty.parquet").runs)
+
+
+@pytest.mark.parametrize("command", [("compare", "--measured"), ("confirm",)])
+def test_records_without_the_channels_of_any_measure_are_refused_with_what_they_lack(sure, tires_only, command):
+    verb, *option = command
+    shown = eightpost(verb, sure, *option, tires_only, "--measure", "front ride height")
+    assert shown.exit_code == 2
+    assert "the records lack front.ride_height" in " ".join(shown.stderr.split())
+
+
+def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp_path):
+    words = ["compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
+    text = CliRunner(env={"COLUMNS": "80"}).invoke(main, words).output
+    lines = [line for line in text.splitlines() if line[:1] in "┃│"]
+    assert lines and max(map(len, lines)) <= 80 and "…" not in text
+    for heading in ("Spearman", "attainable", "Kendall", "slope (95 %)", "level", "bias", "a run's", "interval"):
+        assert heading in text
 
 
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
