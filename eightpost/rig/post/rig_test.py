@@ -25,7 +25,6 @@ from eightpost.signals.raw_record import find_time, mapped_series
 from eightpost.signals.recording import Recording
 
 if TYPE_CHECKING:
-    from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -150,22 +149,8 @@ class RigTest(Recording):
             ("sign and corner unchecked", ", ".join(self.unchecked)),
         )
 
-    def plot(
-        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
-    ) -> Picture:
-        """Return a picture of channels over time.
-
-        Args:
-            channels: Names of the channels; default: the first twelve.
-            start: Start of the shown part [s].
-            stop: End of the shown part [s].
-
-        Raises:
-            MissingChannelError: The test has no such channel.
-        """
-        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
-
-        return picture(self.series, channels, start=start, stop=stop, title=self.source.name if self.source else "")
+    def _title(self) -> str:
+        return self.source.name if self.source else ""
 
     def write(self, path: str | Path) -> None:
         """Write a .parquet file (single precision, SI), or a .csv (SI, units in the header).
