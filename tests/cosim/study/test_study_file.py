@@ -138,6 +138,9 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
         ('baseline = "B"', 'baseline = "C"', "lf cannot have the build 'C'"),
         ('settling = "1500 ms"', "settling = 5.0", "settling is 5 s; it must be shorter"),
         ("schema = 1", "schema = 2", "this version reads schema 1"),
+        ('settling = "1500 ms"', 'settling = "2 lbf"', "line 5: settling: cannot convert 'lbf' to 's': the dimensions"),
+        ('"-2 in/s"', '"-2 in"', "measure 'slow rebound', from: cannot convert 'in' to 'm/s'"),
+        ('at_most = "0.5 in"', 'at_most = "0.5 g"', "constraint 'aero number': cannot convert 'g' to 'm'"),
     ],
 )
 def test_error_messages_state_the_line(write, old, new, message):
