@@ -171,6 +171,11 @@ class _Reader:
         vehicle, car = self._vehicle()
         bank = {name: self._build(name, part) for name, part in content.bank.items()}
         corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
+        if not corners:
+            given = self._folder / content.vehicle.fmu
+            raise InputError(f"vehicle.fmu: {given} has no port for a shock, so it is no vehicle that a study can run; "
+                             "name a vehicle, or its corners in [corners]")  # fmt: skip
+        self._check_shocks(bank)
         drives = tuple(self._drive(drive) for drive in content.drive)
         measures = self._measures(vehicle, car, tuple(corners), bank, drives)
         baseline = content.baseline
@@ -189,6 +194,16 @@ class _Reader:
             accuracy=content.accuracy,
             record_step=_si(content.record_step, "record_step", "s"),
         )
+
+    def _check_shocks(self, bank: Mapping[str, Build]) -> None:
+        """Raise an error if a build of the bank is no shock."""
+        for name, build in bank.items():
+            known = FmuComponent(build.fmu, name).variables
+            if missing := [quantity for quantity in ("velocity", "force") if quantity not in known]:
+                part = self._content.bank[name]
+                file = self._folder / (part if isinstance(part, str) else part.fmu)
+                raise InputError(f"bank: {name!r}, {file}, is no shock: it has no {missing[0]}; name a shock file or "
+                                 "the FMU of a shock (docs/reference/ports.md)")  # fmt: skip
 
     def _vehicle(self) -> tuple[Vehicle, FmuComponent]:
         part = self._content.vehicle

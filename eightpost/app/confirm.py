@@ -69,8 +69,8 @@ def confirm(
     before = earlier_certainty(result, folder)
     if before is None:
         raise InputError(
-            f"{folder / CERTAINTY}: the study has no certainty; run `eightpost study` again with the same folder "
-            "(completed runs are not repeated)"
+            f"{folder / CERTAINTY}: the study has no certainty, or that of another study; run `eightpost study` again "
+            "with the same folder (completed runs are not repeated)"
         )
     runs, notes = requested_runs(result, records)
     known = Knowledge.of(before)

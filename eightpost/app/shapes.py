@@ -115,7 +115,11 @@ def shapes(
     if objective is not None:
         described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
-    found = _search(console, described, output, sources, request, workers, scheduler)
+    try:
+        found = _search(console, described, output, sources, request, workers, scheduler)
+    except KeyboardInterrupt:
+        console.print("[yellow]stopped[/]: runs of the bank are kept, those of the search are not; start it again")
+        ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
     for path in write_aim(found, output):

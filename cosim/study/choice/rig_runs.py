@@ -166,7 +166,10 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
     cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
         raise FileFormatError(
-            "has no record; the list needs a column `file` with the name of the record", path=path, line=line
+            f"has no record; the list needs a column `file` with the name of the record, and its columns are "
+            f"{', '.join(cells) or 'empty'} (they are separated by commas)",
+            path=path,
+            line=line,
         )
     drive = cells.get("drive") or study.drives[0].name
     if drive not in [d.name for d in study.drives]:
@@ -181,6 +184,10 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
 def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
     """Return the setup of a line, by its builds or else by its number; if both are given, they must agree."""
     builds = {corner: cells[corner] for corner in space.corners if cells.get(corner)}
+    if not builds and not cells.get("setup"):
+        raise InputError(
+            f"there is no setup; state its number in a column `setup`, or builds at {', '.join(space.corners)}"
+        )
     number = _number(cells["setup"]) if cells.get("setup") else None
     if not builds and number is not None:
         return space.setup(number).index

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from cosim.study.certainty import Effect, read_certainty, write_certainty
 from cosim.study.certainty.assess import Knowledge, certainty_of
@@ -18,6 +19,7 @@ from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main
+from eightpost.app.certainty import with_runs
 from eightpost.corners import CORNERS
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
@@ -304,6 +306,31 @@ def test_confirm_needs_a_certainty(sure, measured):
     shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
     assert shown.exit_code == 2
     assert "run `eightpost study` again" in " ".join(shown.stderr.split())
+
+
+def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measured, pages):
+    damaged = (sure / "certainty.parquet").read_bytes()[:500]
+    (sure / "certainty.parquet").write_bytes(damaged)
+    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    text = " ".join(shown.stderr.split())
+    assert shown.exit_code == 2 and "certainty.parquet: not a readable Parquet file" in text
+    assert "take certainty.previous.parquet instead, or run `eightpost study` again" in text
+    assert (sure / "certainty.parquet").read_bytes() == damaged
+    console = Console(record=True, width=200)
+    result = StudyResult.load(sure / "results.parquet")
+    assert with_runs(console, Knowledge(), result, sure) == Knowledge()
+    assert "rig runs are not taken over: confirm them again" in console.export_text()
+    assert (sure / "certainty.replaced.parquet").read_bytes() == damaged
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("file;setup\na.parquet;3\n", "its columns are file;setup (they are separated by commas)"),
+    ("file,setup\na.parquet,\n", "line 2: there is no setup; state its number in a column `setup`"),
+])  # fmt: skip
+def test_a_list_of_another_form_is_refused_with_its_columns(sure, tmp_path, text, message):
+    (tmp_path / "list.csv").write_text(text)
+    shown = eightpost("confirm", sure, tmp_path / "list.csv")
+    assert shown.exit_code == 2 and message in " ".join(shown.stderr.split())
 
 
 def test_robust_needs_an_uncertain_part(folder, tmp_path):

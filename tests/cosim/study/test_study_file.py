@@ -148,6 +148,17 @@ def test_error_messages_state_the_line(write, old, new, message):
         read_study(write(old, new))
 
 
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ('A = "{shock}"', 'A = "{car}"', "bank: 'A', .*is no shock: it has no velocity"),
+    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock"),
+])  # fmt: skip
+def test_a_car_among_the_shocks_and_a_shock_as_the_car_are_named(write, old, new, message):
+    text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
+    assert text.count(old) == 1
+    with pytest.raises(InputError, match=message):
+        read_study(write(text=text.replace(old, new)))
+
+
 def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_study(tmp_path / "none.toml")
