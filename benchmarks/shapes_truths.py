@@ -51,7 +51,8 @@ from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post import Shock as RigShock
 from eightpost.shock import Shock, write_shock
-from eightpost.shock.shape import Shape, fit_force
+from eightpost.shock.shape import Shape
+from eightpost.shock.shape_fit import fit_force
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.vehicle.storage import write_vehicle
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,8 +22,6 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     import xarray as xr
 
-    from eightpost.report.pictures import Picture
-
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
 SCHEMA = 1
@@ -40,22 +38,8 @@ class RunChannels(Recording):
         def order(self) -> tuple[str, ...]:
             """Components in the order of stepping."""
 
-    def plot(
-        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
-    ) -> Picture:
-        """Return a picture of recorded channels over time.
-
-        Args:
-            channels: Names of the channels; default: the first twelve.
-            start: Start of the shown part [s]; default: so that a long run shows its middle.
-            stop: End of the shown part [s].
-
-        Raises:
-            MissingChannelError: A channel was not recorded.
-        """
-        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
-
-        return picture(self.series, channels, start=start, stop=stop, title=", ".join(self.order))
+    def _title(self) -> str:
+        return ", ".join(self.order)
 
     def __getitem__(self, name: str) -> Array:
         """Return a recorded channel (N,) in its SI unit.

@@ -110,11 +110,12 @@ class ParameterSweep(Summarized):
         parameters = {name: (("run",), [point.get(name) for point in self.points], "") for name in self.names}
         return dataset(variables, {"time": (("time",), first.time, "s"), **parameters})
 
-    def plot(self, channel: str, across: str | None = None, *, statistic: Statistic = "rms") -> Picture:
+    def plot(self, channel: str | None = None, across: str | None = None, *, statistic: Statistic = "rms") -> Picture:
         """Return a picture of a statistic of a channel over a parameter.
 
         Args:
-            channel: Recorded channel.
+            channel: Recorded channel; default: the one whose statistic changes most between the runs, relative to the
+                largest of all channels with its unit.
             across: Parameter of the horizontal axis; default: the first one.
             statistic: Statistic of the channel.
 
@@ -127,6 +128,7 @@ class ParameterSweep(Summarized):
         name = across or self.names[0]
         if name not in self.names:
             raise InputError(f"{name!r} is not a parameter of the sweep; those are {', '.join(self.names)}")
+        channel = self._most_changed(statistic) if channel is None else channel
         places = [point.get(name) for point in self.points]
         if any(isinstance(place, str) or place is None for place in places):
             raise InputError(f"the values of {name} are not numbers, or a run does not have it: {places}")
@@ -134,6 +136,13 @@ class ParameterSweep(Summarized):
         values = np.array(places, dtype=np.float64), self.values(channel, statistic)
         labels = (name, f"{channel}, {statistic} [{unit}]")
         return cloud(Cloud(values, labels, np.ones(len(self), dtype=np.bool_), is_line=len(self.names) == 1))
+
+    def _most_changed(self, statistic: Statistic) -> str:
+        """Return the channel whose statistic changes most between the runs, relative to the largest of its unit."""
+        series = self.results[0].series
+        table, units = np.stack([self.values(name, statistic) for name in series.names]), np.array(series.units)
+        largest = np.array([np.abs(table[units == unit]).max() for unit in series.units])
+        return series.names[int(np.argmax(np.ptp(table, axis=1) / np.where(largest > 0.0, largest, 1.0)))]
 
 
 def sweep_parameters(

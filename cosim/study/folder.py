@@ -21,7 +21,7 @@ from eightpost.files import MALFORMED, json_content
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
 #: Certainty of the study, and the one before the last `eightpost confirm`.
-CERTAINTY, PREVIOUS = "certainty.parquet", "certainty.previous.parquet"
+CERTAINTY, PREVIOUS, REPLACED = "certainty.parquet", "certainty.previous.parquet", "certainty.replaced.parquet"
 
 
 #: Content and page of the curves to aim at, which `eightpost shapes` writes.

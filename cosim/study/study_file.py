@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.components.component import Variable
-from cosim.components.conversion import convert_between, named_unit
+from cosim.components.conversion import convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.study.families import Car, family
 from cosim.study.measures import Measure
@@ -163,6 +163,7 @@ class _Reader:
 
     def __init__(self, path: Path, content: _File, fmu: Sources) -> None:
         self._folder, self._path, self._content, self._fmu = path.parent, path, content, fmu
+        self._units = dict[str, str]()  # SI unit of each channel of the vehicle and the shocks
 
     def study(self) -> Study:
         """Return the study."""
@@ -170,6 +171,11 @@ class _Reader:
         vehicle, car = self._vehicle()
         bank = {name: self._build(name, part) for name, part in content.bank.items()}
         corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
+        if not corners:
+            given = self._folder / content.vehicle.fmu
+            raise InputError(f"vehicle.fmu: {given} has no port for a shock, so it is no vehicle that a study can run; "
+                             "name a vehicle, or its corners in [corners]")  # fmt: skip
+        self._check_shocks(bank)
         drives = tuple(self._drive(drive) for drive in content.drive)
         measures = self._measures(vehicle, car, tuple(corners), bank, drives)
         baseline = content.baseline
@@ -181,13 +187,23 @@ class _Reader:
             drives=drives,
             measures=measures,
             objective=tuple(_term(term, measures) for term in content.objective),
-            constraints=tuple(_constraint(one) for one in content.constraint),
+            constraints=tuple(_constraint(one, measures, self._units) for one in content.constraint),
             baseline=dict.fromkeys(corners, baseline) if isinstance(baseline, str) else baseline,
             alike=content.alike,
-            settling=_si(content.settling, "settling"),
+            settling=_si(content.settling, "settling", "s"),
             accuracy=content.accuracy,
-            record_step=_si(content.record_step, "record_step"),
+            record_step=_si(content.record_step, "record_step", "s"),
         )
+
+    def _check_shocks(self, bank: Mapping[str, Build]) -> None:
+        """Raise an error if a build of the bank is no shock."""
+        for name, build in bank.items():
+            known = FmuComponent(build.fmu, name).variables
+            if missing := [quantity for quantity in ("velocity", "force") if quantity not in known]:
+                part = self._content.bank[name]
+                file = self._folder / (part if isinstance(part, str) else part.fmu)
+                raise InputError(f"bank: {name!r}, {file}, is no shock: it has no {missing[0]}; name a shock file or "
+                                 "the FMU of a shock (docs/reference/ports.md)")  # fmt: skip
 
     def _vehicle(self) -> tuple[Vehicle, FmuComponent]:
         part = self._content.vehicle
@@ -210,12 +226,12 @@ class _Reader:
 
     def _drive(self, drive: _Drive) -> Drive:
         file, mapping = self._folder / drive.file, self._folder / drive.channel_map if drive.channel_map else None
-        start = _si(drive.start, "drive.start")
+        start = _si(drive.start, "drive.start", "s")
         if drive.stop is None:
             read = Drivefile.read(file, channel_map=ChannelMap.read(mapping) if mapping else None, units=drive.units)
             stop = float(read.series.time[-1]) - start
         else:
-            stop = _si(drive.stop, "drive.stop")
+            stop = _si(drive.stop, "drive.stop", "s")
         return Drive(drive.name or file.stem, file, stop, start, drive.units, mapping, drive.targets)
 
     def _measures(
@@ -228,9 +244,10 @@ class _Reader:
     ) -> tuple[Measure, ...]:
         """Return the measures of the families, on every drive, followed by the file's own."""
         shock = FmuComponent(next(iter(bank.values())).fmu, "shock") if bank else None
-        channels = {f"{vehicle.name}.{name}" for name in car.variables}
-        channels |= {f"{corner}.{name}" for corner in corners for name in (shock.variables if shock else ())}
-        known = Car(vehicle.name, corners, channels)
+        parts = {vehicle.name: car, **(dict.fromkeys(corners, shock) if shock else {})}
+        self._units = {f"{part}.{name}": to_si(variable)[1] for part, component in parts.items()
+                       for name, variable in component.variables.items()}  # fmt: skip
+        known = Car(vehicle.name, corners, set(self._units))
         common = [m for name in self._content.families for m in family(name, known)]
         common = [m for m in common if vehicle.means_trusted or not m.absolute]
         several = drives if len(drives) > 1 else ()
@@ -250,13 +267,20 @@ class _Reader:
             statistic=given.statistic,
             display=given.display,
             weights=given.weights,
-            band=_pair(given.band, f"{what}, band"),
-            section=_pair(given.section, f"{what}, section"),
-            options={key: _si(value, f"{what}, {key}") for key, value in given.options.items()},
+            band=_pair(given.band, f"{what}, band", "Hz"),
+            section=_pair(given.section, f"{what}, section", "s"),
+            options={
+                key: _si(value, f"{what}, {key}", self._unit_of(key, given)) for key, value in given.options.items()
+            },
             drive=given.drive,
             function=function,
             function_unit=given.unit,
         )
+
+    def _unit_of(self, option: str, given: _Measure) -> str:
+        """Return the SI unit of an option of a statistic; empty if it is not known."""
+        in_signal = given.statistic == "share" and not given.function
+        return self._units.get(given.channels[0], "") if in_signal and given.channels else ""
 
 
 def _of_drive(measure: Measure, drive: Drive) -> Measure:
@@ -268,24 +292,26 @@ def _term(term: _Term, measures: tuple[Measure, ...]) -> Term:
     return Term(term.measure, term.weight, term.unit or shown.get(term.measure, ""))
 
 
-def _constraint(given: _Constraint) -> Constraint:
+def _constraint(given: _Constraint, measures: tuple[Measure, ...], channels: Mapping[str, str]) -> Constraint:
     what = f"constraint {given.measure!r}"
-    return Constraint(given.measure, _si(given.at_least, what), _si(given.at_most, what))
+    known = {m.name: m.unit_for(channels.get(m.channels[0], "")) for m in measures}
+    unit = known.get(given.measure, "")
+    return Constraint(given.measure, _si(given.at_least, what, unit), _si(given.at_most, what, unit))
 
 
-def _pair(pair: tuple[Value, Value] | None, what: str) -> tuple[float, float] | None:
-    return None if pair is None else (_si(pair[0], what), _si(pair[1], what))
+def _pair(pair: tuple[Value, Value] | None, what: str, si: str) -> tuple[float, float] | None:
+    return None if pair is None else (_si(pair[0], what, si), _si(pair[1], what, si))
 
 
-def _si(value: Value, what: str) -> float:
-    """Return a number, or a value with its unit, in SI."""
+def _si(value: Value, what: str, si: str = "") -> float:
+    """Return a number, or a value with its unit, in the SI unit `si`, or in its own SI unit if that is not known."""
     if not isinstance(value, str):
         return value
     try:
         number, unit = units.quantity(value)
-        return units.convert(number, unit, units.si_unit(unit))
+        return units.convert(number, unit, si or units.si_unit(unit))
     except InputError as error:
-        raise InputError(f"{what}: {error}") from error
+        raise InputError(f"{what}: {error}, in the value {value!r}") from error
 
 
 def _own(component: FmuComponent, name: str, value: bool | Value) -> bool | Value:

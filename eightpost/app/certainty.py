@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ def assess(
         effects = effects_of(result, parameters, folder, workers, advance)
     known = Knowledge(effects, unstated, measured_noise(folder), notes=notes)
     with console.status("computing how sure the choice is"):
-        found = certainty_of(result, with_runs(known, result, folder), criterion=criterion)
+        found = certainty_of(result, with_runs(console, known, result, folder), criterion=criterion)
     write_certainty(found, folder / CERTAINTY)
     return found
 
@@ -53,11 +54,24 @@ def measured_noise(folder: Path) -> Mapping[str, float]:
         return {}
 
 
-def with_runs(known: Knowledge, result: StudyResult, folder: Path) -> Knowledge:
-    """Return what is known with the rig runs of the certainty in a study's folder, if it is of this study."""
-    from cosim.study.certainty.assess import Knowledge
+def with_runs(console: Console, known: Knowledge, result: StudyResult, folder: Path) -> Knowledge:
+    """Return what is known with the rig runs of the certainty in a study's folder, if it is of this study.
 
-    earlier = earlier_certainty(result, folder)
+    A certainty that is damaged or of another study is about to be replaced, so a copy is kept and named.
+    """
+    from cosim.study.certainty.assess import Knowledge
+    from cosim.study.folder import CERTAINTY, REPLACED
+
+    try:
+        earlier = earlier_certainty(result, folder)
+    except FileFormatError as error:
+        earlier, why = None, str(error)
+    else:
+        why = f"{folder / CERTAINTY} belongs to another study or to other FMUs"
+    if earlier is None and (folder / CERTAINTY).is_file():
+        shutil.copyfile(folder / CERTAINTY, folder / REPLACED)
+        console.print(f"[yellow]note[/] {escape(why)}; its rig runs are not taken over: confirm them again. It is kept "
+                      f"as {REPLACED}", highlight=False, soft_wrap=True)  # fmt: skip
     if earlier is None or not earlier.runs:
         return known
     noise = Knowledge.of(earlier).run_to_run
@@ -65,15 +79,23 @@ def with_runs(known: Knowledge, result: StudyResult, folder: Path) -> Knowledge:
 
 
 def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
-    """Return the certainty in a study's folder; None if it does not exist or belongs to another study."""
-    from cosim.study.certainty import read_certainty
-    from cosim.study.folder import CERTAINTY
+    """Return the certainty in a study's folder; None if it does not exist or belongs to another study.
 
-    try:
-        path = folder / CERTAINTY
-        return read_certainty(path, digest=result.provenance.digest) if path.is_file() else None
-    except FileFormatError:
+    Raises:
+        FileFormatError: The file is damaged.
+    """
+    from cosim.study.certainty import read_certainty
+    from cosim.study.folder import CERTAINTY, PREVIOUS
+
+    path = folder / CERTAINTY
+    if not path.is_file():
         return None
+    try:
+        found = read_certainty(path)
+    except FileFormatError as error:
+        advice = f"take {PREVIOUS} instead, or run `eightpost study` again and confirm the rig runs again"
+        raise FileFormatError(f"{error}; or {advice}") from error
+    return found if found.digest == result.provenance.digest else None
 
 
 def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:

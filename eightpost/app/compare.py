@@ -12,8 +12,9 @@ from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty
 from eightpost.app.options import Verb, map_option
+from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
-from eightpost.report.console import Table, console_table, right
+from eightpost.report.console import Table, console_table, folded, right
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from cosim.study.choice.run_comparison import RunComparison
     from cosim.study.result import StudyResult
     from eightpost.signals import ChannelMap
+
+#: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
+_LABELS = 30
 
 
 @click.command(cls=Verb, renamed={"--channel-map": "--map"})
@@ -86,8 +90,8 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     from cosim.study.choice.run_comparison import compare_runs
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
-    for folder, run in saved.items():
-        console.print(f"{folder}: {run.sources}", highlight=False, soft_wrap=True)
+    for number, (folder, run) in enumerate(saved.items(), start=1):
+        console.print(f"run {number}: {folder}: {run.sources}", highlight=False, soft_wrap=True)
     compared = compare_runs(saved, vehicle)
     console.print(measure_table(compared))
     if output:
@@ -113,14 +117,13 @@ def _compare_with_rig(
     from cosim.study.choice.selection import read_selection
     from cosim.study.folder import RESULTS, SELECTION
     from cosim.study.result import StudyResult
-    from eightpost.rig.post import read_rig_test
 
     result = StudyResult.load(folder / RESULTS)
     path = measured / SELECTION if measured.is_dir() else measured
     found = compare_with_rig(
         result,
         path,
-        lambda file: read_rig_test(file, channel_map=channel_map).series,
+        record_reader(console, channel_map),
         measures=measures,
         certainty=earlier_certainty(result, folder),
     )
@@ -128,7 +131,8 @@ def _compare_with_rig(
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     entries = found.comparisons
     console.print(f"{len(found.runs)} runs of {entries[0].setups.size} setups", highlight=False)
-    console.print(comparison_table(entries, result))
+    for table in (rank_table(entries), level_table(entries, result)):
+        console.print(table)
     verdict = comparison_verdict(entries, rank=rank, level=level)
     selection = read_selection(folder / SELECTION, result) if (folder / SELECTION).is_file() else None
     picture = write_and_plot(
@@ -138,30 +142,38 @@ def _compare_with_rig(
     return verdict
 
 
-def comparison_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
-    """Return a table of the quality of each measure's prediction."""
-    columns = right(
-        "Spearman", "attainable", "Kendall", "slope (95 %)", "level error", "bias", "a run's sigma", "in the band",
-        "in its 95 % interval"
-    )  # fmt: skip
+def rank_table(entries: Sequence[Comparison]) -> Table:
+    """Return a table of how the prediction ranks setups by each measure, and of its best-fit line."""
     rows = []
     for one in entries:
         low, high = one.line.interval()
-        unit = result.display(one.measure)
-        sigma = f"{result.shown_difference(one.measure, one.run_to_run):.2g} {unit}"
         rows.append((
             escape(one.measure),
             f"{one.spearman:.3f}",
             f"{one.attainable:.3f}" if one.run_to_run else "",
             f"{one.kendall:.3f}",
             f"{one.line.slope:.2f} ({low:.2f} to {high:.2f})",
+        ))  # fmt: skip
+    columns = right("Spearman", "attainable", "Kendall", "slope (95 %)")
+    return console_table([*folded("measure"), *columns], rows, title="Ranks and trend")
+
+
+def level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
+    """Return a table of the errors of each measure's levels, and of the setups within bands and intervals."""
+    rows = []
+    for one in entries:
+        unit = result.display(one.measure)
+        sigma = f"{result.shown_difference(one.measure, one.run_to_run):.2g} {unit}"
+        rows.append((
+            escape(one.measure),
             f"{one.level_error:.1f} %",
             f"{one.bias:+.1f} %",
             sigma if one.run_to_run else "unknown",
             f"{int(one.within.sum())} of {one.within.size}",
             f"{int(one.inside.sum())} of {one.judged}" if one.judged else "unknown",
         ))  # fmt: skip
-    return console_table(["measure", *columns], rows)
+    columns = right("level\nerror", "bias", "a run's\nsigma", "in the\nband", "in its 95 %\ninterval")
+    return console_table([*folded("measure"), *columns], rows, title="Levels")
 
 
 def measure_table(compared: RunComparison) -> Table:
@@ -171,4 +183,6 @@ def measure_table(compared: RunComparison) -> Table:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
         rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text))
-    return console_table(["measure", "unit", *compared.runs, "change"], rows)
+    fit = sum(map(len, compared.runs)) <= _LABELS
+    runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]
+    return console_table([*folded("measure"), "unit", *right(*runs, "change")], rows)

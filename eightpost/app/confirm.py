@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
 from eightpost.app.options import map_option
+from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
 from eightpost.report.console import Table, console_table, right
@@ -62,15 +63,14 @@ def confirm(
     from cosim.study.result import StudyResult
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict, write_page
-    from eightpost.rig.post import read_rig_test
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)
     before = earlier_certainty(result, folder)
     if before is None:
         raise InputError(
-            f"{folder / CERTAINTY}: the study has no certainty; run `eightpost study` again with the same folder "
-            "(completed runs are not repeated)"
+            f"{folder / CERTAINTY}: the study has no certainty, or that of another study; run `eightpost study` again "
+            "with the same folder (completed runs are not repeated)"
         )
     runs, notes = requested_runs(result, records)
     known = Knowledge.of(before)
@@ -78,7 +78,7 @@ def confirm(
         result,
         replace(known, run_to_run={**measured_noise(folder), **known.run_to_run}),
         runs,
-        lambda file: read_rig_test(file, channel_map=channel_map).series,
+        record_reader(console, channel_map),
         measures=measures,
     )
     for note in (*notes, *found.notes):

@@ -68,7 +68,7 @@ def optimise(
     for name in objectives:
         described.measure(name)
     requested, search = Requested(described, output), Search(objectives, evaluations, seed)
-    show_study(console, requested)
+    show_study(console, requested, f"at most {evaluations} to be evaluated")
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
     with running_workers(workers, scheduler) as pool:
         result, optimum = _search(console, requested, pool, search)

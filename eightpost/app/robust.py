@@ -76,7 +76,7 @@ def robust(
         drawn = _drawn(console, result, folder, plan, setups, pool)
     finally:
         pool.close()
-    known = with_runs(known, result, folder)
+    known = with_runs(console, known, result, folder)
     certainty = certainty_of(result, known, criterion=rank)
     write_certainty(certainty, folder / CERTAINTY)
     show_certainty(console, result, certainty)

@@ -57,6 +57,11 @@ NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
     why="the search found nothing better within the ranges of the numbers",
     remedy="widen the ranges (--limit), vary more numbers (--vary), or use more starts (--starts)",
 )  # fmt: skip
+FORM = RULES.add("gain within the error of the shapes", ABOUT, Grade.LIMITED,
+    condition="the best setup of the bank with its own laws and as shapes differ by more than half the gain",
+    why="shapes have the curve of a law, but not all of its dynamics; part of the gain may be this difference",
+    remedy="fit the bank with the law LPNL2 (eightpost fit --law lpnl2), or build the target and compare it on the rig",
+)  # fmt: skip
 DIFFERS = RULES.add("verification differs", ABOUT, Grade.NOT_USABLE,
     condition=f"the objective of the verifying run differs by more than {100.0 * AGREEMENT:g} %",
     why="the FMU that the search used does not behave as the FMU that was built from the target",
@@ -71,6 +76,10 @@ def aim_verdict(found: Aim) -> Verdict:
     gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
     reasons = [(GAIN if targets < best else NO_GAIN).reason("the objective", figure=gain, origin=origin)]
     reasons += _of_the_car(found)
+    as_shape = float(found.curves.reference.nominal[0])
+    if targets < best and abs(best - as_shape) > 0.5 * (best - targets):
+        text = f"{best:.6g} with its own laws, {as_shape:.6g} as shapes; gain {best - targets:.3g}"
+        reasons.append(FORM.reason("the best of the bank", figure=text, origin=origin))
     apart = targets - found.curves.optimum.nominal
     if abs(apart) > AGREEMENT * abs(targets):
         text = f"{found.curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"

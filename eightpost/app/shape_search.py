@@ -38,7 +38,8 @@ from eightpost.app.shape_target import Target, targets_of
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import CURVE_NUMBERS, NUMBERS, Shape, ShapeFit, range_of, unit_of
+from eightpost.shock.shape import CURVE_NUMBERS, NUMBERS, Shape, range_of, unit_of
+from eightpost.shock.shape_fit import ShapeFit, fit_law
 
 # ---- Request and result ---------------------------------------------------------------------------------------------
 
@@ -107,7 +108,7 @@ def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
             "no build of the bank is a shock file (.json), so the range of shapes is not known; name shock files in "
             "[bank], or state the limits of every number with --limit"
         )
-    return {name: Shape.of(read_shock(path).law) for name, path in sources.items()}
+    return {name: fit_law(read_shock(path).law) for name, path in sources.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,6 +275,13 @@ _POLISHING = 12
 
 #: Largest number of setups of a bank that is run completely; larger banks are searched.
 _EXHAUSTIVE = 5000
+
+
+def bank_plan(requested: Requested) -> str:
+    """Return which setups of the bank are run before the curves are searched."""
+    if len(requested.study.space) > _EXHAUSTIVE:
+        return f"at most {Search().evaluations} to be evaluated; then the curves are searched"
+    return f"{requested.left} to be run; then the curves are searched"
 
 
 def _best_of_bank(

@@ -115,7 +115,11 @@ def shapes(
     if objective is not None:
         described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
-    found = _search(console, described, output, sources, request, workers, scheduler)
+    try:
+        found = _search(console, described, output, sources, request, workers, scheduler)
+    except KeyboardInterrupt:
+        console.print("[yellow]stopped[/]: runs of the bank are kept, those of the search are not; start it again")
+        ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
     for path in write_aim(found, output):
@@ -147,10 +151,10 @@ def _search(
 ) -> Aim:  # fmt: skip
     from cosim.study.folder import RESULTS
     from cosim.study.running.sweep import Requested
-    from eightpost.app.shape_search import aim
+    from eightpost.app.shape_search import aim, bank_plan
 
     requested = Requested(described, output)
-    show_study(console, requested)
+    show_study(console, requested, bank_plan(requested))
     with running_workers(workers, scheduler) as pool:
         with console.status("choosing the coupling step"):
             coupling = requested.coupling(pool)

@@ -168,11 +168,11 @@ def _report(text: str) -> None:
     click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
 
 
-def show_study(console: Console, sweep: Sweep) -> None:
-    """Print the settings of a study."""
+def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
+    """Print the settings of a study, with what is to be run; by default, all setups that are left."""
     read = sweep.study
-    total = len(read.space)
-    console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {sweep.left} to be run", highlight=False)
+    total, plan = len(read.space), plan or f"{sweep.left} to be run"
+    console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {plan}", highlight=False)
     console.print(f"vehicle {read.vehicle.fmu}; means {_trust(read)}", highlight=False, soft_wrap=True)
     console.print(f"bank of {len(read.bank)}: {escape(', '.join(read.bank))}", highlight=False, soft_wrap=True)
     for corner, builds in read.corners.items():

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from eightpost.array_types import Array
 from eightpost.report.page import compressed
-
-if TYPE_CHECKING:
-    from eightpost.signals import TimeSeries
+from eightpost.report.series import Series
 
 # ---- Encoding of arrays as text in a page ---------------------------------------------------------------------------
 
@@ -85,7 +82,7 @@ class Spectra:
     duration: float
 
 
-def spectra(series: TimeSeries) -> Spectra | None:
+def spectra(series: Series) -> Spectra | None:
     """Estimate densities by Welch's method: Hann blocks of 4 s, half overlapping, each without its mean.
 
     Blocks are shorter in a shorter series, and if there are so many channels that a page could not hold their
@@ -130,7 +127,7 @@ class Traces:
     interval: float
 
 
-def traces(series: TimeSeries, *, capacity: int = TRACES_CAPACITY) -> Traces:
+def traces(series: Series, *, capacity: int = TRACES_CAPACITY) -> Traces:
     """Keep all samples if they fit, else the minimum and the maximum of every few, in their order.
 
     With n samples per pair, the times of each pair are those of the first and the middle of the n samples, so the time

@@ -8,7 +8,7 @@ from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError, check_number
 from eightpost.report.pictures import Axes, Figure, Picture, new_figure, panels_of
-from eightpost.signals import TimeSeries
+from eightpost.report.series import Series
 
 COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 
@@ -17,7 +17,7 @@ PANELS, _SHOWN = 12, 4.0
 
 
 def traces(
-    runs: Mapping[str, TimeSeries], channels: Sequence[str], *, start: float, stop: float, title: str = "Time traces"
+    runs: Mapping[str, Series], channels: Sequence[str], *, start: float, stop: float, title: str = "Time traces"
 ) -> Figure:
     """Return channels over time, one panel each, one line per run.
 
@@ -45,7 +45,7 @@ def traces(
     return figure
 
 
-def excerpt(series: TimeSeries) -> tuple[float, float]:
+def excerpt(series: Series) -> tuple[float, float]:
     """Return start and end [s] of the middle of a long series, of the whole of a short one."""
     first, last = float(series.time[0]), float(series.time[-1])
     if last - first <= 2.0 * _SHOWN:
@@ -54,7 +54,7 @@ def excerpt(series: TimeSeries) -> tuple[float, float]:
 
 
 def picture(
-    series: TimeSeries,
+    series: Series,
     channels: str | Sequence[str] = (),
     *,
     start: float | None = None,
@@ -86,7 +86,7 @@ def picture(
     return Picture(traces({title or "series": series}, shown, start=begin, stop=end, title=title))
 
 
-def loop(series: TimeSeries, across: str, up: str, *, title: str = "") -> Picture:
+def loop(series: Series, across: str, up: str, *, title: str = "") -> Picture:
     """Return a picture of one channel over another.
 
     Args:
@@ -105,17 +105,17 @@ def loop(series: TimeSeries, across: str, up: str, *, title: str = "") -> Pictur
     return Picture(figure)
 
 
-def display_unit(series: TimeSeries, channel: str) -> str:
+def display_unit(series: Series, channel: str) -> str:
     """Return the unit in which a channel is drawn."""
     return units.us_customary(series.unit(channel))
 
 
-def displayed(series: TimeSeries, channel: str) -> Array:
+def displayed(series: Series, channel: str) -> Array:
     """Return a channel (N,) in the unit in which it is drawn."""
     return units.convert(series[channel], series.unit(channel), display_unit(series, channel))
 
 
-def _label(panel: Axes, runs: Mapping[str, TimeSeries], channel: str) -> None:
+def _label(panel: Axes, runs: Mapping[str, Series], channel: str) -> None:
     panel.set_ylabel(f"{channel}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
     panel.yaxis.set_label_coords(-0.055, 0.5)
     panel.grid(alpha=0.3)

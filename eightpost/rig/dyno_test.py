@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,10 +94,17 @@ class DynoTest(Recording):
             ("warnings", "; ".join(self.warnings)),
         )
 
-    def plot(self) -> Picture:
-        """Return a picture of force over velocity."""
+    def _title(self) -> str:
+        return self.label
+
+    def plot(
+        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
+    ) -> Picture:
+        """Return a picture of force over velocity, or of the named channels over time; see `Recording.plot`."""
         from eightpost.report.traces import loop  # noqa: PLC0415 -- matplotlib takes long to load
 
+        if channels or start is not None or stop is not None:
+            return Recording.plot(self, channels, start=start, stop=stop)
         return loop(self.series, "velocity", "force", title=self.label)
 
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:

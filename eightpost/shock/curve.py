@@ -112,7 +112,7 @@ def outer_share(curve: CurveNumbers | StaticCurve, speed: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class StaticCurve:
     """The dissertation's polynomials or a spline through knots; straight lines outside the fitted range.
 
@@ -159,6 +159,12 @@ class StaticCurve:
     knot_velocity: tuple[float, ...] = _NO_KNOTS
     knot_force: tuple[float, ...] = _NO_KNOTS
     knot_slope: tuple[float, ...] = _NO_KNOTS
+
+    def __repr__(self) -> str:
+        """Return form, ends and forces there; the coefficients are too many to read."""
+        ends = f"{self.force(-self.rebound_speed):.5g} to {self.force(self.compression_speed):.5g} N"
+        form = f"{KNOTS} knots" if self.has_knots else "polynomials"
+        return f"<StaticCurve: {form}, {ends} from {-self.rebound_speed:.4g} to {self.compression_speed:.4g} m/s>"
 
     def __post_init__(self) -> None:
         self._check_coefficients("inner", INNER_ORDER)

@@ -13,7 +13,7 @@ and ks e v = ks |e| max(|e| - e_y, 0) / t_s + d/dt(ks e^2 / 2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import copysign, exp, isfinite, log
 
 from .curve import KNOTS, CurveNumbers, StaticCurve, cell_of
@@ -160,7 +160,7 @@ class Hysteresis(ShockLaw):
             might fall somewhere.
     """
 
-    lagged_slope: tuple[float, ...]
+    lagged_slope: tuple[float, ...] = field(repr=False)
     time_constant: tuple[float, float, float]
     stop_stiffness: float = 0.0
     stop_yield: float = 1e-3

@@ -5,11 +5,11 @@ Standard library only: the FMU contains a copy of this file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isfinite, tanh
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Port:
     """The parameters that all shock laws share.
 
@@ -34,6 +34,11 @@ class Port:
     gas_preload: float = 0.0
     seal_friction: float = 0.0
     friction_velocity: float = 0.005
+
+    def __repr__(self) -> str:
+        """Return the parameters that differ from their defaults, as an expression."""
+        stated = ((one.name, getattr(self, one.name), one.default) for one in fields(self))
+        return f"Port({', '.join(f'{name}={value!r}' for name, value, default in stated if value != default)})"
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

@@ -12,17 +12,16 @@ to the knee; beyond it the valve is open, with the slope c_high and its growth a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from math import isfinite
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.shock.curve import KNOTS, StaticCurve
-from eightpost.shock.law import ShockLaw
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.port import Port
 
@@ -33,20 +32,10 @@ SIDES = ("compression", "rebound")
 REACH = 1.3
 
 #: Speed up to which the bleed acts, as a share of the knee speed.
-_BLEED_SHARE = 0.25
+BLEED_SHARE = 0.25
 
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
-
-#: Knee speeds from which a fit starts [m/s]; the best of the fits is kept.
-_KNEES = (0.06, 0.2, 0.35)
-
-#: Number of speeds of a side at which a shape is compared with a curve.
-_COMPARED = 80
-
-#: Weight of the distance from the middle of the bounds in a fit, as a share of the RMS force: a number that the curve
-#: does not determine stays in the middle.
-_PULL = 2e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,18 +67,11 @@ class Side:
 
     def slope(self, speed: Array) -> Array:
         """Return the slope (N,) [N.s/m] at speeds (N,) [m/s]."""
-        return _slope(speed, self.bleed, self.low, self.knee, self.high, self.rise)
+        return np.asarray(slope_weights(speed, self.knee) @ np.array([self.bleed, self.low, self.high, self.rise]))
 
 
-#: SI unit of each number of a side, and its bounds in a fit.
+#: SI unit of each number of a side.
 UNITS = {"bleed": "N.s/m", "low": "N.s/m", "knee": "m/s", "high": "N.s/m", "rise": "N.s2/m2"}
-_BOUNDS = {
-    "bleed": (200.0, 3e4),
-    "low": (200.0, 3e4),
-    "knee": (0.02, 0.4),
-    "high": (50.0, 2e4),
-    "rise": (1.0, 1e4),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +111,7 @@ class Shape:
         at_rest = 0.5 * (self.compression.bleed + self.rebound.bleed)  # one slope at rest, so that there is no corner
         for slope in slopes.values():
             slope[0] = at_rest
-        forces = {name: _integral(speed, slope) for name, slope in slopes.items()}
+        forces = {name: cumulative_trapezoid(slope, speed, initial=0) for name, slope in slopes.items()}
         return StaticCurve.through_knots(
             joined(-speed, speed),
             joined(-forces["rebound"], forces["compression"]),
@@ -144,21 +126,6 @@ class Shape:
         """Return the parameters by which an FMU of a shape becomes this one; the knots' velocities are the same."""
         found = curve_parameters(self.curve(), ("knot_force", "knot_slope"))
         return found | {"time_constant": self.lag, "lag_zero_force": self.lag_force, "gas_preload": self.gas}
-
-    @classmethod
-    def of(cls, law: ShockLaw) -> ShapeFit:
-        """Return the shape that comes closest to a law: its curve, its lag if it has one, and its gas force.
-
-        The residual is that of the static curve.
-        """
-        port = law.port
-        found = fit_force(
-            lambda velocity: port.scale(velocity) * law.curve.force(velocity),
-            min(REACH, law.curve.compression_speed),
-            min(REACH, law.curve.rebound_speed),
-        )
-        lag, lag_force = getattr(law, "time_constant", 1e-3), getattr(law, "lag_zero_force", 3000.0)
-        return replace(found, shape=replace(found.shape, gas=port.gas_preload, lag=lag, lag_force=lag_force))
 
     def numbers(self) -> dict[str, float]:
         """Return the numbers by name, such as `rebound.low`."""
@@ -203,82 +170,12 @@ def unit_of(number: str) -> str:
     return {"lag": "s", "lag_force": "N", "gas": "N"}.get(number) or UNITS[number.partition(".")[2]]
 
 
-@dataclass(frozen=True, slots=True)
-class ShapeFit:
-    """The shape that comes closest to a curve.
-
-    Attributes:
-        shape: Shape; a curve alone gives the default lag and gas.
-        residual: RMS difference of the forces over both sides [N].
-        relative: The same as a share of the curve's RMS force [1].
-    """
-
-    shape: Shape
-    residual: float
-    relative: float
-
-
-def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
-    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed.
-
-    Args:
-        curve: Curve to fit, with or without knots.
-        reach: Highest speed to compare [m/s]; the curve's fitted range limits it.
-    """
-    return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
-
-
-def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
-    """Fit a shape to a force [N] over velocity [m/s], as `fit_shape`, up to a speed of each side [m/s]."""
-    speed = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-    sides, squares, total = list[Side](), 0.0, 0.0
-    for sign, end in ((1.0, compression_speed), (-1.0, rebound_speed)):
-        forces = np.array([sign * force(sign * v) for v in (end * speed).tolist()])
-        side, error = _fit_side(end * speed, forces, REACH)
-        sides.append(side)
-        squares, total = squares + float(error @ error), total + float(forces @ forces)
-    return ShapeFit(Shape(sides[0], sides[1]), (squares / (2 * _COMPARED)) ** 0.5, (squares / total) ** 0.5)
-
-
-def _fit_side(speed: Array, forces: Array, reach: float) -> tuple[Side, Array]:
-    """Return the side that fits forces (N,) [N] at speeds (N,) [m/s], and the remaining errors (N,) [N]."""
-    bounds = np.log(np.array(list(_BOUNDS.values())))
-    middle, scale = bounds.mean(axis=1), float(np.sqrt(np.mean(forces**2)))
-    mean_slope = float(forces[-1] / speed[-1])
-    starts = [np.log([2.0 * mean_slope, 2.0 * mean_slope, knee, mean_slope, 100.0]) for knee in _KNEES]
-    starts = [np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6) for start in starts]
-
-    def errors(logarithms: Array) -> Array:
-        return _force_between_knots(speed, np.exp(logarithms), reach) - forces
-
-    def residuals(logarithms: Array) -> Array:
-        return np.concatenate([errors(logarithms) / scale, _PULL * (logarithms - middle)])
-
-    ends = [least_squares(residuals, start, bounds=(bounds[:, 0], bounds[:, 1]), x_scale="jac") for start in starts]
-    found = min(ends, key=lambda end: float(end.cost))
-    return Side(*np.exp(found.x).tolist()), errors(found.x)
-
-
-def _force_between_knots(speed: Array, numbers: Array, reach: float) -> Array:
-    """Return the force (N,) [N] of a side at speeds (N,) [m/s], as the curve through knots has it."""
-    knots = reach * SHARES
-    slope = _slope(knots, *numbers.tolist())
-    force = _integral(knots, slope)
-    k = np.clip(np.searchsorted(knots, speed, side="right") - 1, 0, knots.size - 2)
-    into = speed - knots[k]
-    growth = (slope[k + 1] - slope[k]) / (knots[k + 1] - knots[k])
-    return np.asarray(force[k] + into * (slope[k] + 0.5 * growth * into), dtype=np.float64)
-
-
-def _slope(speed: Array, bleed: float, low: float, knee: float, high: float, rise: float) -> Array:
-    at_rest = np.exp(-((speed / (_BLEED_SHARE * knee)) ** 2))
+def slope_weights(speed: Array, knee: float) -> Array:
+    """Return the weights (N, 4) of bleed, low, high and rise in the slope at speeds (N,) [m/s]."""
+    at_rest = np.exp(-((speed / (BLEED_SHARE * knee)) ** 2))
     closed = 1.0 / (1.0 + (speed / knee) ** 2)
-    return np.asarray(at_rest * bleed + (1.0 - at_rest) * (closed * low + (1.0 - closed) * (high + rise * speed)))
-
-
-def _integral(speed: Array, slope: Array) -> Array:
-    """Return the force (K,) [N] of slopes (K,) that are linear between speeds (K,)."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(speed))])
+    opened = (1.0 - at_rest) * (1.0 - closed)
+    return np.stack([at_rest, (1.0 - at_rest) * closed, opened, opened * speed], axis=1)
 
 
 def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
@@ -305,17 +202,3 @@ def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
     if not min(values) < max(values):
         raise ParameterError(f"shape: {number} is {values[0]:g} {unit_of(number)} in all shocks; state its limits")
     return min(values), max(values)
-
-
-def difference(one: Shape, other: Callable[[float], float], reach: float = REACH) -> tuple[float, float]:
-    """Return the RMS difference of the forces [N] of a shape and a curve at equal steps of the root of the speed.
-
-    The second value is its share of the shape's RMS force [1].
-    """
-    speed = reach * np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-    velocity = np.concatenate([-speed[::-1], speed]).tolist()
-    curve = one.curve(reach)
-    own = np.array([curve.force(v) for v in velocity])
-    error = own - np.array([other(v) for v in velocity])
-    rms = float(np.sqrt(np.mean(error**2)))
-    return rms, rms / float(np.sqrt(np.mean(own**2)))

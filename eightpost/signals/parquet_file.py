@@ -122,7 +122,8 @@ def _refusing(path: Path, advice: str) -> Iterator[None]:
         except FileFormatError:
             raise
         except (pa.ArrowException, *MALFORMED) as error:
-            raise FileFormatError(f"not a readable Parquet file: {error}", path=path) from error
+            what = f"not a readable Parquet file: {str(error).rstrip('.')}; copy or write it again"
+            raise FileFormatError(what, path=path) from error
 
 
 # ---- Parquet files with units, schema version, tool version and sources in the schema's metadata --------------------

@@ -15,11 +15,13 @@ from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     import pandas as pd
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
+
+    from eightpost.report.pictures import Picture
 
 
 #: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
@@ -111,6 +113,30 @@ class TimeSeries(Summarized):
         first, last = self.time[0], self.time[-1]
         named = [f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
         return ("time", f"{first:g} to {last:g} s, {len(self)} samples"), ("channels", some(named))
+
+    def plot(
+        self,
+        channels: str | Sequence[str] = (),
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        title: str = "",
+    ) -> Picture:
+        """Return a picture of channels over time.
+
+        Args:
+            channels: Names of the channels; default: the first twelve.
+            start: Start of the shown part [s]; default: so that a long series shows its middle.
+            stop: End of the shown part [s].
+            title: Title of the picture.
+
+        Raises:
+            MissingChannelError: There is no such channel.
+            InputError: There is no sample between start and stop.
+        """
+        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
+
+        return picture(self, channels, start=start, stop=stop, title=title)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a DataFrame with a column for each channel, in SI, over the time [s].

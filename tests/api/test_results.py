@@ -9,9 +9,10 @@ import pytest
 
 import eightpost as ep
 from eightpost.display import Summary, some
-from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.extras import MissingExtraError
 from eightpost.ident import fit_shock
+from eightpost.shock import Port
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
 
@@ -61,7 +62,27 @@ def test_a_record_is_a_table_and_a_picture(test, tmp_path):
     assert test.to_xarray()["force"].attrs["units"] == "N"
     test.plot().save(tmp_path / "test.png")
     assert (tmp_path / "test.png").read_bytes().startswith(b"\x89PNG")
+    assert test.plot("force", stop=0.5).figure.axes[0].get_ylabel().startswith("force")  # over time if it is named
     assert len(repr(test).splitlines()) <= 10
+
+
+def test_a_law_shows_its_own_parameters_and_where_its_curve_ends(fit):
+    shown = repr(fit.shock.law)
+    assert len(shown) < 250 and f"time_constant={fit.shock.law.time_constant!r}" in shown
+    assert "StaticCurve: polynomials" in shown and "N from -" in shown
+    port = Port(gas_preload=3.0, motion_ratio=0.9)
+    assert repr(port) == "Port(motion_ratio=0.9, gas_preload=3.0)"
+
+
+def test_time_series_and_drive_files_are_drawn_over_time():
+    drive = ep.read(DATA / "track.parquet", "drive")
+    for one in (drive, drive.series):
+        picture = one.plot(drive.names[:2], start=1.0, stop=2.0)
+        assert [axes.get_ylabel().split("\n")[0] for axes in picture.figure.axes] == list(drive.names[:2])
+        low, high = picture.figure.axes[0].lines[0].get_xdata()[[0, -1]]
+        assert 1.0 <= low < high <= 2.0
+        with pytest.raises(MissingChannelError):
+            one.plot("lf.raod")
 
 
 @pytest.fixture(scope="module")

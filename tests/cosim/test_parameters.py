@@ -113,6 +113,12 @@ def test_a_sweep_is_a_run_for_each_combination(loaded, scenario):
         assert table["shock.force"][row] == alone["shock.force"].max()
     named = swept.to_xarray()["shock.force"].sel(run=3)
     assert (named.to_numpy() == swept.results[3]["shock.force"]).all()
+    change = (table.max() - table.min()).drop(list(scales))
+    units = table.attrs["units"]
+    largest = {name: max(table[other].abs().max() for other in change.index if units[other] == units[name])
+               for name in change.index}  # fmt: skip
+    shown = swept.plot(statistic="maximum").figure.axes[0].get_ylabel().split(",")[0]
+    assert shown == max(change.index, key=lambda name: change[name] / largest[name])  # the one that changes most
 
 
 @pytest.mark.parametrize(("points", "message"), [

@@ -134,6 +134,33 @@ def test_the_error_lists_a_missing_channel_and_the_existing_ones(record, tmp_pat
         read_rig_test(path)
 
 
+def test_a_record_with_fewer_needs_is_read_and_names_what_it_could_not_check(record, tmp_path):
+    path = tmp_path / "rig.parquet"
+    hubs = [f"{corner}.hub_acceleration" for corner in CORNERS]
+    RigTest(record.series.select([*hubs, *(f"{corner}.velocity" for corner in CORNERS), "lf.force"])).write(path)
+    test = read_rig_test(path, needs=())
+    assert test.corners == CORNERS and test.derived == ()
+    assert {*hubs, "lf.force"} <= set(test.unchecked)
+    assert read_rig_test(changed(record, tmp_path, {})).unchecked == ()
+
+
+def test_a_record_with_fewer_needs_still_has_its_channels_checked(record, tmp_path):
+    path = tmp_path / "rig.parquet"
+    reversed_force = {"lr.force": ("N", -record.series["lr.force"])}
+    names = [f"{corner}.{name}" for corner in CORNERS for name in ("force", "velocity")]
+    channels = {name: (record.series.unit(name), record.series[name]) for name in names} | reversed_force
+    RigTest(TimeSeries.from_channels(record.series.time, channels)).write(path)
+    with pytest.raises(WrongSignError, match=r"lr\.force.*wrong sign"):
+        read_rig_test(path, needs=())
+
+
+def test_a_file_without_a_channel_of_a_rig_is_refused_with_its_columns(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("time [s],speed [m/s]\n" + "".join(f"{k / 500},{k}\n" for k in range(3000)))
+    with pytest.raises(MissingChannelError, match=r"no channel of a rig; the file has: time, speed; name its columns"):
+        read_rig_test(path, needs=())
+
+
 def test_the_error_names_a_constant_channel(record, tmp_path):
     path = changed(record, tmp_path, {"rf.hub_acceleration": np.full(len(record.series), 0.1)})
     with pytest.raises(ConstantChannelError, match=r"rf\.hub_acceleration.*cable"):

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.study.certainty.assess import Knowledge
 from cosim.study.certainty.certainty import ConfirmedRun
 from cosim.study.choice.compare import usable_deviation
-from cosim.study.choice.rig_runs import MeasuredRun, measured_runs, read_run_list, runs_with_records
+from cosim.study.choice.rig_runs import MeasuredRun, measured_runs, read_run_list, runs_with_records, without
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
 from eightpost.files import sha256_of
@@ -93,36 +93,39 @@ def with_rig_runs(
     for name in measures:
         result.study.measure(name)
     digests = {run.digest for run in known.runs}
-    made, notes = list[ConfirmedRun](), list[str]()
+    made, notes, missing = list[ConfirmedRun](), list[str](), dict[str | Path, Mapping[str, str]]()
     for run in runs:
         digest = sha256_of(run.file)
         if digest in digests:
             notes.append(f"{run.file.name} is taken into account already")
             continue
         digests.add(digest)
-        made.append(ConfirmedRun(run.file.name, run.setup, run.drive, digest, _values(result, run, read, measures)))
+        values, missing[run.file] = _values(result, run, read, measures)
+        made.append(ConfirmedRun(run.file.name, run.setup, run.drive, digest, values))
     every = (*known.runs, *made)
     earlier = repeated_noise(known.runs)
     stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
     noise = {**repeated_noise(every), **stated}
-    return _Confirmed(replace(known, runs=every, run_to_run=noise), tuple(made), tuple(notes))
+    return _Confirmed(replace(known, runs=every, run_to_run=noise), tuple(made), (*notes, *without(missing)))
 
 
 def _values(
     result: StudyResult, run: MeasuredRun, read: Callable[[Path], TimeSeries], measures: Sequence[str]
-) -> dict[str, float]:
-    found = measured_runs([run], result.study, read).values
-    kept = {
-        name: float(values[0])
-        for name, values in found.items()
-        if (name in measures if measures else not result.study.measure(name).absolute) and np.isfinite(values[0])
-    }
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Return the wanted measures of a record, and why others cannot be computed."""
+    found = measured_runs([run], result.study, read)
+
+    def is_wanted(name: str) -> bool:
+        return name in measures if measures else not result.study.measure(name).absolute
+
+    kept = {n: float(values[0]) for n, values in found.values.items() if is_wanted(n) and np.isfinite(values[0])}
+    missing = {name: reason for name, reason in found.missing.items() if is_wanted(name)}
     if not kept:
         raise InputError(
-            f"{run.file}: none of the study's measures can be computed from this record; its channels must have the "
-            "names of the vehicle's, or give a channel map with --map"
+            f"{run.file}: no measure can be taken into account: {'; '.join(without({run.file: missing}))}; channels "
+            "must have the names of the vehicle's, or give a channel map with --map"
         )
-    return kept
+    return kept, missing
 
 
 def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:

@@ -17,6 +17,7 @@ from cosim.study.setup import SetupSpace
 from cosim.study.study import Drive, Study
 from eightpost.array_types import Array, Integers
 from eightpost.cells import plain_cell
+from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import read_text
 from eightpost.signals import TimeSeries
@@ -47,7 +48,7 @@ class Measured:
     Attributes:
         setups: Setup number of each run (R,).
         values: Values of each measure (R,) [SI]; NaN for runs on another drive.
-        missing: Measures that cannot be computed from any run, with the channels that they need.
+        missing: Measures that cannot be computed from any run, each with the reason.
     """
 
     setups: Integers
@@ -100,12 +101,25 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
     if not runs:
         raise InputError("the list contains no measured runs")
     drives = {drive.name: drive for drive in study.drives}
-    rows = [dict(_measures(read(run.file), drives[run.drive], study, run.file)) for run in runs]
+    rows, present = [], list[tuple[str, frozenset[str]]]()
+    for run in runs:
+        series = read(run.file)
+        rows.append(dict(_measures(series, drives[run.drive], study, run.file)))
+        present.append((run.drive, frozenset(series.names)))
     names = [measure.name for measure in study.measures]
     found = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     values = {name: column for name, column in found.items() if np.isfinite(column).any()}
-    missing = {name: ", ".join(_rig_channels(study.measure(name), study)) for name in names if name not in values}
+    missing = {name: _reason(study.measure(name), study, present) for name in names if name not in values}
     return Measured(np.array([run.setup for run in runs], dtype=np.int64), values, missing)
+
+
+def _reason(measure: Measure, study: Study, present: Sequence[tuple[str, frozenset[str]]]) -> str:
+    """Return why no run gives a measure, from the drive and the channels of each run."""
+    there = [names for drive, names in present if measure.drive in ("", drive)]
+    if not there:
+        return f"there is no record on the drive {measure.drive!r}"
+    lacking = [name for name in _rig_channels(measure, study) if any(name not in names for names in there)]
+    return f"the records lack {', '.join(lacking)}" if lacking else "its value is not finite"
 
 
 def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | None = None) -> tuple[Comparison, ...]:
@@ -152,7 +166,10 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
     cells = {plain_cell(str(n).strip()): plain_cell(v.strip()) for n, v in row.items() if isinstance(v, str)}
     if not cells.get("file"):
         raise FileFormatError(
-            "has no record; the list needs a column `file` with the name of the record", path=path, line=line
+            f"has no record; the list needs a column `file` with the name of the record, and its columns are "
+            f"{', '.join(cells) or 'empty'} (they are separated by commas)",
+            path=path,
+            line=line,
         )
     drive = cells.get("drive") or study.drives[0].name
     if drive not in [d.name for d in study.drives]:
@@ -167,6 +184,10 @@ def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> 
 def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
     """Return the setup of a line, by its builds or else by its number; if both are given, they must agree."""
     builds = {corner: cells[corner] for corner in space.corners if cells.get(corner)}
+    if not builds and not cells.get("setup"):
+        raise InputError(
+            f"there is no setup; state its number in a column `setup`, or builds at {', '.join(space.corners)}"
+        )
     number = _number(cells["setup"]) if cells.get("setup") else None
     if not builds and number is not None:
         return space.setup(number).index
@@ -241,15 +262,28 @@ def compare_with_rig(
         result.study.measure(name)
     runs, notes = runs_with_records(read_run_list(path, result.study), path)
     rig = measured_runs(runs, result.study, read)
-    notes += [f"{name}: the rig has no {channels}" for name, channels in rig.missing.items()]
+    notes += without({path: rig.missing})
     means = [] if measures else [name for name in rig.values if result.study.measure(name).absolute]
     if means:
         notes.append(f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure")
     names = [name for name in measures or rig.values if name in rig.values and name not in means]
     compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}), certainty)
     if not compared:
-        raise InputError(f"{path}: none of the study's measures can be computed from these records")
+        raise InputError(f"{path}: no measure can be compared: {'; '.join(notes)}")
     return _RigComparison(runs, compared, tuple(notes))
+
+
+def without(missing: Mapping[str | Path, Mapping[str, str]]) -> list[str]:
+    """Return a note for each reason why measures are left out, from the reasons by measure of each file."""
+    found = dict[str, tuple[dict[str, None], dict[str, None]]]()
+    for file, reasons in missing.items():
+        for measure, reason in reasons.items():
+            measures, files = found.setdefault(reason, ({}, {}))
+            measures[measure], files[Path(file).name] = None, None
+    return [
+        f"without {', '.join(measures)}, because {reason} ({some(files)})"
+        for reason, (measures, files) in found.items()
+    ]  # fmt: skip
 
 
 def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:

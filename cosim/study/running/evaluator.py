@@ -325,7 +325,8 @@ def ports(vehicle: Component) -> tuple[str, ...]:
         if name.endswith(".velocity") and variable.causality == "output"
     ]
     corners = tuple(c for c in found if f"{c}.force" in names and names[f"{c}.force"].causality == "input")
-    return corners or (("corner",) if {"velocity", "force"} <= set(names) else ())
+    is_quarter = {"velocity", "force"} <= set(names) and names["velocity"].causality == "output"
+    return corners or (("corner",) if is_quarter else ())
 
 
 def _port_of(vehicle: Component, name: str, corner: str) -> str:

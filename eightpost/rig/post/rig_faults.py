@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 # ---- Checks of signs and corners in rig records, with relations that hold for every car, drive and setup ------------
 
+#: Quantities whose sign and corner show in comparison with each other: of the damper, the shock and the tire.
+RELATED = (("force", "velocity"), ("velocity", "displacement"), ("hub_acceleration", "tire_force", "road"))
+
 #: Minimum difference of correlations [1] by which another corner must fit better for corners to be swapped.
 SWAPPED_BY = 0.15
 
@@ -62,8 +65,7 @@ def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, or
     """Check the relations between channels of the same corner and of different corners.
 
     Args:
-        series: Record with `force` and `velocity` of every corner; `displacement`, `road`, `tire_force` and
-            `hub_acceleration` are used if all corners have them.
+        series: Record; quantities are compared if all corners have them (`RELATED`).
         corners: Names of the corners; one empty name for a quarter car.
         origin: Origin of the record.
 
@@ -71,13 +73,23 @@ def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, or
         SwappedCornersError: A channel belongs to another corner.
         WrongSignError: A channel has the wrong sign.
     """
-    record = _Record(series, corners, origin)
-    _check_pairs(record, "force", "velocity", record.low("force"), record.low("velocity"))
-    if record.has("displacement"):
+    record, (damper, shock, tire) = _Record(series, corners, origin), RELATED
+    if record.has(*damper):
+        _check_pairs(record, *damper, record.low("force"), record.low("velocity"))
+    if record.has(*shock):
         slopes = derivative(record.low("displacement"), record.rate)
-        _check_pairs(record, "velocity", "displacement", record.low("velocity"), slopes)
-    if record.has("hub_acceleration", "tire_force", "road"):
+        _check_pairs(record, *shock, record.low("velocity"), slopes)
+    if record.has(*tire):
         _check_tires(record)
+
+
+def unchecked(series: TimeSeries, corners: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the channels that are in none of the comparisons of signs and corners, as others are missing."""
+    record = _Record(series, corners, IN_MEMORY)
+    checked = {name for related in RELATED if record.has(*related) for name in related}
+    names = {name for related in RELATED for name in related} - checked
+    return tuple(name for corner in corners for name in (channel(corner, one) for one in sorted(names))
+                 if name in series)  # fmt: skip
 
 
 class _Record:
@@ -352,9 +364,11 @@ class _ChannelChecks:
                     self._check_not_clipped(name, channel(corner, "velocity"))
 
     def _check_not_clipped(self, name: str, velocity: str) -> None:
-        values, speed = self._series[name], np.abs(self._series[velocity])
-        # While the car is at rest, as in static loading, a constant load is normal.
-        moving = speed > 1e-3 * speed.max()
+        values = self._series[name]
+        moving = np.full(values.size, True)
+        if velocity in self._series:  # while the car is at rest, as in static loading, a constant load is normal
+            speed = np.abs(self._series[velocity])
+            moving = speed > 1e-3 * speed.max()
         if np.ptp(values) <= 1e-12 * np.abs(values).max():
             return
         for signed, end in ((values, "highest"), (-values, "lowest")):

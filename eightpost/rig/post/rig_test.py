@@ -14,7 +14,7 @@ from eightpost.corners import CORNERS, channel
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
 from eightpost.files import MALFORMED, sha256_of
-from eightpost.rig.post.rig_faults import check_rig_record
+from eightpost.rig.post.rig_faults import check_rig_record, unchecked
 from eightpost.rig.post.rig_units import check_rig_units
 from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv
@@ -25,7 +25,6 @@ from eightpost.signals.raw_record import find_time, mapped_series
 from eightpost.signals.recording import Recording
 
 if TYPE_CHECKING:
-    from eightpost.report.pictures import Picture
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -81,6 +80,9 @@ def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
 
 # ---- Rig tests ------------------------------------------------------------------------------------------------------
 
+#: Quantities of every corner that an identification needs, each with its possible names.
+IDENTIFIED = (("road",), ("tire_force",), ("force",), ("displacement", "velocity"))
+
 #: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 CUTOFF = 50.0
 
@@ -120,6 +122,7 @@ class RigTest(Recording):
         source: Path of the file, None for a record created in memory.
         sha256: SHA-256 digest of the file, empty without a file.
         derived: Descriptions of channels that were computed, not measured.
+        unchecked: Channels whose sign and corner were not checked, because the channels that show it are missing.
     """
 
     series: TimeSeries
@@ -127,6 +130,7 @@ class RigTest(Recording):
     source: Path | None = None
     sha256: str = ""
     derived: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
 
     @property
     def corners(self) -> tuple[str, ...]:
@@ -142,24 +146,11 @@ class RigTest(Recording):
             ("corners", ", ".join(self.corners)),
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),
+            ("sign and corner unchecked", ", ".join(self.unchecked)),
         )
 
-    def plot(
-        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
-    ) -> Picture:
-        """Return a picture of channels over time.
-
-        Args:
-            channels: Names of the channels; default: the first twelve.
-            start: Start of the shown part [s].
-            stop: End of the shown part [s].
-
-        Raises:
-            MissingChannelError: The test has no such channel.
-        """
-        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
-
-        return picture(self.series, channels, start=start, stop=stop, title=self.source.name if self.source else "")
+    def _title(self) -> str:
+        return self.source.name if self.source else ""
 
     def write(self, path: str | Path) -> None:
         """Write a .parquet file (single precision, SI), or a .csv (SI, units in the header).
@@ -178,7 +169,8 @@ class RigTest(Recording):
 
 def _corners_of(series: TimeSeries) -> tuple[str, ...]:
     """Return the corners of a rig record."""
-    return ("",) if "road" in series else CORNERS
+    heads = {name.partition(".")[0] for name in series.names}
+    return ("",) if "road" in heads or (heads & set(_AT_CORNERS) and not heads & set(CORNERS)) else CORNERS
 
 
 def read_rig_test(
@@ -187,22 +179,25 @@ def read_rig_test(
     channel_map: ChannelMap | None = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
+    needs: Sequence[Sequence[str]] = IDENTIFIED,
 ) -> RigTest:
     """Read and check a rig record written by eightpost, or by another program with a channel map.
 
-    Every corner needs the position of the wheelloader (`road`), the tire force, the force of the shock, and the
-    displacement or velocity of the shock; a missing velocity is derived as in 6.1.2. Other channels are checked if they
-    are present.
+    Channels are checked if they are present. A missing velocity of a shock is derived from its displacement as in
+    6.1.2.
 
     Args:
         path: Path of a .parquet, .csv, .mat or .mf4 file.
         channel_map: Columns by channel; without a map, the columns must have the names of the channels.
         units: Units by channel, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.
+        needs: Quantities that every corner must have, each as its possible names. By default, those of an
+            identification: the position of the wheelloader (`road`), the tire force, the force of the shock, and the
+            displacement or velocity of the shock.
 
     Raises:
         FileFormatError: The file cannot be read.
-        MissingChannelError: A required channel is missing.
+        MissingChannelError: A required channel is missing, or the file has no channel of a rig.
         MissingUnitError: A column has no unit.
         UnknownUnitError: A unit is unknown, has the wrong dimension, or contradicts the unit of another channel.
         NotANumberError: A sample is NaN, empty or text.
@@ -222,13 +217,13 @@ def read_rig_test(
         record.check_unique(pick.source, channel=name)
     series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
     corners = _corners_of(series)
-    _check_channels(series, corners, record, path)
+    _check_channels(series, corners, needs, record, path)
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")
     check_rig_units(series, corners, origin=record.origin)
     series, derived = _with_velocities(series, corners)
     check_rig_record(series, corners, origin=record.origin)
-    return RigTest(series, _conditions(path), path, sha256_of(path), derived)
+    return RigTest(series, _conditions(path), path, sha256_of(path), derived, unchecked(series, corners))
 
 
 def read_rig_tests(
@@ -244,14 +239,19 @@ def read_rig_tests(
         yield pending.result()
 
 
-def _check_channels(series: TimeSeries, corners: tuple[str, ...], record: RawRecord, path: Path) -> None:
+def _check_channels(
+    series: TimeSeries, corners: tuple[str, ...], needs: Sequence[Sequence[str]], record: RawRecord, path: Path
+) -> None:
     known = "; ".join((", ".join(record.names), *record.notes))
+    if not series.names:
+        what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map"
+        raise MissingChannelError(what, path=path)
     for corner in corners:
-        prefix = f"{corner}." if corner else ""
-        for options in (("road",), ("tire_force",), ("force",), ("displacement", "velocity")):
-            if not any(prefix + name in series for name in options):
+        for options in needs:
+            names = [channel(corner, name) for name in options]
+            if not any(name in series for name in names):
                 what = f"a rig test needs this channel; the file has: {known}; name its column in a channel map"
-                raise MissingChannelError(what, path=path, channel=" or ".join(prefix + name for name in options))
+                raise MissingChannelError(what, path=path, channel=" or ".join(names))
 
 
 def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[TimeSeries, tuple[str, ...]]:
@@ -259,7 +259,7 @@ def _with_velocities(series: TimeSeries, corners: tuple[str, ...]) -> tuple[Time
     cutoff = min(CUTOFF, 0.4 * series.sample_rate)
     for corner in corners:
         velocity, pot = (channel(corner, name) for name in ("velocity", "displacement"))
-        if velocity not in series:
+        if velocity not in series and pot in series:
             values = velocity_from_displacement(series[pot], series.sample_rate, cutoff)
             series = series.with_channel(velocity, "m/s", values)
             derived.append(f"{velocity} from {pot}, low-pass {cutoff:g} Hz and central differences")

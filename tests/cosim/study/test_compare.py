@@ -119,7 +119,7 @@ def test_a_measure_whose_channels_the_rig_lacks_is_reported_as_missing(tmp_path)
     made = replace(made, measures=(*made.measures, Measure("driver", ("car.driver.acceleration",))))
     runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5"), made)
     found = measured_runs(runs, made, lambda _: record(0.003))
-    assert found.missing == {"driver": "driver.acceleration"}
+    assert found.missing == {"driver": "the records lack driver.acceleration"}
 
 
 def test_a_record_shorter_than_the_drive_is_refused(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from cosim.study.certainty import Effect, read_certainty, write_certainty
 from cosim.study.certainty.assess import Knowledge, certainty_of
@@ -18,10 +19,19 @@ from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main
+from eightpost.app.certainty import with_runs
 from eightpost.corners import CORNERS
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
+from eightpost.rig.post import (
+    NO_DRIFT,
+    Actuators,
+    RigSensors,
+    RigTest,
+    read_rig_test,
+    run_test,
+    seven_dof_truth,
+)
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.validity import Validity
@@ -127,6 +137,47 @@ def test_measured_levels_agree_with_predicted_ones(folder, measured):
         assert one["spearman"] == pytest.approx(1.0)
         assert abs(one["bias_percent"]) < 1.0
     assert (folder / "compared" / "comparison.png").stat().st_size > 10_000
+
+
+@pytest.fixture
+def tires_only(folder, measured, tmp_path) -> Path:
+    """Return a list of the records, which have tire forces only."""
+    for run in measured:
+        series = read_rig_test(run.file).series
+        RigTest(series.select(list(TIRES))).write(tmp_path / run.file.name)
+    path = tmp_path / "tires.csv"
+    path.write_text("file,setup\n" + "".join(f"{run.file.name},{run.setup}\n" for run in measured))
+    return path
+
+
+def test_records_need_only_the_channels_of_the_measures(folder, sure, tires_only, pages):
+    compared = eightpost("compare", sure, "--measured", tires_only)
+    confirmed = eightpost("confirm", sure, tires_only)
+    for shown in (compared, confirmed):
+        text = " ".join(shown.output.split())
+        assert shown.exit_code == 0, text
+        assert "without front ride height, because the records lack front.ride_height" in text
+        assert "sign and corner of lf.tire_force, rf.tire_force" in text and "were not checked" in text
+    found = json.loads((sure / "compared" / "comparison.json").read_text())["measures"]
+    assert [one["measure"] for one in found] == ["total tire force"]
+    assert all(set(run.values) == {"total tire force"} for run in read_certainty(sure / "certainty.parquet").runs)
+
+
+@pytest.mark.parametrize("command", [("compare", "--measured"), ("confirm",)])
+def test_records_without_the_channels_of_any_measure_are_refused_with_what_they_lack(sure, tires_only, command):
+    verb, *option = command
+    shown = eightpost(verb, sure, *option, tires_only, "--measure", "front ride height")
+    assert shown.exit_code == 2
+    assert "the records lack front.ride_height" in " ".join(shown.stderr.split())
+
+
+def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp_path):
+    words = ["compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
+    text = CliRunner(env={"COLUMNS": "80"}).invoke(main, words).output
+    lines = [line for line in text.splitlines() if line[:1] in "┃│"]
+    assert lines and max(map(len, lines)) <= 80 and "…" not in text
+    for heading in ("Spearman", "attainable", "Kendall", "slope (95 %)", "level", "bias", "a run's", "interval"):
+        assert heading in text
 
 
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
@@ -255,6 +306,31 @@ def test_confirm_needs_a_certainty(sure, measured):
     shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
     assert shown.exit_code == 2
     assert "run `eightpost study` again" in " ".join(shown.stderr.split())
+
+
+def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measured, pages):
+    damaged = (sure / "certainty.parquet").read_bytes()[:500]
+    (sure / "certainty.parquet").write_bytes(damaged)
+    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    text = " ".join(shown.stderr.split())
+    assert shown.exit_code == 2 and "certainty.parquet: not a readable Parquet file" in text
+    assert "take certainty.previous.parquet instead, or run `eightpost study` again" in text
+    assert (sure / "certainty.parquet").read_bytes() == damaged
+    console = Console(record=True, width=200)
+    result = StudyResult.load(sure / "results.parquet")
+    assert with_runs(console, Knowledge(), result, sure) == Knowledge()
+    assert "rig runs are not taken over: confirm them again" in console.export_text()
+    assert (sure / "certainty.replaced.parquet").read_bytes() == damaged
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("file;setup\na.parquet;3\n", "its columns are file;setup (they are separated by commas)"),
+    ("file,setup\na.parquet,\n", "line 2: there is no setup; state its number in a column `setup`"),
+])  # fmt: skip
+def test_a_list_of_another_form_is_refused_with_its_columns(sure, tmp_path, text, message):
+    (tmp_path / "list.csv").write_text(text)
+    shown = eightpost("confirm", sure, tmp_path / "list.csv")
+    assert shown.exit_code == 2 and message in " ".join(shown.stderr.split())
 
 
 def test_robust_needs_an_uncertain_part(folder, tmp_path):

@@ -138,11 +138,25 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
         ('baseline = "B"', 'baseline = "C"', "lf cannot have the build 'C'"),
         ('settling = "1500 ms"', "settling = 5.0", "settling is 5 s; it must be shorter"),
         ("schema = 1", "schema = 2", "this version reads schema 1"),
+        ('settling = "1500 ms"', 'settling = "2 lbf"', "line 5: settling: cannot convert 'lbf' to 's': the dimensions"),
+        ('"-2 in/s"', '"-2 in"', "measure 'slow rebound', from: cannot convert 'in' to 'm/s'"),
+        ('at_most = "0.5 in"', 'at_most = "0.5 g"', "constraint 'aero number': cannot convert 'g' to 'm'"),
     ],
 )
 def test_error_messages_state_the_line(write, old, new, message):
     with pytest.raises(InputError, match=message):
         read_study(write(old, new))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ('A = "{shock}"', 'A = "{car}"', "bank: 'A', .*is no shock: it has no velocity"),
+    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock"),
+])  # fmt: skip
+def test_a_car_among_the_shocks_and_a_shock_as_the_car_are_named(write, old, new, message):
+    text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
+    assert text.count(old) == 1
+    with pytest.raises(InputError, match=message):
+        read_study(write(text=text.replace(old, new)))
 
 
 def test_a_missing_file_is_reported(tmp_path):
