@@ -78,7 +78,7 @@ def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resum
         for k, name in enumerate(names)
     ]
     text = re.sub(r"\[corners\].*?\n\n", "", file.read_text(), flags=re.DOTALL)
-    file.write_text(text.replace("[bank]", "\n".join(("[bank]", *bank))).replace('stop = "3 s"', 'stop = "30 s"'))
+    file.write_text(text.replace("[bank]", "\n".join(("[bank]", *bank))).replace('stop = "3 s"', 'stop = "10 s"'))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--workers", "2"]
     called = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, process_group=0)
