@@ -1,13 +1,17 @@
 """Setups in lanes have the bits of the FMUs, with every law, port parameter and friction, at any place in any batch."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
 from cosim.study.batch.library import instruction_set
+from eightpost.corners import CORNERS
 
 from .batched import (
     CHANNELS,
@@ -22,6 +26,7 @@ from .batched import (
     study_of,
 )
 
+IDENTIFIED = Path(__file__).resolve().parents[4] / "examples" / "identified" / "car.json"
 FRICTION = {
     "friction that creeps": {"friction_force": 90.0, "friction_velocity": 0.004},
     "friction that sticks": {"bristle_force": 120.0, "bristle_static_ratio": 1.3},
@@ -62,6 +67,23 @@ def test_every_friction_has_the_bits_of_the_vehicle(fmus, kind):
     vehicle = Vehicle(fmus["seven_dof"], parameters=at_corners(FRICTION[kind]))
     study = study_of(fmus, random_builds(fmus, ["lpnl2", "lpf1"], 6, seed=31), vehicle)
     assert differing(study, random_setups(study, 8)) == []
+
+
+def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, one_platform, tmp_path):
+    """The other cars have pairs of modes only; this one decays alone, in 0.04 s."""
+    car, rng = json.loads(IDENTIFIED.read_text()), np.random.default_rng(3)
+    car["A"] = [[*row, 0.0] for row in car["A"]] + [[0.0] * len(car["A"]) + [-25.0]]
+    car["C"] = [[*row, 0.01 * np.abs(row).max() * rng.normal()] for row in car["C"]]
+    car["B"].append((0.01 * np.abs(car["B"]).max(axis=0) * rng.normal(size=len(car["B"][0]))).tolist())
+    (tmp_path / "car.json").write_text(json.dumps(car))
+    with one_platform():
+        fmu = build([tmp_path / "car.json"], tmp_path)[0].path
+    vehicle = Vehicle(fmu, inputs={f"{corner}.aero": 10.0 for corner in CORNERS})
+    drive = Drive("track", TRACK, 2.0, targets={f"{corner}.road": f"car.{corner}.road" for corner in CORNERS})
+    builds, measures = random_builds(fmus, ["lpnl2", "lpf1"], 4, seed=45), (Measure("v", ("car.lf.velocity",)),)
+    study = study_of(fmus, builds, vehicle, measures=measures, drives=(drive,))
+    channels = tuple(f"car.{corner}.velocity" for corner in CORNERS) + tuple(f"{corner}.force" for corner in CORNERS)
+    assert differing(study, random_setups(study, 4), channels) == []
 
 
 def test_a_quarter_car_has_the_bits_of_its_fmu(fmus):
