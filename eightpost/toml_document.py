@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,13 +36,21 @@ def parse_model(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        faults = [
-            (fault["loc"], f"{'.'.join(map(str, fault['loc']))}: {(words or {}).get(fault['type'], fault['msg'])}")
-            for fault in error.errors()
-        ]
+        faults = [(fault["loc"], _message(model, words or {}, fault)) for fault in error.errors()]
         (first, what), *others = faults
         what = "; ".join([what, *(f"{_line(text, place)}{other}" for place, other in others)])
         raise FileFormatError(what, path=path, line=_line_of(text, first)) from error
+
+
+def _message(model: type[BaseModel], words: Mapping[str, str], fault: Any) -> str:
+    """Return what is wrong with an entry; of an unknown one also the similar entries, at any level of the model."""
+    what = f"{'.'.join(map(str, fault['loc']))}: {words.get(fault['type'], fault['msg'])}"
+    if fault["type"] != "extra_forbidden":
+        return what
+    schema = model.model_json_schema()
+    known = {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", ())}
+    close = get_close_matches(str(fault["loc"][-1]), sorted(known), cutoff=0.75)
+    return f"{what}; did you mean {', '.join(close)}?" if close else what
 
 
 def _line(text: str, place: Sequence[str | int]) -> str:

@@ -120,7 +120,8 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("settling =", "setling =", "line 5: setling: is not an entry of a study file"),
+        ("settling =", "setling =", r"lists the entries\); did you mean settling\?$"),
+        ("settling =", "xyz =", "line 5: xyz: is not an entry of a study file"),
         ('name = "slow rebound"', "", r"measure.0.name: is missing"),
         ("band = [", "bands = [", "line 33: measure.0.bands: is not an entry"),
         ("[vehicle]", "[vehicle", "line 10"),
