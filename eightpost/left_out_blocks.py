@@ -19,7 +19,7 @@ from eightpost.errors import InputError
 from eightpost.files import MALFORMED
 
 #: Name of the section in the fit of a shock file, and in the uncertainty of a model.
-SECTION = "left_out_blocks"
+_SECTION = "left_out_blocks"
 
 #: Maximum number of blocks that are kept; those of longer tests are joined.
 BLOCKS = 100
@@ -82,16 +82,14 @@ class LeftOutBlocks:
         first, second = np.array(self.velocity), np.array(other.velocity)
         return bool(np.sum((first - second) ** 2) <= _SAME**2 * np.sum(first * second))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the changes as a JSON document."""
-        return {
-            "velocity [m/s]": list(self.velocity),
-            "changes": {name: list(values) for name, values in self.changes.items()},
-        }
+    def section(self) -> dict[str, Any]:
+        """Return the changes as the section of a JSON document; `left_out_of` reads it."""
+        changes = {name: list(values) for name, values in self.changes.items()}
+        return {_SECTION: {"velocity [m/s]": list(self.velocity), "changes": changes}}
 
     @classmethod
     def from_json(cls, document: Any) -> LeftOutBlocks:
-        """Return the changes of a document written by `to_json`.
+        """Return the changes of a section.
 
         Raises:
             InputError: The document is not one of left-out blocks.
@@ -125,7 +123,7 @@ def left_out_of(document: Mapping[str, Any]) -> LeftOutBlocks | None:
     Raises:
         InputError: The section is not one of left-out blocks.
     """
-    section = document.get(SECTION)
+    section = document.get(_SECTION)
     return None if section is None else LeftOutBlocks.from_json(section)
 
 

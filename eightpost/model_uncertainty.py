@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost.errors import InputError
 from eightpost.files import MALFORMED
-from eightpost.left_out_blocks import SECTION, LeftOutBlocks, left_out_of
 
 if TYPE_CHECKING:
+    from eightpost.left_out_blocks import LeftOutBlocks
     from eightpost.measure_uncertainty import MeasureUncertainty
 
 
@@ -68,7 +68,7 @@ class ModelUncertainty:
             "measures": {name: asdict(one) for name, one in self.measures.items()},
             "parameters": [_finite(asdict(one)) for one in self.parameters],
             "held": list(self.held),
-            **({} if self.left_out is None else {SECTION: self.left_out.to_json()}),
+            **(self.left_out.section() if self.left_out else {}),
         }
 
     @classmethod
@@ -84,7 +84,7 @@ class ModelUncertainty:
             measures = {str(name): _measure(entry) for name, entry in document.get("measures", {}).items()}
             parameters = tuple(_parameter(entry) for entry in document.get("parameters", []))
             held = tuple(str(text) for text in document.get("held", []))
-            return cls(measures, parameters, held, left_out_of(document))
+            return cls(measures, parameters, held, _left_out(document))
         except MALFORMED as error:
             raise InputError(f"a model's uncertainty: {error}") from error
 
@@ -101,6 +101,12 @@ def _measure(entry: Mapping[str, Any]) -> MeasureUncertainty:
     if not all(isfinite(value) and value >= 0.0 for value in found.values()):
         raise InputError(f"the uncertainty of a measure must be numbers of 0 or more, not {dict(entry)!r}")
     return MeasureUncertainty(**found)
+
+
+def _left_out(document: Mapping[str, Any]) -> LeftOutBlocks | None:
+    from eightpost.left_out_blocks import left_out_of  # noqa: PLC0415 -- loads numpy, which help texts do not need
+
+    return left_out_of(document)
 
 
 def _parameter(entry: Mapping[str, Any]) -> ParameterUncertainty:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import InputError
-from eightpost.left_out_blocks import BLOCKS, FittedParameter, LeftOutBlocks, correlation_of, square_root
+from eightpost.left_out_blocks import BLOCKS, FittedParameter, LeftOutBlocks, correlation_of, left_out_of, square_root
 from eightpost.rig import Actuator, random_multisine
 
 VELOCITY = np.linspace(0.1, 0.3, 60)
@@ -122,8 +122,8 @@ def test_a_parameter_that_does_not_change_or_is_not_known_is_omitted():
 
 def test_changes_survive_their_document():
     found = blocks(lag=np.sin(np.arange(60.0)))
-    text = json.dumps(found.to_json(), allow_nan=False)
-    assert LeftOutBlocks.from_json(json.loads(text)) == found
+    text = json.dumps(found.section(), allow_nan=False)
+    assert left_out_of(json.loads(text)) == found
     assert len(text) < 1200
 
 

@@ -26,7 +26,6 @@ from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand
 from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
 from eightpost.labelled import data_frame, dataset
-from eightpost.left_out_blocks import SECTION
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
@@ -320,7 +319,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     band = curve_band_of(solution)
     chosen: dict[str, Any] = {"law_choice": story.choice.to_json()} if story.choice else {}
     chosen |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
-    chosen |= {SECTION: left_out_blocks(solution).to_json()} if solution.left_out.size else {}
+    chosen |= left_out_blocks(solution).section() if solution.left_out.size else {}
     choices = chosen | {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),

@@ -13,7 +13,7 @@ from rich.console import Console
 from cosim.study.choice.robust import Uncertain
 from cosim.study.choice.robust_file import Uncertainty
 from eightpost.app.robust import _plan
-from eightpost.left_out_blocks import SECTION, LeftOutBlocks
+from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.shock import Hysteresis, read_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from tests.shock.example_curve import knot_curve
@@ -94,7 +94,7 @@ def test_draws_are_limited_to_the_bounds_of_the_fit(free):
 def test_a_fit_that_an_uncertainty_file_names_is_drawn_with_what_it_has_in_common_with_others(free):
     blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"rebound_scale": np.sin(np.arange(20.0))})
     shock = json.loads(free.read_text())
-    free.write_text(json.dumps(shock | {"fit": shock["fit"] | {SECTION: blocks.to_json()}}))
+    free.write_text(json.dumps(shock | {"fit": shock["fit"] | blocks.section()}))
     (part,) = _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0).parts
     assert part.left_out == blocks
 
