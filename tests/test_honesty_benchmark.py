@@ -243,7 +243,7 @@ def test_a_campaign_goes_on_where_it_was_and_measures_between_recorded_points(tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("systems", [FIXED[::4], pytest.param(FIXED, marks=pytest.mark.nightly)], ids=["ten", "forty"])
+@pytest.mark.parametrize("systems", [FIXED[::8], pytest.param(FIXED, marks=pytest.mark.nightly)], ids=["five", "forty"])
 def test_what_the_default_states_of_systems_holds(systems: Any) -> None:
     """The bounds of docs/explanation/coupling.md."""
     rows = run_campaign(systems, "default", quiet=True)
