@@ -45,9 +45,8 @@ loops: $(INSTALLED)
 	$(BIN)/python -m eightpost rig --car quarter_car --test random --duration '2 s' -o out/loops/quarter_car.parquet
 	$(BIN)/python -m eightpost rig --car flexible --test random --duration '2 s' -o out/loops/flexible.parquet
 
-# Modules run in their order: otherwise those with few, long tests run last, and one worker waits.
 unit: $(INSTALLED)
-	$(BIN)/pytest -n 2 --dist loadscope --no-loadscope-reorder --max-worker-restart 0
+	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
 
 nightly: $(INSTALLED) ## Run tests that take minutes: a million random FMI calls, intervals, installations, Wine.
 	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native

@@ -168,7 +168,8 @@ def _groups(parameters: Sequence[FittedParameter]) -> list[list[int]]:
 
 
 def _shrunk(changes: Array) -> Array:
-    """Return the correlation (n, n) of changes (n, B), shrunk towards independence."""
+    """Return the correlation (n, n) of changes (n, B), shrunk towards independence; equal ones are one fit."""
+    changes, place = np.unique(changes, axis=0, return_inverse=True)
     size = np.linalg.norm(changes, axis=1, keepdims=True)
     found = (changes / size) @ (changes / size).T
     apart = found[~np.eye(len(found), dtype=bool)]
@@ -176,4 +177,4 @@ def _shrunk(changes: Array) -> Array:
     share = min(by_chance / max(float(np.sum(apart**2)), 1e-300), 1.0)
     found *= 1.0 - share
     np.fill_diagonal(found, 1.0)
-    return np.asarray(found)
+    return np.asarray(found[np.ix_(place.ravel(), place.ravel())])

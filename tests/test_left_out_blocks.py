@@ -86,6 +86,15 @@ def test_other_tests_other_parameters_and_files_without_changes_are_independent(
     np.testing.assert_allclose(both, [[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 1, 0, 1]], atol=1e-3)
 
 
+def test_builds_of_one_fit_have_one_error_also_beside_other_builds():
+    changes = np.random.default_rng(3).standard_normal((6, 20))
+    parts = [LeftOutBlocks.of(0.1 + np.arange(20.0), {"lag": one}) for one in (changes[0], *changes)]
+    found = correlation_of(parameters(*parts))
+    assert found[0, 1] == 1.0
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.abs(found[0, 2:]).max() < 0.5
+
+
 def test_few_blocks_show_no_correlation():
     few = LeftOutBlocks.of(VELOCITY[:4], {"lag": np.array([1.0, 2.0, 0.0, 4.0])})
     np.testing.assert_array_equal(correlation_of(parameters(few, few)), np.eye(2))

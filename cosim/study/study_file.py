@@ -278,7 +278,9 @@ class _Reader:
         )
 
     def _unit_of(self, option: str, given: _Measure) -> str:
-        """Return the SI unit of an option of a statistic; empty if it is not known."""
+        """Return the unit of an option of a statistic, SI except percent; empty if it is not known."""
+        if option == "percent" and not given.function:
+            return "%"
         in_signal = given.statistic == "share" and not given.function
         return self._units.get(given.channels[0], "") if in_signal and given.channels else ""
 

@@ -223,7 +223,10 @@ class Columns:
         if not is_repeated or not 1 < len(row) <= len(self.record.names):
             return []
         cells = [cell.strip() for cell in row] + [""] * (len(self.record.names) - len(row))
-        return [next((c for c in cells[i::-1] if c), "") for i in range(len(cells))]
+        above = [next((c for c in cells[i::-1] if c), "") for i in range(len(cells))]
+        named = (StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names))
+        forces = [(one.stroke, above[one.place]) for one in named if one.stroke and _is_plain(one)]
+        return above if len(set(forces)) == len(forces) else []  # a line of other words is no row of settings
 
     def _speed_place(self, column: StrokeColumn) -> int:
         """Return the speed of a column of forces: of its stroke, or the nearest one before it, or the first one."""

@@ -36,22 +36,31 @@ def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
 def _recorded(value: Any) -> list[dict[str, Any]]:
     """Return the channels of a recording of ControlDesk: a struct with X (times) and Y (signals), each with Data.
 
-    Signals with other times than the first one are left out. Of a path `"Model Root"/"Force"/"Out1"` the name is the
+    Signals with other times than most have are left out. Of a path `"Model Root"/"Force"/"Out1"` the name is the
     last part that is not a port, unless it is not unique.
     """
     axes, signals = (_rows(value.get(field)) for field in "XY") if isinstance(value, Mapping) else ([], [])
     if not axes or not signals or not all("Data" in row for row in (*axes, *signals)):
         return []
-    indices = [row.get("XIndex", 1 if len(axes) == 1 else 0) for row in signals]
-    if indices[0] not in range(1, len(axes) + 1):
+    indices = [_index_of_times(row, len(axes)) for row in signals]
+    if not all(1 <= index <= len(axes) for index in indices):
         return []
-    times = axes[int(indices[0]) - 1]
-    signals = [row for row, index in zip(signals, indices, strict=True) if index == indices[0]]
+    most = max(indices, key=indices.count)
+    times = axes[most - 1]
+    signals = [row for row, index in zip(signals, indices, strict=True) if index == most]
     paths = [str(row.get("Name", "")) for row in signals]
     short = [_last_part(path) for path in paths]
     names = short if len(set(short)) == len(short) else paths
     named = zip(["time", *names], [times, *signals], strict=True)
     return [{"name": name, "data": row["Data"], "unit": _text_or_none(row.get("Unit"))} for name, row in named]
+
+
+def _index_of_times(signal: Mapping[str, Any], count: int) -> int:
+    """Return the number of the times of a signal, from 1 to `count`; 0 if it states none of several."""
+    stated = np.asarray(signal.get("XIndex", ()))
+    if stated.size == 1 and stated.dtype.kind in "iuf":
+        return int(stated.item())
+    return 1 if count == 1 else 0
 
 
 def _text_or_none(value: Any) -> str | None:

@@ -21,9 +21,9 @@ from eightpost.errors import (
     UnknownUnitError,
 )
 from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
-from eightpost.signals.column_headers import is_number
+from eightpost.signals.column_headers import is_number, split_header
 from eightpost.signals.faults import check_finite, check_time
-from eightpost.signals.text_cleaning import times_of
+from eightpost.signals.text_cleaning import seconds_of, times_of
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import SI_UNITS, compatible, convert, si_unit
 
@@ -88,6 +88,9 @@ class RawRecord:
         """Return the index of the column `source`; otherwise raise a MissingChannelError that lists the columns."""
         if source in self.names:
             return self.names.index(source)
+        name, unit = split_header(source)  # a channel map may have the whole header, with its unit
+        if name in self.names and self.units[self.names.index(name)] == unit:
+            return self.names.index(name)
         what = f"there is no column {source!r}; the file has: {', '.join(self.names)}"
         raise self.origin.header_fault(MissingChannelError, what, channel=channel)
 
@@ -121,7 +124,7 @@ class RawRecord:
         return unit
 
     def _check_times(self, index: int) -> None:
-        """Raise a NotANumberError for the first cell of a column of times that is neither a number nor a time."""
+        """Raise a NotANumberError for a column of times that `times_of` refuses, at the cell that is no time if any."""
         for row, cell in enumerate(map(str, self.columns[index])):
             if not is_number(cell):
                 what = (
@@ -129,6 +132,9 @@ class RawRecord:
                     "or 12-Nov-2026 before the time"
                 )
                 raise self.origin.fault(NotANumberError, what, channel="time", sample=row)
+        if any(seconds_of(str(cell)) is not None for cell in self.columns[index][:1]):
+            what = "the dates change at other times than midnight; write them as 2026-11-12, whose days are counted"
+            raise self.origin.fault(NotANumberError, what, channel="time", sample=0)
 
     def numbers(self, index: int, *, channel: str) -> NDArray[np.float64]:
         """Return a column (N,) as numbers; a NotANumberError names the first cell that is not a number."""

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -147,16 +148,17 @@ def without_footer(lines: Sequence[str], split: Callable[[str], list[str]]) -> i
     """
     rows = [split(line) for line in lines]
     kinds = Counter(_kind(cells[0]) for cells in rows if any(cells))
-    if not kinds or kinds.most_common(1)[0][0] == "word":
+    usual = kinds.most_common(1)[0][0] if kinds else "word"
+    if usual == "word":
         return len(lines)
     last = len(lines)
-    while last > 0 and (not any(rows[last - 1]) or _is_footer(rows[last - 1])):
+    while last > 0 and (not any(rows[last - 1]) or _is_footer(rows[last - 1], usual)):
         last -= 1
     return last
 
 
-def _is_footer(cells: list[str]) -> bool:
-    if _kind(cells[0]) != "word":
+def _is_footer(cells: list[str], usual: str) -> bool:
+    if _kind(cells[0]) in {"number", usual}:
         return False
     return (
         bool(_STATISTICS.fullmatch(cells[0]))
@@ -251,7 +253,7 @@ def seconds_of(text: str) -> float | None:
     """Return the seconds of `hh:mm:ss.s`, `mm:ss.s`, or of these behind a date; else None.
 
     The day counts in ISO dates (`2026-11-12 10:00:00`) only; in others (`12.11.2026`, `11/12/26`, `12-Nov-2026`) its
-    order may be unknown.
+    order may be unknown, and `times_of` refuses a record over days.
     """
     text = text.strip()
     if match := _CLOCK.fullmatch(text):
@@ -281,4 +283,8 @@ def times_of(cells: NDArray[Any]) -> NDArray[np.float64] | None:
         return None
     seconds = np.array(found, dtype=np.float64)
     days = np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * _DAY)])
+    texts = [re.split(r"[ T,]*\d{1,2}:", str(cell).strip(), maxsplit=1)[0] for cell in cells]
+    changes = sum(before != after for before, after in pairwise(texts))
+    if texts[0] and not _DATE.match(str(cells[0]).strip()) and changes != days[-1]:
+        return None  # over days, which only ISO dates count: otherwise the date changes at midnight only
     return np.asarray(np.round(seconds + _DAY * days - seconds[0], 9))

@@ -27,9 +27,11 @@ def padded(header, columns=SI):
                          for one in columns], sep="", suffix=".txt")  # fmt: skip
 
 
-def dated(pattern, *, start=AT, sep=",", header="Time,x [mm],v [mm/s],F [N]", quote=""):
-    """Return a writer of a table with dates and times."""
-    stamps = [f"{quote}{stamp}{quote}" for stamp in clock(start, pattern)]
+def dated(pattern, *, start=AT, sep=",", header="Time,x [mm],v [mm/s],F [N]", quote="", days=0):
+    """Return a writer of a table with dates and times, the second half of it some days later."""
+    later = start + datetime.timedelta(days=days)
+    stamps = [*clock(start, pattern)[: COUNT // 2], *clock(later, pattern)[COUNT // 2 :]]
+    stamps = [f"{quote}{stamp}{quote}" for stamp in stamps]
     return text(header, [stamps, *SI[1:]], sep=sep)
 
 
@@ -40,13 +42,15 @@ def signal(name, samples, unit="", **more):
 SIGNALS = [("Disp", 1e3 * X, "mm"), ("Vel", 1e3 * V, "mm/s"), ("Force", F, "N")]
 
 
-def controldesk(names=("Disp", "Vel", "Force"), *, unit="s", axes=1, name="rec_001", has_index=True):
+def controldesk(names=("Disp", "Vel", "Force"), *, unit="s", axes=1, name="rec_001", has_index=True,
+                empty_index=False, slow_first=False):  # fmt: skip
     """Return a writer of a recording of ControlDesk."""
-    index = {"XIndex": 1.0} if has_index else {}
+    index = {"XIndex": np.zeros((0, 0)) if empty_index else 1.0} if has_index else {}
     signals = [signal(own, s, u, **index) for own, (_, s, u) in zip(names, SIGNALS, strict=True)]
     times = [signal("", T, unit), signal("", 2.0 * T, unit)][:axes]
     if axes > 1:
-        signals += [signal("slow", F, "N", XIndex=2.0)]
+        slow = [signal("slow", F, "N", XIndex=2.0)]
+        signals = [*slow, *signals] if slow_first else [*signals, *slow]
     content = {"X": times[0] if axes == 1 else np.array(times, dtype=object), "Y": np.array(signals, dtype=object),
                "Description": "run", "Capture": {"DateTime": "2026-11-12", "Length": float(COUNT)}}  # fmt: skip
     return matlab({name: content})
@@ -114,6 +118,9 @@ READ = {
         ["Platform()://Rig/Disp/Value", "Platform()://Rig/Vel/Value", "Platform()://Rig/Force/Value"]),
     "a recording with two axes of time": controldesk(axes=2),
     "a recording of another name": controldesk(name="Dyno_5_mat"),
+    "a recording with empty numbers of axes": controldesk(empty_index=True),
+    "a recording with a slow signal first": controldesk(axes=2, slow_first=True),
+    "a footer with a date": text(H, below="12-Nov-2026 11:00:01,end,,\n"),
 }  # fmt: skip
 
 REFUSED = {
@@ -130,6 +137,8 @@ REFUSED = {
     "a date of three words between blanks": (
         blanks("Time x[mm] v[mm/s] F[N]", [clock(AT, "%d %b %Y %H:%M:%S.%f"), *SI[1:]]), "columns"),
     "no month": (dated("%d-Foo-%Y %H:%M:%S.%f"), "neither a number nor a time"),
+    "a record over days": (dated("%d-%b-%Y %H:%M:%S.%f", days=2), "at other times than midnight"),
+    "a record over days, year first": (dated("%Y/%m/%d %H:%M:%S.%f", days=2), "at other times than midnight"),
     "a date without a time": (dated("%d-%b-%Y"), "neither a number nor a time"),
     "day and month without a year": (dated("%d-%b %H:%M:%S.%f"), "neither a number nor a time"),
     "a month above twelve is a word": (dated("%d-Mon-%y %H:%M:%S.%f"), "neither a number nor a time"),
@@ -167,6 +176,7 @@ ABOVE = {
     "merged cells": (",3 clicks,,6 clicks,", ["3 clicks", "6 clicks"]),
     "a name of the row": ("Setting,3,3,6,6", ["3", "6"]),
     "words": (",soft,,hard,", ["soft", "hard"]),
+    "no settings, a line of a fact": ("Date,12.11.2026", [None, "(2)"]),
     "below a line of facts": ("Shock ID: 7\n,3 clicks,,6 clicks,", ["3 clicks", "6 clicks"]),
 }
 

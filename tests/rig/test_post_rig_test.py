@@ -144,6 +144,14 @@ def test_a_record_with_fewer_needs_is_read_and_names_what_it_could_not_check(rec
     assert read_rig_test(changed(record, tmp_path, {})).unchecked == ()
 
 
+def test_a_velocity_that_was_derived_from_a_displacement_is_no_check_of_it(record, tmp_path):
+    path, pots = tmp_path / "rig.parquet", tuple(f"{corner}.displacement" for corner in CORNERS)
+    RigTest(record.series.select(pots)).write(path)
+    assert read_rig_test(path, needs=()).unchecked == pots
+    RigTest(record.series.select([*pots, *(f"{corner}.force" for corner in CORNERS)])).write(path)
+    assert read_rig_test(path, needs=()).unchecked == ()
+
+
 def test_a_record_with_fewer_needs_still_has_its_channels_checked(record, tmp_path):
     path = tmp_path / "rig.parquet"
     reversed_force = {"lr.force": ("N", -record.series["lr.force"])}

@@ -67,10 +67,13 @@ class BatchResult:
 
 
 def joined(results: Sequence[BatchResult]) -> BatchResult:
-    """Return the sums of several batches of a plan as those of one, without series."""
+    """Return the sums of several batches of a plan as those of one, without series.
+
+    A batch ends early if none of its setups goes on, so the duration is that of the longest one.
+    """
     arrays = [result._arrays() for result in results]
     together: dict[str, Any] = {name: np.concatenate([own[name] for own in arrays], axis=-1) for name in arrays[0]}
-    return replace(results[0], **together)
+    return replace(max(results, key=lambda one: one.duration), **together)
 
 
 class Batch:

@@ -83,13 +83,21 @@ def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, or
         _check_tires(record)
 
 
-def unchecked(series: TimeSeries, corners: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the channels that are in none of the comparisons of signs and corners, as others are missing."""
+def unchecked(measured: TimeSeries, series: TimeSeries, corners: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the measured channels that are in none of the comparisons of signs and corners, as others are missing.
+
+    Args:
+        measured: Record.
+        series: Record with velocities that were derived from displacements; they check these only by the forces.
+        corners: Corners of the record.
+    """
     record = _Record(series, corners, IN_MEMORY)
+    if not record.has(*RELATED[0]):
+        record = _Record(measured, corners, IN_MEMORY)
     checked = {name for related in RELATED if record.has(*related) for name in related}
     names = {name for related in RELATED for name in related} - checked
     return tuple(name for corner in corners for name in (channel(corner, one) for one in sorted(names))
-                 if name in series)  # fmt: skip
+                 if name in measured)  # fmt: skip
 
 
 class _Record:

@@ -221,9 +221,10 @@ def read_rig_test(
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")
     check_rig_units(series, corners, origin=record.origin)
-    series, derived = _with_velocities(series, corners)
-    check_rig_record(series, corners, origin=record.origin)
-    return RigTest(series, _conditions(path), path, sha256_of(path), derived, unchecked(series, corners))
+    complete, derived = _with_velocities(series, corners)
+    check_rig_record(complete, corners, origin=record.origin)
+    not_checked = unchecked(series, complete, corners)
+    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked)
 
 
 def read_rig_tests(

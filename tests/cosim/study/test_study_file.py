@@ -117,6 +117,14 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
     assert not any(m.name.startswith("again") for m in study.measures_of(study.drives[0]))
 
 
+@pytest.mark.parametrize("percent", ["95.0", '"95 %"'])
+def test_the_percent_of_a_percentile_is_a_number_of_percent(write, percent):
+    study = read_study(
+        write('"share"\noptions = { from = "-2 in/s", to = 0.0 }', f'"percentile"\noptions = {{ percent = {percent} }}')
+    )
+    assert next(m for m in study.measures if m.name == "slow rebound").options == {"percent": 95.0}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

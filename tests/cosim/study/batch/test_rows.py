@@ -152,6 +152,20 @@ def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
     assert [row["message"] for row in found] == [row["message"] for row in right]
 
 
+def test_a_batch_whose_setups_all_end_early_changes_nothing_of_the_next_one(fmus, study):
+    good = next(iter(study.bank))
+    wild = {f"wild {k}": Build(fmus["polylinear"], {"compression_scale": 1e9 + k}) for k in range(8)}
+    bank = {good: study.bank[good], **wild}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    setups = [mixed.space.find({**dict.fromkeys(CORNERS, good), "lf": name}) for name in (*wild, good)]
+    evaluator, coupling = Evaluator(mixed), replace(COUPLING, errors=errors(mixed))
+    *ended, row = evaluator.rows(setups, replace(coupling, batch="exact"))
+    assert {one["status"] for one in ended} == {"failed"}
+    right = evaluator.row(setups[-1], coupling)
+    numbers = [name for name, value in right.items() if isinstance(value, float) and name != "seconds"]
+    assert [row[n] for n in numbers] == pytest.approx([right[n] for n in numbers], rel=1e-12, abs=1e-14)
+
+
 def test_the_random_setups_are_the_same_for_every_call(study, evaluator):
     batches = Batches(evaluator, COUPLING.scheme, COUPLING.step)
     found = random_setups_of_study(study, batches)
