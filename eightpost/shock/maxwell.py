@@ -80,7 +80,7 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
                 w += copysign(min(most, room), towards)
                 force = valve_force(valve, w)
                 continue
-            left = min(left, tau * most / far)  # |dw/dt| is at most far / tau
+            left = min(left, _time_for(most, abs(gap), far, left, tau))
         end = piece.velocity_end if time + left >= piece.step else _velocity_at(piece, time + left)
         tau = _chord_time_constant(w, force, tau, v, end, left, room, own[0], valve)
         change = _followed(w, v, end, tau, left) - w
@@ -113,6 +113,17 @@ def _velocity_at(piece: Piece, time: float) -> float:
 def _reach(w: float, v: float, end: float) -> float:
     """Return the largest distance of w [m/s] from the velocity while that changes linearly from v to end [m/s]."""
     return max(abs(v - w), abs(end - w))
+
+
+def _time_for(change: float, gap: float, far: float, left: float, tau: float) -> float:
+    """Return a time [s] in which w changes by at most `change` [m/s] while v - w grows from gap to far [m/s] over `left`.
+
+    |dw/dt| is at most far / tau, and until the gap has doubled on average at most 1.5 gap / tau; w never passes v.
+    """
+    gap = max(gap, _SHORTEST)
+    growth = max(far - gap, _SHORTEST) / left
+    lagging = max(tau * change / far, min(tau * change / (1.5 * gap), gap / growth))
+    return max(lagging, (change - gap) / growth)
 
 
 def _time_constant(w: float, force: float, change: float, stiffness: float, valve: Valve) -> float:

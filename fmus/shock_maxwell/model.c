@@ -68,6 +68,15 @@ static inline real reach(real w, real v, real end)
     return larger(size_of(v - w), size_of(end - w));
 }
 
+/* A time in which w changes by at most `change` while v - w grows from gap to far over `left`. |dw/dt| is at most far / tau, and
+ * until the gap has doubled on average at most 1.5 gap / tau; w never passes v. */
+static inline real time_for(real change, real gap, real far, real left, real tau)
+{
+    const real from = larger(gap, uniform(SHORTEST)), growth = larger(far - from, uniform(SHORTEST)) / left;
+    const real lagging = larger(tau * change / far, smaller(tau * change / (1.5 * from), from / growth));
+    return larger(lagging, (change - from) / growth);
+}
+
 /* The slope of the chord from w, where F = force, for a change of w, divided by k. */
 static inline real time_constant_over(const Parameters *p, real w, real force, real change)
 {
@@ -223,7 +232,7 @@ static real advance_force(const Parameters *p, real lagged, const Piece *piece, 
                     continue;
                 }
             }
-            left = either(far > most, smaller(left, nearby * most / far), left); /* |dw/dt| is at most far / tau */
+            left = either(far > most, smaller(left, time_for(most, size_of(gap), far, left, nearby)), left);
         }
         const real end = either(time + left >= piece->step, piece->velocity_end, velocity_at(piece, time + left));
         const real tau = chord_time_constant(p, w, force, nearby, v, end, left, room, moves);

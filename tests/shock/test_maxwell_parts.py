@@ -20,6 +20,7 @@ from eightpost.shock.maxwell import (
     _room_before_kink,
     _time_across,
     _time_constant,
+    _time_for,
     _time_less_bow,
     _velocity_at,
     velocity_under,
@@ -113,6 +114,36 @@ def test_a_time_constant_is_the_slope_of_the_chord_over_the_stiffness():
         assert _time_constant(0.1, force, change, STIFFNESS, LAW.valve) == pytest.approx(tangent / STIFFNESS, rel=1e-4)
     # A falling curve, as may occur during a fit, causes no lag.
     assert _time_constant(0.1, force + 1e3, 0.01, STIFFNESS, LAW.valve) == 0.0
+
+
+@given(velocities, velocities, velocities, st.floats(1e-7, 1e-1), st.floats(1e-4, 1e-2), st.floats(0.01, 0.1))
+def test_in_the_time_of_a_part_w_changes_by_no_more_than_the_part_allows(w, v, end, tau, step, most):
+    gap, last = v - w, end - w
+    if gap * last < 0.0 or max(abs(gap), abs(last)) <= most:  # a step is divided where w turns
+        return
+    far = max(abs(gap), abs(last))
+    time = min(_time_for(most, abs(gap), far, step, tau), step)
+    assert time >= min(tau * most / far, step) * (1.0 - 1e-9)
+    assert abs(_followed(w, v, v + (end - v) * time / step, tau, time) - w) <= most * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 3e6, 2.7e7, 1e9])
+def test_a_step_over_the_whole_curve_takes_few_parts_and_is_that_of_a_hundred_small_ones(monkeypatch, stiffness):
+    """From 0.65 to -0.5 m/s in 8 ms, which are 115 parts of 0.01 m/s."""
+    parts, real = [], maxwell._chord_time_constant
+    monkeypatch.setattr(maxwell, "_chord_time_constant", lambda *given: parts.append(1) or real(*given))
+    shock, start, end, step, count = Maxwell(curve(), stiffness), 0.65, -0.5, 8e-3, 100
+
+    def after(force, v, to, time):
+        return shock.advance_piece(force, Piece(v, to, shock.static_force(v), shock.static_force(to), time))
+
+    whole = small = shock.static_force(start)
+    whole = after(whole, start, end, step)
+    assert len(parts) <= 300
+    velocities = np.linspace(start, end, count + 1).tolist()
+    for v, to in zip(velocities, velocities[1:], strict=False):
+        small = after(small, v, to, step / count)
+    assert whole == pytest.approx(small, abs=0.5)
 
 
 def test_w_follows_as_a_first_order_lag_for_any_time_constant():
