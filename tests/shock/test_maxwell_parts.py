@@ -127,6 +127,13 @@ def test_in_the_time_of_a_part_w_changes_by_no_more_than_the_part_allows(w, v, e
     assert abs(_followed(w, v, v + (end - v) * time / step, tau, time) - w) <= most * (1.0 + 1e-6)
 
 
+def test_the_time_of_a_part_is_the_longest_of_three_that_are_safe():
+    assert _time_for(0.01, 0.8, 1.0, 1e-3, 1e-3) == pytest.approx(1e-3 * 0.01 / 1.0)  # the largest gap ahead
+    assert _time_for(0.01, 0.02, 1.0, 1e-3, 1e-4) == pytest.approx(0.02 / 980.0)  # until the gap has doubled
+    assert _time_for(0.01, 0.2, 1.0, 1e-3, 1e-3) == pytest.approx(1e-3 * 0.01 / 0.3)  # on average 1.5 gap
+    assert _time_for(0.01, 0.002, 1.0, 1e-3, 1e-6) == pytest.approx(0.008 / 998.0)  # w never passes v
+
+
 @pytest.mark.parametrize("stiffness", [1e5, 3e6, 2.7e7, 1e9])
 def test_a_step_over_the_whole_curve_takes_few_parts_and_is_that_of_a_hundred_small_ones(monkeypatch, stiffness):
     """From 0.65 to -0.5 m/s in 8 ms, which are 115 parts of 0.01 m/s."""
