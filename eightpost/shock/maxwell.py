@@ -116,7 +116,7 @@ def _reach(w: float, v: float, end: float) -> float:
 
 
 def _time_for(change: float, gap: float, far: float, left: float, tau: float) -> float:
-    """Return a time [s] in which w changes by at most `change` [m/s] while v - w grows from gap to far [m/s] over `left`.
+    """Return a time [s] in which w changes by at most `change` while v - w grows from gap to far [m/s] over `left`.
 
     |dw/dt| is at most far / tau, and until the gap has doubled on average at most 1.5 gap / tau; w never passes v.
     """

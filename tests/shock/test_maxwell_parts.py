@@ -1,6 +1,7 @@
 """The functions of Maxwell's step: each is correct and needs few evaluations of the curve."""
 
 import re
+from itertools import pairwise
 from math import copysign, exp, inf
 from pathlib import Path
 
@@ -148,7 +149,7 @@ def test_a_step_over_the_whole_curve_takes_few_parts_and_is_that_of_a_hundred_sm
     whole = after(whole, start, end, step)
     assert len(parts) <= 300
     velocities = np.linspace(start, end, count + 1).tolist()
-    for v, to in zip(velocities, velocities[1:], strict=False):
+    for v, to in pairwise(velocities):
         small = after(small, v, to, step / count)
     assert whole == pytest.approx(small, abs=0.5)
 
