@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
 from eightpost.errors import EightpostError
 
-#: Number of random setups that are compared, number among which they are searched, and seed.
-_COMPARED, _SEARCHED, _SEED = 5, 500, 60221
+#: Least and largest number of random setups that are compared, number among which they are searched, and seed.
+_FEWEST, _MOST, _SEARCHED, _SEED = 5, 24, 500, 60221
 
 #: Largest difference between batch and FMUs, relative to a measure's scale.
 LARGEST_DIFFERENCE = 1e-12
@@ -52,11 +51,21 @@ def with_batch(evaluator: Evaluator, coupling: Coupling) -> Coupling:
 
 
 def random_setups(study: Study, batches: Batches) -> list[Setup]:
-    """Return random setups of a study that batches can run; they are the same for every call."""
+    """Return random setups of a study that batches can run; they are the same for every call.
+
+    They are the first ones, and of the others those with a build that none before them has, so that all builds of a
+    bank of common size are compared.
+    """
     space = study.space
     chosen = np.random.default_rng(_SEED).choice(space.indices, min(_SEARCHED, len(space)), replace=False)
-    setups = (space.setup(int(index)) for index in chosen)
-    return list(islice(filter(batches.has, setups), _COMPARED))
+    found: list[Setup] = []
+    compared: set[str] = set()
+    for setup in filter(batches.has, (space.setup(int(index)) for index in chosen)):
+        builds = set(setup.builds.values())
+        if len(found) < _FEWEST or not builds <= compared:
+            found.append(setup)
+            compared |= builds
+    return found[:_MOST]
 
 
 def largest_difference(

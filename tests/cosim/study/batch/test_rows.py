@@ -68,17 +68,22 @@ def test_rows_have_the_columns_marks_and_values_of_the_fmus(study, evaluator):
                 assert row[name] == right[name], name
 
 
+def test_every_build_of_the_bank_is_compared(study, evaluator):
+    setups = random_setups_of_study(study, Batches(evaluator, COUPLING.scheme, COUPLING.step, "exact"))
+    assert {build for setup in setups for build in setup.builds.values()} == set(study.bank)
+
+
 def test_a_study_states_the_largest_difference_on_random_setups(evaluator):
     found = with_batch(evaluator, COUPLING)
     assert found.batch == "exact"
     assert found.batch_difference is not None and found.batch_difference <= LARGEST_DIFFERENCE
-    assert f"{found.batch_difference:.1e}" in found.notes[-1] and "5 random setups" in found.notes[-1]
+    assert f"{found.batch_difference:.1e}" in found.notes[-1] and "6 random setups" in found.notes[-1]
     assert Coupling.from_json(asdict(found)) == found
 
 
 #: An operator changed in a source of the batch: every change must be found by the comparison with the FMUs.
 DEFECTS = {
-    "polynomial": ("curve.h", "sum[i] * fourth + coeff", "sum[i] * fourth - coeff"),
+    "polynomial": ("curve.h", "* fourth + coefficients[k]", "* fourth - coefficients[k]"),
     "lag": ("port.c", "(end - start) * lag->ramp", "(end + start) * lag->ramp"),
     "weight of the lag": ("port.c", "(1.0 - alpha) * f", "(1.0 + alpha) * f"),
     "gas spring": ("port.c", "p->gas_preload + p->gas", "p->gas_preload - p->gas"),
@@ -169,4 +174,4 @@ def test_a_batch_whose_setups_all_end_early_changes_nothing_of_the_next_one(fmus
 def test_the_random_setups_are_the_same_for_every_call(study, evaluator):
     batches = Batches(evaluator, COUPLING.scheme, COUPLING.step)
     found = random_setups_of_study(study, batches)
-    assert found == random_setups_of_study(study, batches) and len({setup.index for setup in found}) == 5
+    assert found == random_setups_of_study(study, batches) and len({setup.index for setup in found}) == len(found) == 6
