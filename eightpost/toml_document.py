@@ -81,13 +81,14 @@ def _line_of(text: str, place: Sequence[str | int]) -> int | None:
 def line_with(text: str, message: str) -> int | None:
     """Return the one-based line that a message refers to: the last quoted name in it that the file contains.
 
-    The text after a semicolon is advice and is ignored.
+    A name may be a text of the file, or a key that occurs once. The text after a semicolon is advice and is ignored.
     """
     lines = text.splitlines()
     for name in reversed(re.findall(r"'([^']+)'", message.partition(";")[0])):
-        for number, line in enumerate(lines, start=1):
-            if f'"{name}"' in line or f"'{name}'" in line:
-                return number
+        quoted = [number for number, line in enumerate(lines, 1) if f'"{name}"' in line or f"'{name}'" in line]
+        keys = [number for number, line in enumerate(lines, 1) if re.match(rf"\s*{re.escape(name)}\s*=", line)]
+        if quoted or len(keys) == 1:
+            return (quoted or keys)[0]
     return None
 
 

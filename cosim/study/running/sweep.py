@@ -20,12 +20,11 @@ from cosim.study.measures import Measure, own_function
 from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
-from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
+from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
-from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError, WorkersLostError
 from eightpost.files import check_output_folder
@@ -43,12 +42,11 @@ def _check_study(evaluator: Evaluator) -> None:
     Raises:
         FmuError: An FMU cannot be used.
         WiringError: A build does not fit a corner, or a channel or parameter does not exist.
-        InputError: A corner has no shock, or a measure, its unit or its window is invalid.
+        InputError: A measure, its unit or its window is invalid.
     """
     study = evaluator.study
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
-    _check_ports(study, system)
     for setup in beats(_every_build(study, first)):
         evaluator.system(setup)
     found = evaluator.measure_units
@@ -64,16 +62,6 @@ def _indices(study: Study) -> list[int]:
     if not indices:
         raise InputError("the study has no setups: no builds are allowed at all corners of a group in alike")
     return indices
-
-
-def _check_ports(study: Study, system: System) -> None:
-    """Raise an error if a port has no shock: the car would have no damping there."""
-    known = ports(system.components[study.vehicle.name])
-    if missing := [corner for corner in known if corner not in study.corners]:
-        raise InputError(
-            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}. Name the builds "
-            f"allowed at {missing[0]}"
-        )
 
 
 def _every_build(study: Study, first: Setup) -> list[Setup]:

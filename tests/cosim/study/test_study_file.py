@@ -158,14 +158,27 @@ def test_error_messages_state_the_line(write, old, new, message):
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ('A = "{shock}"', 'A = "{car}"', "bank: 'A', .*is no shock: it has no velocity"),
-    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock"),
+    ('A = "{shock}"', 'A = "{car}"', "study.toml, line 15: bank: 'A', .*is no shock: it has no velocity; name a shock"),
+    ('A = "{shock}"', 'A = "quarter_car"', "line 15: bank: 'A', .*is no shock: its velocity is of causality output"),
+    ('A = "{shock}"', 'A = {{ fmu = "{shock}", parameters = {{ lag_zero_force = -1.0 }} }}',
+     "line 15: bank: 'A', .*cannot be coupled with .*seven_dof.fmu: .*lag_zero_force = -1.*outside its range"),
+    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock.*; name a vehicle file"),
 ])  # fmt: skip
-def test_a_car_among_the_shocks_and_a_shock_as_the_car_are_named(write, old, new, message):
+def test_a_bank_that_does_not_fit_the_car_is_refused_when_the_file_is_read(write, fmus, old, new, message):
     text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
     assert text.count(old) == 1
     with pytest.raises(InputError, match=message):
-        read_study(write(text=text.replace(old, new)))
+        read_study(write(text=text.replace(old, new.replace("quarter_car", str(fmus["quarter_car"])))))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("seven_dof", "quarter_car", "corners: the vehicle has no port 'lf'; .*quarter_car.fmu has the port 'corner' only"),
+    ('rr = ["B"]', "", "corners: rr has no shock; .*has ports at lf, rf, lr, rr. Name the builds allowed at rr"),
+    ('rr = ["B"]', 'rr = ["B"]\nmiddle = ["B"]', "line 23: corners: the vehicle has no port 'middle'; .*lf, rf, lr"),
+])  # fmt: skip
+def test_corners_that_are_not_those_of_the_car_are_refused_when_the_file_is_read(write, old, new, message):
+    with pytest.raises(InputError, match=message):
+        read_study(write(old, new))
 
 
 def test_a_missing_file_is_reported(tmp_path):
