@@ -79,7 +79,7 @@ def shapes(
     shims, bleed and clicks of the virtual damper that come closest. The errors that an identified vehicle states are
     drawn too, so that the gain is stated with a probability. The targets are run as FMUs of their own. The page of the
     study is written too; both pages link to each other. The exit code is 1 if the targets are not better than the best
-    setup of the bank.
+    setup of the bank, or if Ctrl-C stopped the search: completed runs of the bank are kept.
 
     \b
     Examples:
@@ -118,7 +118,8 @@ def shapes(
     try:
         found = _search(console, described, output, sources, request, workers, scheduler)
     except KeyboardInterrupt:
-        console.print("[yellow]stopped[/]: runs of the bank are kept, those of the search are not; start it again")
+        console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
+                      "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))

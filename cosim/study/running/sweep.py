@@ -243,7 +243,7 @@ class Requested(Sweep):
 
     Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
     setup is run again, in this session or another one. Only the rows of requested setups are in memory. Ctrl-C loses
-    only the batch that is running.
+    only the setups that are running.
 
     Args:
         study: Study to run.
@@ -279,11 +279,21 @@ class Requested(Sweep):
         if new:
             size = max(1, min(BATCH, -(-len(new) // workers.count)))  # every worker gets some
             groups = [Chunk(k, tuple(new[first : first + size])) for k, first in enumerate(range(0, len(new), size))]
-            found = [row for _, rows in workers.rows(self.study, coupling, groups, lambda: False) for row in rows]
-            self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
-            self._batches += 1
-            self._rows |= {int(row["setup"]): row for row in found}
+            found = list[Row]()
+            try:
+                for _, rows in workers.rows(self.study, coupling, groups, lambda: False):
+                    found += rows
+            finally:  # also what was complete when Ctrl-C or a failure ended the runs
+                self._keep(found)
         return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
+
+    def _keep(self, found: list[Row]) -> None:
+        if not found:
+            return
+        rows = {int(row["setup"]): row for row in sorted(found, key=lambda row: int(row["setup"]))}
+        self._requested.write(Chunk(self._batches, tuple(rows)), list(rows.values()))
+        self._batches += 1
+        self._rows |= rows
 
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, including those of an exhaustive run."""
