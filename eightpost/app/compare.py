@@ -91,7 +91,7 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
-        console.print(f"run {number}: {folder}: {run.sources}", highlight=False, soft_wrap=True)
+        console.print(escape(f"run {number}: {folder}: {run.sources}"), highlight=False, soft_wrap=True)
     compared = compare_runs(saved, vehicle)
     console.print(measure_table(compared))
     if output:
@@ -182,7 +182,9 @@ def measure_table(compared: RunComparison) -> Table:
     for measure in compared.measures:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
-        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text))
+        rows.append(
+            (escape(measure.name), measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text)
+        )
     fit = sum(map(len, compared.runs)) <= _LABELS
     runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]
-    return console_table([*folded("measure"), "unit", *right(*runs, "change")], rows)
+    return console_table([*folded("measure"), "unit", *right(*map(escape, runs), "change")], rows)
