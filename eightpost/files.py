@@ -139,6 +139,8 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise FileFormatError(missing_file(path, advice), path=path) from None
+    except IsADirectoryError:
+        raise FileFormatError("is a folder, not a file; name a file in it", path=path) from None
     except OSError as error:
         raise FileFormatError(f"cannot be read: {_reason(error)}", path=path) from error
     except MemoryError as error:
@@ -221,6 +223,8 @@ def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> A
         value = float(digits)
         return constant(digits[:20]) if finite and value in (float("inf"), float("-inf")) else value
 
+    if not text.strip():
+        raise FileFormatError(_EMPTY, path=path)
     refused = {"parse_constant": constant} if finite else {}
     try:
         content = json.loads(text, parse_int=_integer, parse_float=real, **refused)  # type: ignore[arg-type]
@@ -246,6 +250,8 @@ def toml_content(path: str | Path) -> dict[str, Any]:
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
     """Return the content of a TOML text, like `toml_content`; `path` is used in messages."""
+    if not text.strip():
+        raise FileFormatError(_EMPTY, path=path)
     try:
         content = tomllib.loads(text)
         _check_tree(content)
@@ -277,8 +283,12 @@ def check_schema(
     if found is None and not content.keys() & {"kind", "name", "model", "parameters"}:
         keys = ", ".join(map(repr, list(content)[:5])) or "nothing"
         raise FileFormatError(f"is not a file that eightpost wrote or documents: it contains {keys}", path=path)
+    if found is None:
+        raise FileFormatError(f"{name} is missing; write {key} = {newest}", path=path)
     if type(found) is not int or found < 1:
-        raise FileFormatError(f"{name} is {found!r}, but must be a number; write {key} = {newest}", path=path)
+        raise FileFormatError(
+            f"{name} is {found!r}, but must be a whole number of 1 or more; write {key} = {newest}", path=path
+        )
     if found > newest:
         version = content.get("tool_version")
         tool = content.get("tool") or (version and f"eightpost {version}")
@@ -289,6 +299,7 @@ def check_schema(
         )
 
 
+_EMPTY = "is empty; write it again, or name another file"
 _TOO_DEEP = f"it is nested more than {DEEPEST} levels deep"
 
 

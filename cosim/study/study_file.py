@@ -34,7 +34,6 @@ Sources = Callable[[Path], Path]
 
 _WORDS = {
     "extra_forbidden": "is not an entry of a study file (docs/how_to/study.md lists the entries)",
-    "missing": "is missing",
 }
 
 

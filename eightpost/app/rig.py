@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import Quantity, car_seed_option, seed_option
+from eightpost.app.options import FilePath, Quantity, car_seed_option, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
@@ -66,7 +66,7 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
               help="Friction of the car.")  # fmt: skip
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
               help="File format of a program's records.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
+@click.option("-o", "--output", type=FilePath(), required=True,
               help="Output file (.parquet or .csv); with --program, the output folder.")  # fmt: skip
 def rig(  # one parameter per option
     truth: str,

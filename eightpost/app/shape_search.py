@@ -44,6 +44,10 @@ from eightpost.shock.shape_fit import ShapeFit, fit_law
 # ---- Request and result ---------------------------------------------------------------------------------------------
 
 
+#: Largest tolerance [1]: with a third, a drawn number is rarely below zero.
+_WIDEST = 0.33
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """What to search.
@@ -61,7 +65,8 @@ class Request:
         uncertain: Whether the errors that the vehicle states are drawn too.
 
     Raises:
-        InputError: There is no such number, or limits are in the wrong order or of a number that does not vary.
+        InputError: There is no such number, limits are in the wrong order or of a number that does not vary, or the
+            tolerance or the share of the gain is out of range.
     """
 
     vary: tuple[str, ...] = CURVE_NUMBERS
@@ -76,6 +81,12 @@ class Request:
     uncertain: bool = True
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.tolerance <= _WIDEST:
+            raise InputError(f"tolerance must be 0 to {100.0 * _WIDEST:g} %, not {100.0 * self.tolerance:g} %")
+        if not 0.0 < self.keep <= 1.0:
+            raise InputError(
+                f"keep, the share of the gain, must be above 0 and at most 100 %, not {100.0 * self.keep:g} %"
+            )
         for name in (*self.vary, *self.limits):
             if name not in NUMBERS:
                 raise InputError(f"a shape has no number {name!r}; its numbers are {', '.join(NUMBERS)}")

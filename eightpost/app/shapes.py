@@ -10,7 +10,16 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, check_report_folder, seed_option
+from eightpost.app.options import (
+    SCHEDULER,
+    WORKERS,
+    Assignment,
+    FilePath,
+    Number,
+    Quantity,
+    check_report_folder,
+    seed_option,
+)
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
 
@@ -20,8 +29,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+@click.argument("study_file", metavar="STUDY", type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
               help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
               "results.")  # fmt: skip
 @click.option("--for", "objective", metavar="MEASURE",
@@ -39,7 +48,7 @@ if TYPE_CHECKING:
               help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
               help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
-@click.option("--weight", type=click.FloatRange(0.0, 10.0), metavar="K", default=1.0, show_default=True,
+@click.option("--weight", type=Number(0.0, 10.0), metavar="K", default=1.0, show_default=True,
               help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
 @click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
               help="Share of the gain that the band keeps.")  # fmt: skip
@@ -141,7 +150,10 @@ def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float
             raise InputError(
                 f"--limit {name}={text}: write NUMBER=LOW,HIGH with units; the numbers are {', '.join(NUMBERS)}"
             )
-        low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
+        try:
+            low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
+        except InputError as error:
+            raise InputError(f"--limit {name}={text}: {error}") from error
         found[name] = (low, high)
     return found
 
