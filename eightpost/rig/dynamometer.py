@@ -55,11 +55,8 @@ def drivefile_of(
         duration: Length of a random test [s].
 
     Raises:
-        ParameterError: The duration of a random test, an amplitude, or the frequency of a sine is out of range.
+        ParameterError: The duration or the peak displacement of a random test, or the frequency of a sine is out of range.
     """
-    if amplitude is not None and not 0.0 < amplitude <= LARGEST_PEAK:
-        inches = convert(amplitude, "m", "in")
-        raise ParameterError(f"--amplitude of the {test} test must be above 0 and at most 2 in, not {inches:g} in")
     if amplitude is not None and speed is not None:
         return sine_test(amplitude, speed).drivefile
     if test == "random":
@@ -67,6 +64,9 @@ def drivefile_of(
         peak = RANDOM_PEAK if amplitude is None else amplitude
         if not 0.5 <= seconds <= 600.0:
             raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
+        if not 0.0 < peak <= LARGEST_PEAK:
+            inches = convert(peak, "m", "in")
+            raise ParameterError(f"--amplitude of the random test must be above 0 and at most 2 in, not {inches:g} in")
         return random_multisine(seed, duration=seconds, peak=peak)
     return static_steps() if test == "static" else bump()
 
