@@ -44,6 +44,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         The temporary path to write to.
 
     Raises:
+        InputError: The path is a folder.
         OutputError: The file or its folder cannot be written, for example a full disk or no permission.
     """
     target = Path(path)
@@ -103,7 +104,8 @@ def check_output_folder(path: str | Path) -> None:
     """Check that a path can be used as an output folder, before any computation.
 
     Raises:
-        InputError: The path or one of its parents is a file, or its nearest existing folder is read-only.
+        InputError: The path or one of its parents is a file.
+        OutputError: Its nearest existing folder is read-only.
     """
     places = (Path(path), *Path(path).parents)
     if (nearest := next((place for place in places if place.is_dir()), None)) and not os.access(nearest, os.W_OK):
@@ -214,7 +216,11 @@ def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> 
 
 
 def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> Any:
-    """Return the content of a JSON text, like `json_content`; `path` is used in messages."""
+    """Return the content of a JSON text, like `json_content`; `path` is used in messages.
+
+    Raises:
+        FileFormatError: The text is empty or is not JSON, a number is outside 64 bits, or it is nested too deeply.
+    """
 
     def constant(name: str) -> NoReturn:
         raise ValueError(f"{name} is not a finite number")
@@ -249,7 +255,11 @@ def toml_content(path: str | Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
-    """Return the content of a TOML text, like `toml_content`; `path` is used in messages."""
+    """Return the content of a TOML text, like `toml_content`; `path` is used in messages.
+
+    Raises:
+        FileFormatError: The text is empty or is not TOML, a number is outside 64 bits, or it is nested too deeply.
+    """
     if not text.strip():
         raise FileFormatError(_EMPTY, path=path)
     try:

@@ -315,7 +315,7 @@ def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measu
     text = " ".join(shown.stderr.split())
     assert shown.exit_code == 2 and "certainty.parquet: not a readable Parquet file" in text
     assert "or run `eightpost study` again and confirm the rig runs again" in text
-    assert "certainty.previous.parquet" not in text  # no rig run was confirmed before, so there is none
+    assert "certainty.previous.parquet" not in text  # no rig run was confirmed before
     assert (sure / "certainty.parquet").read_bytes() == damaged
     console = Console(record=True, width=200)
     result = StudyResult.load(sure / "results.parquet")
