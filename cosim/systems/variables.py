@@ -45,7 +45,7 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     if variable.type != "Real":
         return value
     if not isinstance(value, str):
-        if not isinstance(value, Real):
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise WiringError(f"{name}: the value is {value!r}; give a number, or a text such as '55 lbf'")
         return float(value)
     try:

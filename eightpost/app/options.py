@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -85,12 +85,13 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         unit: Unit that the verb receives.
         bare: Whether a number without a unit is accepted, with a warning: the old spelling of some options.
         positive: Whether the value must be above 0.
+        most: Largest value, in the unit that the verb receives.
     """
 
     name = "quantity"
 
-    def __init__(self, unit: str, *, bare: bool = False, positive: bool = False) -> None:
-        self.unit, self.bare, self.positive = unit, bare, positive
+    def __init__(self, unit: str, *, bare: bool = False, positive: bool = False, most: float = inf) -> None:
+        self.unit, self.bare, self.positive, self.most = unit, bare, positive, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the value in the unit of the option."""
@@ -100,6 +101,8 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         number = self._number(value, option)
         if self.positive and not number > 0.0:
             raise ParameterError(f"{option} must be above 0, not {value!r}")
+        if not number <= self.most:
+            raise ParameterError(f"{option} must be at most {self.most:g} {self.unit}, not {value!r}")
         return number
 
     def _number(self, text: str, option: str) -> float:

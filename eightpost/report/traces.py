@@ -52,11 +52,11 @@ def traces(
 
 
 def excerpt(series: Series) -> tuple[float, float]:
-    """Return start and end [s] of the middle of a long series, of the whole of a short one."""
+    """Return start and end [s] of the middle of a long series, of the whole of one that is short or has few samples."""
     first, last = float(series.time[0]), float(series.time[-1])
-    if last - first <= 2.0 * _SHOWN:
-        return first, last
-    return 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
+    begin, end = 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
+    inside = np.searchsorted(series.time, end, "right") - np.searchsorted(series.time, begin, "left")
+    return (first, last) if last - first <= 2.0 * _SHOWN or inside < 2 else (begin, end)
 
 
 def picture(

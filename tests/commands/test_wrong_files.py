@@ -63,6 +63,7 @@ WRONG = {
     "compare out --measured out --rank nan": "'nan' is not a finite number",
     "dyno --configuration 5 --test sine --amplitude '900 m' --speed '1 in/s' -o d.csv": "use a higher speed, or a",
     "dyno --configuration 5 --test sine --amplitude '1 in' --speed '1e-6 in/s' -o d.csv": "at most 3600 s; use a",
+    "rig --car quarter_car --duration '1e9 s' -o r.parquet": "--duration must be at most 7200 s, not '1e9 s'",
     "shapes study.toml --keep '200 %'": "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
     "shapes study.toml --tolerance '-3 %'": "tolerance must be 0 to 33 %, not -3 %",
     "shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",

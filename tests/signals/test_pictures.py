@@ -33,6 +33,11 @@ def test_a_constant_channel_and_one_of_zeros_are_drawn():
     assert is_drawn(one_channel(np.full(100, LARGEST)).plot()) and is_drawn(one_channel(np.zeros(100)).plot())
 
 
+def test_a_long_series_of_few_samples_is_drawn_as_a_whole():
+    few = TimeSeries.from_channels([0.0, 50.0, 100.0], {"force": ("N", [0.0, 1.0, 2.0])})
+    assert is_drawn(few.plot()) and few.plot().figure.axes[0].lines[0].get_xdata().size == 3
+
+
 def test_dollar_signs_in_a_name_are_no_mathematics():
     assert is_drawn(one_channel(TIME, name="a$b^^$").plot(title="$x^^$"))
 

@@ -1,10 +1,11 @@
 """Study files: content and error messages with line numbers."""
 
+from math import inf
 from pathlib import Path
 
 import pytest
 
-from cosim.study import Constraint, Setup, Term
+from cosim.study import Setup, Term
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
@@ -80,7 +81,8 @@ def test_the_entries_of_a_file_are_read(write):
         "compression_scale": 0.8,
     }
     assert study.objective == (Term("grip number", 2.0, "lbf"),)
-    assert study.constraints == (Constraint("aero number", at_most=pytest.approx(0.0127)),)
+    (limits,) = study.constraints
+    assert (limits.measure, limits.at_least, limits.at_most) == ("aero number", -inf, pytest.approx(0.0127))
 
 
 def test_values_with_units_become_si_and_families_their_measures(write):
@@ -148,6 +150,13 @@ def test_the_percent_of_a_percentile_is_a_number_of_percent(write, percent):
         ('settling = "1500 ms"', "settling = 5.0", "settling is 5 s; it must be shorter"),
         ("schema = 1", "schema = 2", "this version reads schema 1"),
         ('settling = "1500 ms"', 'settling = "2 lbf"', "line 5: settling: cannot convert 'lbf' to 's': the dimensions"),
+        (
+            "weight = 2.0",
+            "weight = nan",
+            "line 37: objective: the weight of 'grip number' is nan; give a finite number",
+        ),
+        ('at_most = "0.5 in"', "at_most = nan", "constraint of 'aero number': at_least is -inf and at_most nan"),
+        ('at_most = "0.5 in"', "at_most = 1.0\nat_least = 2.0", "so no setup can meet it"),
         ('"-2 in/s"', '"-2 in"', "measure 'slow rebound', from: cannot convert 'in' to 'm/s'"),
         ('at_most = "0.5 in"', 'at_most = "0.5 g"', "constraint 'aero number': cannot convert 'g' to 'm'"),
     ],
