@@ -42,7 +42,8 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from eightpost import units
-from eightpost.app.shape_search import Curves, Request, find_curves
+from eightpost.app.shape_request import Request
+from eightpost.app.shape_search import Curves, find_curves
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.model_form import ModelForm

@@ -185,6 +185,8 @@ def product_of(source: Path, *, temperature_input: bool = False) -> Product:
         InputError: The file cannot be read.
     """
     identifier = fmu_identifier(source.stem)
+    if source.is_dir():
+        raise FmuError(f"{source}: is a folder, not a file; name the files in it")
     if not source.is_file():
         raise FmuError(f"{source}: the file does not exist; correct the path, or create the file (eightpost fit)")
     if source.suffix == ".json" and document_kind(source) == "shock":

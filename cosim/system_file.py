@@ -58,7 +58,6 @@ Value = float | str
 #: Messages for pydantic's error types.
 _WORDS = {
     "extra_forbidden": "is not an entry of a system file (docs/reference/system_file.md lists them)",
-    "missing": "is missing",
     "tuple_type": "must be a list of tables: write [[bond]] or [[connection]] with two brackets",
 }
 

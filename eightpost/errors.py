@@ -38,6 +38,8 @@ def missing_file(path: str | Path, advice: str = "") -> str:
     """
     folder, name = Path(path).parent, Path(path).name
     try:
+        if Path(path).is_symlink():
+            return f"it is a link to {Path(path).readlink()}, which does not exist; correct the link"
         if not folder.is_dir():
             what = advice or f"the current folder is {Path.cwd()}"
             return f"there is no such file: there is no folder {folder}; {what}"

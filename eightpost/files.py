@@ -44,6 +44,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         The temporary path to write to.
 
     Raises:
+        InputError: The path is a folder.
         OutputError: The file or its folder cannot be written, for example a full disk or no permission.
     """
     target = Path(path)
@@ -103,7 +104,8 @@ def check_output_folder(path: str | Path) -> None:
     """Check that a path can be used as an output folder, before any computation.
 
     Raises:
-        InputError: The path or one of its parents is a file, or its nearest existing folder is read-only.
+        InputError: The path or one of its parents is a file.
+        OutputError: Its nearest existing folder is read-only.
     """
     places = (Path(path), *Path(path).parents)
     if (nearest := next((place for place in places if place.is_dir()), None)) and not os.access(nearest, os.W_OK):
@@ -139,6 +141,8 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise FileFormatError(missing_file(path, advice), path=path) from None
+    except IsADirectoryError:
+        raise FileFormatError("is a folder, not a file; name a file in it", path=path) from None
     except OSError as error:
         raise FileFormatError(f"cannot be read: {_reason(error)}", path=path) from error
     except MemoryError as error:
@@ -212,7 +216,11 @@ def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> 
 
 
 def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> Any:
-    """Return the content of a JSON text, like `json_content`; `path` is used in messages."""
+    """Return the content of a JSON text, like `json_content`; `path` is used in messages.
+
+    Raises:
+        FileFormatError: The text is empty or is not JSON, a number is outside 64 bits, or it is nested too deeply.
+    """
 
     def constant(name: str) -> NoReturn:
         raise ValueError(f"{name} is not a finite number")
@@ -221,6 +229,8 @@ def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> A
         value = float(digits)
         return constant(digits[:20]) if finite and value in (float("inf"), float("-inf")) else value
 
+    if not text.strip():
+        raise FileFormatError(_EMPTY, path=path)
     refused = {"parse_constant": constant} if finite else {}
     try:
         content = json.loads(text, parse_int=_integer, parse_float=real, **refused)  # type: ignore[arg-type]
@@ -245,7 +255,13 @@ def toml_content(path: str | Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
-    """Return the content of a TOML text, like `toml_content`; `path` is used in messages."""
+    """Return the content of a TOML text, like `toml_content`; `path` is used in messages.
+
+    Raises:
+        FileFormatError: The text is empty or is not TOML, a number is outside 64 bits, or it is nested too deeply.
+    """
+    if not text.strip():
+        raise FileFormatError(_EMPTY, path=path)
     try:
         content = tomllib.loads(text)
         _check_tree(content)
@@ -277,8 +293,12 @@ def check_schema(
     if found is None and not content.keys() & {"kind", "name", "model", "parameters"}:
         keys = ", ".join(map(repr, list(content)[:5])) or "nothing"
         raise FileFormatError(f"is not a file that eightpost wrote or documents: it contains {keys}", path=path)
+    if found is None:
+        raise FileFormatError(f"{name} is missing; write {key} = {newest}", path=path)
     if type(found) is not int or found < 1:
-        raise FileFormatError(f"{name} is {found!r}, but must be a number; write {key} = {newest}", path=path)
+        raise FileFormatError(
+            f"{name} is {found!r}, but must be a whole number of 1 or more; write {key} = {newest}", path=path
+        )
     if found > newest:
         version = content.get("tool_version")
         tool = content.get("tool") or (version and f"eightpost {version}")
@@ -289,6 +309,7 @@ def check_schema(
         )
 
 
+_EMPTY = "is empty; write it again, or name another file"
 _TOO_DEEP = f"it is nested more than {DEEPEST} levels deep"
 
 

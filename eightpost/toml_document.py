@@ -13,6 +13,21 @@ from pydantic import BaseModel, ValidationError
 from eightpost.errors import FileFormatError
 from eightpost.files import check_schema, parse_toml
 
+#: Messages for pydantic's error types, in words of a reader of the file.
+_WORDS = {
+    "extra_forbidden": "is not an entry of this file",
+    "missing": "is missing",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "string_type": "must be a text",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
+    "finite_number": "must be a finite number",
+}
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -44,12 +59,14 @@ def parse_model(
 
 def _message(model: type[BaseModel], words: Mapping[str, str], fault: Any) -> str:
     """Return what is wrong with an entry; of an unknown one also the similar entries, at any level of the model."""
-    what = f"{'.'.join(map(str, fault['loc']))}: {words.get(fault['type'], fault['msg'])}"
+    told = words.get(fault["type"]) or _WORDS.get(fault["type"], fault["msg"])
+    what = f"{'.'.join(map(str, fault['loc']))}: {told}"
     if fault["type"] != "extra_forbidden":
         return what
     schema = model.model_json_schema()
     known = {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", ())}
-    close = get_close_matches(str(fault["loc"][-1]), sorted(known), cutoff=0.75)
+    name = str(fault["loc"][-1])
+    close = get_close_matches(name, sorted(known - {name}), cutoff=0.75)
     return f"{what}; did you mean {', '.join(close)}?" if close else what
 
 
@@ -81,13 +98,14 @@ def _line_of(text: str, place: Sequence[str | int]) -> int | None:
 def line_with(text: str, message: str) -> int | None:
     """Return the one-based line that a message refers to: the last quoted name in it that the file contains.
 
-    The text after a semicolon is advice and is ignored.
+    A name may be a text of the file, or a key that occurs once. The text after a semicolon is advice and is ignored.
     """
     lines = text.splitlines()
     for name in reversed(re.findall(r"'([^']+)'", message.partition(";")[0])):
-        for number, line in enumerate(lines, start=1):
-            if f'"{name}"' in line or f"'{name}'" in line:
-                return number
+        quoted = [number for number, line in enumerate(lines, 1) if f'"{name}"' in line or f"'{name}'" in line]
+        keys = [number for number, line in enumerate(lines, 1) if re.match(rf"\s*{re.escape(name)}\s*=", line)]
+        if quoted or len(keys) == 1:
+            return (quoted or keys)[0]
     return None
 
 

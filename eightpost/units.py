@@ -321,6 +321,9 @@ def metric(unit: str) -> str:
 def si_unit(unit: str) -> str:
     """Return the SI unit of the same dimension as `unit`.
 
+    Raises:
+        UnknownUnitError: The unit is not known, or no quantity of this project has its dimension.
+
     >>> si_unit("in/s")
     'm/s'
     """

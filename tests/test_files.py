@@ -61,7 +61,7 @@ def test_a_path_without_a_text_file_is_refused_by_name(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b"a = 1\nb = '\xe9'\n")
     for name, said in {
         "gone.toml": "there is no such file",
-        "folder.toml": "Is a directory",
+        "folder.toml": "is a folder, not a file",
         "loop.toml": "symbolic links",
         "latin.toml": "line 2: the byte 0xe9 is not UTF-8",
         "a\0b.toml": "there is no such file",

@@ -44,7 +44,11 @@ class _Ledger:
 
 
 def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
-    """Check an FMU; see `builder.check.check`."""
+    """Check an FMU; see `builder.check.check`.
+
+    Raises:
+        FmuError: A group of checks is not known.
+    """
     if unknown := sorted(set(groups) - GROUPS.keys()):
         raise FmuError(f"group of checks {unknown[0]!r} is not known; use some of {', '.join(GROUPS)}")
     subject = read_subject(path)

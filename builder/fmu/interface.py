@@ -247,7 +247,11 @@ def spring_ports(interface: Interface) -> tuple[str, ...]:
 
 
 def read_table(folder: str) -> dict[str, Any]:
-    """Return interface.toml of a folder of fmus/, merged with the table that it extends."""
+    """Return interface.toml of a folder of fmus/, merged with the table that it extends.
+
+    Raises:
+        FmuError: A row has an unknown key.
+    """
     path = source_folder() / folder / "interface.toml"
     table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     if base := table.get("extends"):

@@ -172,7 +172,11 @@ class FmuFile:
 
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
-        """All variables by name."""
+        """All variables by name.
+
+        Raises:
+            FmuError: The model description is not valid.
+        """
         try:
             if self.table is not None:
                 return variables_of_table(self.table, self.description)

@@ -61,7 +61,11 @@ def blank_tape(layout: Layout, names: tuple[str, ...], rows: int) -> Tape:
 def recorded_series(
     system: System, names: tuple[str, ...], tape: Tape, discrete: Sequence[Sequence[float]] = ()
 ) -> TimeSeries:
-    """Return the contents of a tape and the rows of discrete variables, in SI."""
+    """Return the contents of a tape and the rows of discrete variables, in SI.
+
+    Raises:
+        StepError: A recorded value is not a number.
+    """
     count = int(tape.position[0])
     values, units = _values(system, names, tape.rows[:count], discrete), []
     for row, name in zip(values, names, strict=True):

@@ -9,6 +9,9 @@ from eightpost.errors import InputError
 
 Times = NDArray[np.float64]
 
+#: Largest number of coupling steps of a run: their times take 0.8 GB.
+MOST_STEPS = 1e8
+
 #: Times that differ by less than this share of the run are treated as equal.
 ROUNDING = 1e-9
 
@@ -21,10 +24,15 @@ def coupling_times(stop: float, step: float) -> Times:
         step: Coupling step [s].
 
     Raises:
-        InputError: The step is not positive, or longer than the run.
+        InputError: The step is not positive, longer than the run, or so short that the steps do not fit into memory.
     """
     if not (np.isfinite(step) and 0.0 < step <= stop):
         raise InputError(f"the coupling step must be positive and at most the run ({stop} s), not {step!r} s")
+    if stop / step > MOST_STEPS:
+        raise InputError(
+            f"a run of {stop:g} s in steps of {step:g} s has {stop / step:.3g} steps, at most {MOST_STEPS:g}; use a "
+            "larger coupling step or record_step, or a shorter run"
+        )
     count = max(1, int(np.ceil(stop / step * (1.0 - 1e-12))))
     times: Times = np.arange(count + 1, dtype=np.float64) * step
     times[-1] = stop

@@ -169,6 +169,9 @@ class Network:
         """Return the origin of the values of a port, and the links from there to it.
 
         The origin is an FMU's output, a system's connector without a source, or the port itself.
+
+        Raises:
+            WiringError: The connections close a loop of connectors.
         """
         hops: list[Hop] = []
         here, seen = target, {target}

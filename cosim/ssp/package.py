@@ -75,14 +75,22 @@ def read_document(content: bytes, where: str, root: str) -> ET.Element:
 
 
 def check_version(element: ET.Element, where: str) -> None:
-    """Refuse versions other than SSP 1.x and 2.x."""
+    """Refuse versions other than SSP 1.x and 2.x.
+
+    Raises:
+        InputError: It is another version.
+    """
     version = element.get("version", "1.0")
     if not version.startswith(("1.", "2.")):
         raise InputError(f"{where}: is SSP {version}; only SSP 1.0 and 2.0 are supported; export it as one of these")
 
 
 def attribute(element: ET.Element, name: str, where: str) -> str:
-    """Return a required attribute."""
+    """Return a required attribute.
+
+    Raises:
+        InputError: The element has no such attribute.
+    """
     value = element.get(name)
     if value is None:
         raise InputError(f"{where}: a {local_name(element)} has no attribute {name!r}; export the package again")

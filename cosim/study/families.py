@@ -56,10 +56,15 @@ def family(name: str, car: Car) -> tuple[Measure, ...]:
     """
     if name not in FAMILIES:
         raise InputError(f"there is no family of measures {name!r}; there are {', '.join(FAMILIES)}")
-    found = tuple(m for m in FAMILIES[name](car) if set(m.channels) <= set(car.channels))
-    if not found:
-        raise InputError(f"family {name!r}: {car.name} has none of its channels (docs/how_to/study.md lists them)")
-    return found
+    if found := _measures(name, car):
+        return found
+    others = ", ".join(other for other in FAMILIES if _measures(other, car)) or "none"
+    raise InputError(f"family {name!r}: {car.name} has none of its channels; families with channels of {car.name}: "
+                     f"{others} (docs/how_to/study.md)")  # fmt: skip
+
+
+def _measures(name: str, car: Car) -> tuple[Measure, ...]:
+    return tuple(m for m in FAMILIES[name](car) if set(m.channels) <= set(car.channels))
 
 
 def _ride(car: Car) -> Iterator[Measure]:

@@ -178,7 +178,7 @@ class StudyResult(Summarized):
         return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
 
     def rows_of(self, setups: Integers, measure: str) -> Integers:
-        """Return the rows of some setups, sorted by a measure."""
+        """Return the rows (K,) of setups, given by their numbers (K,), sorted by a measure."""
         rows = np.searchsorted(self.setups, setups)
         return np.asarray(rows[np.argsort(self.values(measure)[rows], kind="stable")], dtype=np.int64)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import ClassVar
 
@@ -77,20 +77,39 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One term of the objective (Eq 2.6): `weight` times the measure in `unit`; empty unit: SI."""
+    """One term of the objective (Eq 2.6): `weight` times the measure in `unit`; empty unit: SI.
+
+    Raises:
+        InputError: The weight is not finite.
+    """
 
     measure: str
     weight: float = 1.0
     unit: str = ""
 
+    def __post_init__(self) -> None:
+        if not isfinite(self.weight):
+            raise InputError(f"objective: the weight of {self.measure!r} is {self.weight}; give a finite number")
+
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Limits of a measure (G of Eq 2.3), in SI."""
+    """Limits of a measure (G of Eq 2.3), in SI.
+
+    Raises:
+        InputError: A limit is not a number, or the lower one is above the upper one.
+    """
 
     measure: str
     at_least: float = -inf
     at_most: float = inf
+
+    def __post_init__(self) -> None:
+        if not self.at_least <= self.at_most:
+            raise InputError(
+                f"constraint of {self.measure!r}: at_least is {self.at_least:g} and at_most {self.at_most:g} (SI), so "
+                "no setup can meet it; correct one of them"
+            )
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from cosim.components.conversion import convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.study.families import Car, family
 from cosim.study.measures import Measure
-from cosim.study.running.evaluator import ports
+from cosim.study.ports import bond_at, check_corners, ports
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
+from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, WiringError
 from eightpost.files import read_text
@@ -33,7 +34,6 @@ Sources = Callable[[Path], Path]
 
 _WORDS = {
     "extra_forbidden": "is not an entry of a study file (docs/how_to/study.md lists the entries)",
-    "missing": "is missing",
 }
 
 
@@ -171,11 +171,8 @@ class _Reader:
         vehicle, car = self._vehicle()
         bank = {name: self._build(name, part) for name, part in content.bank.items()}
         corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
-        if not corners:
-            given = self._folder / content.vehicle.fmu
-            raise InputError(f"vehicle.fmu: {given} has no port for a shock, so it is no vehicle that a study can run; "
-                             "name a vehicle, or its corners in [corners]")  # fmt: skip
-        self._check_shocks(bank)
+        check_corners(corners, car, self._folder / content.vehicle.fmu)
+        self._check_shocks(bank, vehicle, car, next(iter(corners)))
         drives = tuple(self._drive(drive) for drive in content.drive)
         measures = self._measures(vehicle, car, tuple(corners), bank, drives)
         baseline = content.baseline
@@ -195,15 +192,21 @@ class _Reader:
             record_step=_si(content.record_step, "record_step", "s"),
         )
 
-    def _check_shocks(self, bank: Mapping[str, Build]) -> None:
-        """Raise an error if a build of the bank is no shock."""
+    def _check_shocks(self, bank: Mapping[str, Build], vehicle: Vehicle, car: FmuComponent, corner: str) -> None:
+        """Raise an error if a build of the bank is no shock, or cannot be coupled with the vehicle."""
         for name, build in bank.items():
-            known = FmuComponent(build.fmu, name).variables
-            if missing := [quantity for quantity in ("velocity", "force") if quantity not in known]:
-                part = self._content.bank[name]
-                file = self._folder / (part if isinstance(part, str) else part.fmu)
-                raise InputError(f"bank: {name!r}, {file}, is no shock: it has no {missing[0]}; name a shock file or "
-                                 "the FMU of a shock (docs/reference/ports.md)")  # fmt: skip
+            part = self._content.bank[name]
+            given = f"{name!r}, {self._folder / (part if isinstance(part, str) else part.fmu)}"
+            shock = FmuComponent(build.fmu, corner)
+            if fault := _not_a_shock(shock):
+                raise InputError(f"bank: {given}, is no shock: {fault}; name a shock file or the FMU of a shock "
+                                 "(docs/reference/ports.md)")  # fmt: skip
+            try:
+                System({vehicle.name: car, corner: shock}, (bond_at(car, vehicle.name, corner, shock),),
+                       parameters={corner: build.parameters})  # fmt: skip
+            except WiringError as error:
+                raise InputError(f"bank: {given}, cannot be coupled with the vehicle {self._content.vehicle.fmu}: "
+                                 f"{error}; correct it, or name another shock") from error  # fmt: skip
 
     def _vehicle(self) -> tuple[Vehicle, FmuComponent]:
         part = self._content.vehicle
@@ -283,6 +286,17 @@ class _Reader:
             return "%"
         in_signal = given.statistic == "share" and not given.function
         return self._units.get(given.channels[0], "") if in_signal and given.channels else ""
+
+
+def _not_a_shock(component: FmuComponent) -> str:
+    """Return why a component is no shock; empty if it is one."""
+    known = component.variables
+    if missing := [quantity for quantity in ("velocity", "force") if quantity not in known]:
+        return f"it has no {missing[0]}"
+    if known["velocity"].causality != "input" or known["force"].causality == "input":
+        causality = " and ".join(f"{name} is of causality {known[name].causality}" for name in ("velocity", "force"))
+        return f"its {causality} (input and output in a shock)"
+    return ""
 
 
 def _of_drive(measure: Measure, drive: Drive) -> Measure:

@@ -45,7 +45,7 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     if variable.type != "Real":
         return value
     if not isinstance(value, str):
-        if not isinstance(value, Real):
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise WiringError(f"{name}: the value is {value!r}; give a number, or a text such as '55 lbf'")
         return float(value)
     try:
@@ -77,7 +77,11 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def check_value(name: str, variable: Variable, value: object) -> None:
-    """Refuse a value of the wrong type or outside the range that the component declares."""
+    """Refuse a value of the wrong type or outside the range that the component declares.
+
+    Raises:
+        WiringError: The value has the wrong type, or is outside the range.
+    """
     if type(value) not in _KINDS.get(variable.type, (type(value),)):
         raise WiringError(f"{name} = {value!r}: it is a {variable.type} variable and takes no {type(value).__name__}")
     if not isinstance(value, (int, float)) or isinstance(value, bool):

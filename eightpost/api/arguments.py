@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError, InputError, missing_file
+from eightpost.files import read_text
 
 if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
@@ -35,8 +36,8 @@ def toml_kind(path: Path) -> str:
         FileFormatError: It is not a TOML file.
     """
     try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
     found = (
         kind for kind, key in (("study", "bank"), ("system", "components"), ("vehicle", "model")) if key in content

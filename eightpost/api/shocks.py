@@ -65,6 +65,7 @@ def fit(
 
     Raises:
         ParameterError: The law or an option is unknown, or does not suit the record.
+        InputError: There is no test.
         DataError: A record has a fault.
 
     Example:

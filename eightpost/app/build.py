@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath
 from eightpost.app.progress import bar
 from eightpost.report.console import console_table, folded
 
@@ -76,8 +77,8 @@ def show_assembled(console: Console, built: Assembled) -> None:
 
 
 @click.command()
-@click.argument("sources", nargs=-1, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("dist"), show_default=True,
+@click.argument("sources", nargs=-1, type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("dist"), show_default=True,
               help="Output folder of the FMUs; with --assemble, a folder or the file name of the FMU.")  # fmt: skip
 @click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
               help="Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable "
@@ -91,7 +92,7 @@ def show_assembled(console: Console, built: Assembled) -> None:
 @click.option("--temperature-input", is_flag=True,
               help="Make the temperature of shocks that were fitted over it an input; without this option it is a "
                    "tunable parameter.")  # fmt: skip
-@click.option("--assemble", "system", type=click.Path(path_type=Path), metavar="SYSTEM",
+@click.option("--assemble", "system", type=FilePath(), metavar="SYSTEM",
               help="System file to build as one FMU: a vehicle and its shocks, with the coupling solved inside "
                    "(docs/how_to/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
 @click.pass_context

@@ -93,7 +93,8 @@ def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
     try:
         found = read_certainty(path)
     except FileFormatError as error:
-        advice = f"take {PREVIOUS} instead, or run `eightpost study` again and confirm the rig runs again"
+        previous = f"take {PREVIOUS} instead, or " if (folder / PREVIOUS).is_file() else ""
+        advice = f"{previous}run `eightpost study` again and confirm the rig runs again"
         raise FileFormatError(f"{error}; or {advice}") from error
     return found if found.digest == result.provenance.digest else None
 

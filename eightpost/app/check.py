@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath
 from eightpost.errors import InputError
 from eightpost.report.console import Column, Table, console_table, unbroken
 
@@ -20,7 +21,7 @@ _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
 
 @click.command()
-@click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=FilePath())
 @click.option("--standard", "scope", flag_value="standard", default="all",
               help="Report only violations of the FMI standard; default: all findings.")  # fmt: skip
 @click.option(

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Assignment, Quantity
+from eightpost.app.options import Assignment, FilePath, Quantity
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("shock_file", metavar="SHOCK", type=click.Path(path_type=Path))
-@click.option("--curve", required=True, type=click.Path(path_type=Path), metavar="FILE",
+@click.argument("shock_file", metavar="SHOCK", type=FilePath())
+@click.option("--curve", required=True, type=FilePath(), metavar="FILE",
               help="Target: a table with the columns velocity and force and their units, or a shock file.")  # fmt: skip
 @click.option("--fix", multiple=True, type=Assignment("ADJUSTER=CLICKS"), metavar="ADJUSTER=CLICKS",
               help="Setting of an adjuster that is not searched, e.g. rebound=12; may be repeated.")  # fmt: skip
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
               "free: it does not.")  # fmt: skip
 @click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True, metavar="N",
               help="Number of settings to list.")  # fmt: skip
-@click.option("--plot", type=click.Path(path_type=Path),
+@click.option("--plot", type=FilePath(),
               help="Picture of the target and the best setting; no default: none is written.")  # fmt: skip
 def clicks(  # one parameter per option
     shock_file: Path,

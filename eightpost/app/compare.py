@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty
-from eightpost.app.options import Verb, map_option
+from eightpost.app.options import FilePath, Number, Verb, map_option
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, folded, right
@@ -28,22 +28,22 @@ _LABELS = 30
 
 
 @click.command(cls=Verb, renamed={"--channel-map": "--map"})
-@click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=FilePath())
 @click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
               help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path),
+@click.option("-o", "--output", type=FilePath(),
               help="Picture of the changes (.png); default: none. With --measured: output folder; default: compared/ "
               "in the folder of the study.")  # fmt: skip
-@click.option("--measured", type=click.Path(path_type=Path), metavar="LIST",
+@click.option("--measured", type=FilePath(), metavar="LIST",
               help="List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as "
               "the selection.csv of `eightpost select`, or its folder. Default: compare runs.")  # fmt: skip
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
               "a mean.")  # fmt: skip
 @map_option("docs/how_to/rig_data.md", "rig files of --measured")
-@click.option("--rank", type=click.FloatRange(-1.0, 1.0), default=0.8, show_default=True, metavar="-1..1",
+@click.option("--rank", type=Number(-1.0, 1.0), default=0.8, show_default=True, metavar="-1..1",
               help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
-@click.option("--level", type=click.FloatRange(min=0.0), metavar="PERCENT",
+@click.option("--level", type=Number(min=0.0), metavar="PERCENT",
               help="Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no "
               "limit.")  # fmt: skip
 @click.pass_context
@@ -91,7 +91,7 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
-        console.print(f"run {number}: {folder}: {run.sources}", highlight=False, soft_wrap=True)
+        console.print(escape(f"run {number}: {folder}: {run.sources}"), highlight=False, soft_wrap=True)
     compared = compare_runs(saved, vehicle)
     console.print(measure_table(compared))
     if output:
@@ -182,7 +182,9 @@ def measure_table(compared: RunComparison) -> Table:
     for measure in compared.measures:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
-        rows.append((measure.name, measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text))
+        rows.append(
+            (escape(measure.name), measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text)
+        )
     fit = sum(map(len, compared.runs)) <= _LABELS
     runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]
-    return console_table([*folded("measure"), "unit", *right(*runs, "change")], rows)
+    return console_table([*folded("measure"), "unit", *right(*map(escape, runs), "change")], rows)

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
-from eightpost.app.options import map_option
+from eightpost.app.options import FilePath, map_option
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
@@ -29,7 +29,7 @@ _SHOWN = 8
 
 
 @click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="STUDY", type=FilePath())
 @click.argument("records", metavar="RECORDS...", nargs=-1, required=True)
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
               help="Measure to take into account; may be repeated. Default: all measures that do not depend on a "

@@ -13,6 +13,7 @@ from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
+from eightpost.app.options import FilePath
 from eightpost.app.run import run_with_progress
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
@@ -37,7 +38,7 @@ _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_accelerati
 
 
 @click.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
+@click.option("-o", "--output", type=FilePath(), default=Path("demo"), show_default=True,
               help="Output folder for all files of the demo.")  # fmt: skip
 @click.pass_context
 def demo(ctx: click.Context, output: Path) -> None:

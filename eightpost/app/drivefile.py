@@ -12,6 +12,7 @@ from rich.markup import escape
 from eightpost.app.options import (
     UNITS,
     Assignment,
+    FilePath,
     Quantity,
     VerbGroup,
     car_seed_option,
@@ -47,10 +48,10 @@ def drivefile() -> None:
 
 
 @drivefile.command()
-@click.argument("track", metavar="TRACK", type=click.Path(path_type=Path))
-@click.option("--car", "car_file", required=True, metavar="CAR", type=click.Path(path_type=Path),
+@click.argument("track", metavar="TRACK", type=FilePath())
+@click.option("--car", "car_file", required=True, metavar="CAR", type=FilePath(),
               help="Identified car (.json, from eightpost identify), or its parameters (.toml).")  # fmt: skip
-@click.option("-o", "--output", required=True, metavar="FOLDER", type=click.Path(path_type=Path),
+@click.option("-o", "--output", required=True, metavar="FOLDER", type=FilePath(),
               help="Folder of the iteration.")  # fmt: skip
 @click.option("--channels", metavar="NAMES",
               help="Channels to reproduce, separated by commas. Default: hub acceleration and shock displacement of "
@@ -160,8 +161,8 @@ def start(  # one parameter per option
 
 
 @drivefile.command("next")
-@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option("--record", metavar="RECORD", type=click.Path(path_type=Path),
+@click.argument("folder", metavar="FOLDER", type=FilePath())
+@click.option("--record", metavar="RECORD", type=FilePath(),
               help="Record of the last drive file from the rig; default: none, which repeats an interrupted "
               "call.")  # fmt: skip
 @UNITS
@@ -196,7 +197,7 @@ def next_drive(
 
 
 @drivefile.command()
-@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="FOLDER", type=FilePath())
 @click.option("--passes", type=click.IntRange(min=1), default=8, show_default=True, metavar="N",
               help="Number of passes at the end, including those before.")  # fmt: skip
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Quantity, seed_option
+from eightpost.app.options import FilePath, Quantity, seed_option
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 
@@ -36,7 +36,7 @@ TESTS = ("random", "sine", "static", "bump", "all")
 @click.option("--duration", type=Quantity("s"), metavar="TIME",
               help="Length of the random test; default '30 s'. The signal repeats every 10 s.")  # fmt: skip
 @seed_option(1, "Seed of the random phases and of the sensor noise.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
+@click.option("-o", "--output", type=FilePath(), required=True,
               help="Output file (.csv or .parquet); with --test all, the output folder.")  # fmt: skip
 def dyno(  # one parameter per option
     number: int | None,

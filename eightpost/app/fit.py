@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, Quantity, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, FilePath, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.shock import LAWS
@@ -35,12 +35,12 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 
 @click.command()
-@click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=FilePath())
 @click.option("--law", type=click.Choice(["auto", *LAWS]), default="auto", show_default=True,
               help="Shock law to fit (docs/evidence/shock_models.md). auto: all laws are fitted and "
               "cross-validated, and the simplest one that is as good as the best is taken "
               "(docs/explanation/law_choice.md); with --recipe boggs, lpnl2.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path),
+@click.option("-o", "--output", type=FilePath(),
               help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
@@ -87,7 +87,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "in the file.")  # fmt: skip
 @click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
-@click.option("--plot", type=click.Path(path_type=Path),
+@click.option("--plot", type=FilePath(),
               help="Force-velocity picture; default: the output file with the suffix .png.")  # fmt: skip
 @click.pass_context
 def fit(  # one parameter per option

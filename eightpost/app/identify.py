@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Quantity, Verb, flip_option, map_option
+from eightpost.app.options import FilePath, Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.files import check_output_folder
@@ -35,15 +35,15 @@ def _recipes() -> list[str]:
 
 
 @click.command(cls=Verb, renamed={"--plots": "--plot"})
-@click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("vehicle.json"),
+@click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", type=FilePath(dir_okay=False), default=Path("vehicle.json"),
               show_default=True,
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
 @click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
               help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
               "docs/explanation/output_error.md.")  # fmt: skip
-@click.option("--baseline", type=click.Path(path_type=Path), metavar="RIG",
+@click.option("--baseline", type=FilePath(), metavar="RIG",
               help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
 @click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",
               help="Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each "
@@ -52,10 +52,10 @@ def _recipes() -> list[str]:
               help="Sampling rate to which the records are decimated.")  # fmt: skip
 @click.option("--settling", type=Quantity("s"), default="0 s", show_default=True, metavar="TIME",
               help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
-@click.option("--preparation", type=click.Path(path_type=Path), metavar="TOML",
+@click.option("--preparation", type=FilePath(), metavar="TOML",
               help="File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces --rate and "
               "--settling; default: none.")  # fmt: skip
-@click.option("--static", "static_files", metavar="RIG", multiple=True, type=click.Path(path_type=Path),
+@click.option("--static", "static_files", metavar="RIG", multiple=True, type=FilePath(),
               help="Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be "
               "repeated.")  # fmt: skip
 @click.option("--output-channels", metavar="NAMES",

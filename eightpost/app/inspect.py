@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, Quantity, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, FilePath, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FILE", type=FilePath())
 @UNITS
 @COLUMNS
 @map_option("docs/reference/signs_and_units.md", "file")

@@ -10,7 +10,7 @@ import click
 from rich.box import SIMPLE
 from rich.console import Console
 
-from eightpost.app.options import Quantity, map_option
+from eightpost.app.options import FilePath, Quantity, map_option
 from eightpost.app.progress import each
 from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("files", metavar="RIG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("files", metavar="RIG...", nargs=-1, required=True, type=FilePath())
 @map_option("docs/how_to/rig_data.md")
-@click.option("--preparation", "how_file", type=click.Path(path_type=Path), metavar="TOML",
+@click.option("--preparation", "how_file", type=FilePath(), metavar="TOML",
               help="File with rate, delays, geometry and other settings (docs/how_to/rig_data.md); default: "
               "decimation to 125 Hz only.")  # fmt: skip
 @click.option("--width", type=Quantity("Hz", bare=True), default="0.5 Hz", show_default=True, metavar="FREQUENCY",
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @click.option("--output", "outputs", multiple=True, metavar="CHANNEL",
               help="Output to judge, e.g. lf.tire_force; may be repeated. Default: shock velocities, tire forces and "
               "ride heights.")  # fmt: skip
-@click.option("-o", "folder", default="linearity", show_default=True, type=click.Path(path_type=Path),
+@click.option("-o", "folder", default="linearity", show_default=True, type=FilePath(),
               help="Output folder.")  # fmt: skip
 def linearity(
     files: tuple[Path, ...],

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from eightpost.app.options import FilePath
 from eightpost.errors import OutputError
 from eightpost.examples_folder import examples_folder
 from eightpost.files import atomic_path, check_output_folder
@@ -25,7 +26,7 @@ FILES = {
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FilePath())
 def new(folder: Path) -> None:
     """Write a starter folder, with files to be replaced by your own.
 

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, check_report_folder, seed_option
+from eightpost.app.options import SCHEDULER, WORKERS, FilePath, check_report_folder, seed_option
 from eightpost.app.progress import bar
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
 from eightpost.report.console import Table, console_table, unbroken
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+@click.argument("study_file", metavar="STUDY", type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
               help="Output folder for results.parquet, the page and the intermediate results.")  # fmt: skip
 @click.option("--for", "objectives", multiple=True, metavar="MEASURE",
               help="Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the "

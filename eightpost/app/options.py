@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -53,6 +54,30 @@ class VerbGroup(click.Group):
         return list(self.commands)
 
 
+class FilePath(click.Path):
+    """A path of a file or folder; an empty one, as of a shell variable that is not set, is not the current folder."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(path_type=Path, **options)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        if value == "":
+            self.fail("the name of a file or folder is empty; write '.' for the current folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class Number(click.FloatRange):
+    """A finite number in a range: no comparison with NaN finds it outside, and every result would pass."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number."""
+        number = super().convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
+
 class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A value with its unit, such as '10 mm', which the verb receives in one unit.
 
@@ -60,12 +85,13 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         unit: Unit that the verb receives.
         bare: Whether a number without a unit is accepted, with a warning: the old spelling of some options.
         positive: Whether the value must be above 0.
+        most: Largest value, in the unit that the verb receives.
     """
 
     name = "quantity"
 
-    def __init__(self, unit: str, *, bare: bool = False, positive: bool = False) -> None:
-        self.unit, self.bare, self.positive = unit, bare, positive
+    def __init__(self, unit: str, *, bare: bool = False, positive: bool = False, most: float = inf) -> None:
+        self.unit, self.bare, self.positive, self.most = unit, bare, positive, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the value in the unit of the option."""
@@ -75,6 +101,8 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         number = self._number(value, option)
         if self.positive and not number > 0.0:
             raise ParameterError(f"{option} must be above 0, not {value!r}")
+        if not number <= self.most:
+            raise ParameterError(f"{option} must be at most {self.most:g} {self.unit}, not {value!r}")
         return number
 
     def _number(self, text: str, option: str) -> float:

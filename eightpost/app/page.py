@@ -8,13 +8,15 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath
+
 
 @click.command()
-@click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
-@click.option("--vehicle", type=click.Path(path_type=Path), metavar="FILE",
+@click.argument("source", metavar="SOURCE", type=FilePath())
+@click.option("--vehicle", type=FilePath(), metavar="FILE",
               help="File or FMU of the quarter car that drives over the bump. Default: the car of "
                    "examples/corner.toml.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("-o", "--output", type=FilePath(), metavar="FILE",
               help="HTML file to write. Default: SOURCE with the suffix .html, in the current folder.")  # fmt: skip
 @click.pass_context
 def page(ctx: click.Context, source: Path, vehicle: Path | None, output: Path | None) -> None:

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, Assignment, Quantity, map_option
+from eightpost.app.options import COLUMNS, UNITS, Assignment, FilePath, Number, Quantity, map_option
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("files", metavar="DYNO... SHOCK...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE.HTML", default="report.html",
+@click.argument("files", metavar="DYNO... SHOCK...", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", type=FilePath(), metavar="FILE.HTML", default="report.html",
               show_default=True, help="HTML file to write.")  # fmt: skip
 @click.option("--title", metavar="TEXT", default="Dynamometer report", show_default=True,
               help="Heading of the page.")  # fmt: skip
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 @click.option("--wheel-rate", type=Quantity("N/m", positive=True), metavar="RATE",
               help="Rate of the suspension at the wheel, e.g. '40 N/mm', for damping ratios; default: that of "
               "--car.")  # fmt: skip
-@click.option("--motion-ratio", type=click.FloatRange(min=0.0, min_open=True), metavar="0.1..2", default=1.0,
+@click.option("--motion-ratio", type=Number(min=0.0, min_open=True), metavar="0.1..2", default=1.0,
               show_default=True, help="Damper travel per wheel travel, usually 0.1 to 2.")  # fmt: skip
-@click.option("--car", type=click.Path(path_type=Path), metavar="CAR.TOML",
+@click.option("--car", type=FilePath(), metavar="CAR.TOML",
               help="Vehicle file (docs/reference/vehicle_file.md) with the masses and wheel rates of the corners; "
               "default: --corner-mass and --wheel-rate, else damping ratios are unknown.")  # fmt: skip
 @click.option("--corner", "at", type=Assignment("CORNER=BUILD"), metavar="CORNER=BUILD", multiple=True,

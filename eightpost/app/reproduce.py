@@ -9,6 +9,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath
+
 if TYPE_CHECKING:
     from eightpost.reproduce import Effort, Item, Outcome
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 @click.option("--list", "listing", is_flag=True, help="List the items and their bases; compute nothing.")
 @click.option("--quick", is_flag=True,
               help="Use short records and fewer setups; the levels differ more from print.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("out"),
+@click.option("-o", "--output", type=FilePath(file_okay=False), default=Path("out"),
               help="Folder for reproduce.html; default out.")  # fmt: skip
 @click.pass_context
 def reproduce(
@@ -46,6 +48,8 @@ def reproduce(
     console = Console()
     if not (numbers or everything or listing):
         raise click.UsageError("give the number of an item, such as 7.2, or --all; --list shows the items")
+    if numbers and everything:
+        raise click.UsageError(f"give either --all or items, not both; the items are {', '.join(numbers)}")
     items = chosen(numbers) if numbers and not everything else inventory()
     if listing:
         _show_items(console, items)

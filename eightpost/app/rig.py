@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import Quantity, car_seed_option, seed_option
+from eightpost.app.options import FilePath, Quantity, car_seed_option, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
@@ -39,9 +39,10 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 @click.option("--draws", type=click.Choice(["same", "other"]), default="same", show_default=True,
               help="Drive files of a program's alternate tests: the baseline's (same), or other random phases "
               "(other).")  # fmt: skip
-@click.option("--duration", type=Quantity("s", positive=True), metavar="TIME",
-              help="Length of the test, or of the random tests of a program, e.g. '100 s'. Default: random 800 s "
-              "(quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.")  # fmt: skip
+@click.option("--duration", type=Quantity("s", positive=True, most=7200.0), metavar="TIME",
+              help="Length of the test, or of the random tests of a program, e.g. '100 s', at most two hours. Default: "
+              "random 800 s (quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine "
+              "20 s.")  # fmt: skip
 @click.option("--only", default="", metavar="INPUT",
               help="Actuator of a single or static test, e.g. lf.road; no default for single, --mode for "
               "static.")  # fmt: skip
@@ -66,7 +67,7 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
               help="Friction of the car.")  # fmt: skip
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
               help="File format of a program's records.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
+@click.option("-o", "--output", type=FilePath(), required=True,
               help="Output file (.parquet or .csv); with --program, the output folder.")  # fmt: skip
 def rig(  # one parameter per option
     truth: str,

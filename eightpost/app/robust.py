@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import measured_noise, show_certainty, with_runs
-from eightpost.app.options import RANK, WORKERS, seed_option
+from eightpost.app.options import RANK, WORKERS, FilePath, seed_option
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError
 from eightpost.workers.process import usable_processors
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
-@click.argument("uncertain", metavar="UNCERTAIN", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="STUDY", type=FilePath())
+@click.argument("uncertain", metavar="UNCERTAIN", type=FilePath())
 @click.option("--top", type=click.IntRange(min=2), metavar="N", default=20, show_default=True,
               help="Number of leading setups that are simulated with drawn parameters; the baseline is "
               "added.")  # fmt: skip

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Assignment, Quantity, check_report_folder
+from eightpost.app.options import Assignment, FilePath, Quantity, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.extras import MissingExtraError
 from eightpost.files import check_output_folder
@@ -22,12 +22,12 @@ SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
 
 @click.command()
-@click.argument("case_file", metavar="SYSTEM", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+@click.argument("case_file", metavar="SYSTEM", type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
               help="Output folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
 @click.option("--fmu", "swaps", type=Assignment("NAME=FILE"), multiple=True, metavar="NAME=FILE",
               help="Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.")  # fmt: skip
-@click.option("--drive", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--drive", type=FilePath(), metavar="FILE",
               help="Drive file for the open inputs of a package; default: none.")  # fmt: skip
 @click.option("--input", "inputs", type=Assignment("NAME=VALUE"), multiple=True, metavar="NAME=VALUE",
               help="Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be "

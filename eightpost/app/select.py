@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath, Number
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right, unbroken
 
@@ -20,14 +21,14 @@ TOTAL, POOL, TWICE = 20, 0.02, 4
 
 
 @click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="STUDY", type=FilePath())
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
               help="Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the "
               "measures of the objective; without an objective, all.")  # fmt: skip
 @click.option("-n", "--total", type=click.IntRange(min=2), metavar="N", default=TOTAL, show_default=True,
               help="Total number of setups, if no COUNT is given; with COUNT, the proposed tests come in "
               "addition.")  # fmt: skip
-@click.option("--pool", type=click.FloatRange(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
+@click.option("--pool", type=Number(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
               help="Share of the setups at each end of a ranking to choose from, 0 to 1.")  # fmt: skip
 @click.option("--twice", type=click.IntRange(min=0), metavar="N", default=TWICE, show_default=True,
               help="Maximum number of extreme setups that are listed twice: drift from run to run moves them more than "

@@ -10,6 +10,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import FilePath
+from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
@@ -17,8 +19,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
+@click.argument("folder", metavar="STUDY", type=FilePath())
+@click.option("-o", "--output", type=FilePath(dir_okay=False),
               help="Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the "
               "study.")  # fmt: skip
 def sensitivity(folder: Path, output: Path | None) -> None:
@@ -36,6 +38,8 @@ def sensitivity(folder: Path, output: Path | None) -> None:
     from cosim.study.result import StudyResult
 
     console = Console()
+    if output is not None and output.suffix != ".parquet":
+        raise InputError(f"{output}: a table of all terms ends in .parquet; write -o {output.with_suffix('.parquet')}")
     result = StudyResult.load(folder / RESULTS)
     results = sensitivities_of(result)
     console.print(f"{escape(result.study.name)}: {len(result)} setups, {results[0].method}", highlight=False)

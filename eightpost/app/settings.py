@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Quantity
+from eightpost.app.options import FilePath, Quantity
 from eightpost.errors import InputError
 from eightpost.shock import LAWS
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("table", metavar="TABLE", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path),
+@click.argument("table", metavar="TABLE", type=FilePath())
+@click.option("-o", "--output", type=FilePath(),
               help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--law", type=click.Choice(["auto", *LAWS]),
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
               help="Start and end of the part of each record to fit; default '1 s' '10 s'.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz"), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
-@click.option("--plot", type=click.Path(path_type=Path),
+@click.option("--plot", type=FilePath(),
               help="Picture of the click map; default: the output file with the suffix .png.")  # fmt: skip
 @click.pass_context
 def settings(  # one parameter per option

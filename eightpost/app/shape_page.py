@@ -169,8 +169,8 @@ def number_table(target: Target, found: Aim) -> ResultTable:
             cells += [None, None, None, None, "fixed"]
         rows.append(cells)
     share = f"{100.0 * found.request.keep:g} % of the assured gain"
-    heads = ("number", "unit", "target", "lower limit", "upper limit", f"from, alone keeps {share}", "to", "")
-    return ResultTable.of(f"Target at {target.name}", heads, rows)
+    heads = ("number", "unit", "target", "lower limit", "upper limit", "from", "to", "")
+    return ResultTable.of(f"Target at {target.name}; from, to: each number alone keeps {share}", heads, rows)
 
 
 def neighbour_table(target: Target, found: Aim) -> ResultTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,58 +34,13 @@ from cosim.study.running.sweep import Requested
 from cosim.study.running.trials import Trials
 from cosim.study.running.workers import Workers
 from cosim.study.study import Build, Study
+from eightpost.app.shape_request import Request
 from eightpost.app.shape_target import Target, targets_of
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import CURVE_NUMBERS, NUMBERS, Shape, range_of, unit_of
+from eightpost.shock.shape import Shape, range_of
 from eightpost.shock.shape_fit import ShapeFit, fit_law
-
-# ---- Request and result ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What to search.
-
-    Attributes:
-        vary: Names of the numbers that vary; the others are those of the best build of the bank at each corner.
-        limits: Lower and upper limit [SI] by number; numbers without limits range over the bank.
-        corners: Corners whose shocks are searched, with those that are alike; empty: all.
-        tolerance: Standard deviation of every number from shock to shock, as a share of its value [1].
-        robustness: Draws of the tolerance, and weight of the scatter.
-        starts: Number of starts of the search: the best setup of the bank, the baseline, and random points.
-        keep: Share of the gain that the band keeps [1].
-        objective: Measure to minimise; empty: the objective of the study.
-        seed: Seed of the random starts.
-        uncertain: Whether the errors that the vehicle states are drawn too.
-
-    Raises:
-        InputError: There is no such number, or limits are in the wrong order or of a number that does not vary.
-    """
-
-    vary: tuple[str, ...] = CURVE_NUMBERS
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    corners: tuple[str, ...] = ()
-    tolerance: float = 0.03
-    robustness: Robustness = field(default_factory=lambda: Robustness(6))
-    starts: int = 3
-    keep: float = 0.8
-    objective: str = ""
-    seed: int = 0
-    uncertain: bool = True
-
-    def __post_init__(self) -> None:
-        for name in (*self.vary, *self.limits):
-            if name not in NUMBERS:
-                raise InputError(f"a shape has no number {name!r}; its numbers are {', '.join(NUMBERS)}")
-        for name, (low, high) in self.limits.items():
-            if not low < high:
-                unit = unit_of(name)
-                raise InputError(f"limits of {name}: the lower one, {low:g} {unit}, must be below {high:g} {unit}")
-            if name not in self.vary:
-                raise InputError(f"there are limits of {name}, which does not vary; name it with --vary too")
-
 
 #: Setups that are run through the study with FMUs of their own.
 VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
@@ -228,7 +183,7 @@ def aim(
     sources: Mapping[str, Path],
     workers: Workers,
     coupling: Coupling,
-    request: Request = Request(),
+    request: Request,
     progress: Progress = lambda _runs: None,
 ) -> Aim:
     """Search for the curves to aim at, describe them, and verify them by runs of their own FMUs.

@@ -10,18 +10,28 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, Assignment, Quantity, check_report_folder, seed_option
+from eightpost.app.options import (
+    SCHEDULER,
+    WORKERS,
+    Assignment,
+    FilePath,
+    Number,
+    Quantity,
+    check_report_folder,
+    seed_option,
+)
 from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
     from cosim.study.study import Study
-    from eightpost.app.shape_search import Aim, Request
+    from eightpost.app.shape_request import Request
+    from eightpost.app.shape_search import Aim
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+@click.argument("study_file", metavar="STUDY", type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
               help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
               "results.")  # fmt: skip
 @click.option("--for", "objective", metavar="MEASURE",
@@ -39,7 +49,7 @@ if TYPE_CHECKING:
               help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
               help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
-@click.option("--weight", type=click.FloatRange(0.0, 10.0), metavar="K", default=1.0, show_default=True,
+@click.option("--weight", type=Number(0.0, 10.0), metavar="K", default=1.0, show_default=True,
               help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
 @click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
               help="Share of the gain that the band keeps.")  # fmt: skip
@@ -79,7 +89,7 @@ def shapes(
     shims, bleed and clicks of the virtual damper that come closest. The errors that an identified vehicle states are
     drawn too, so that the gain is stated with a probability. The targets are run as FMUs of their own. The page of the
     study is written too; both pages link to each other. The exit code is 1 if the targets are not better than the best
-    setup of the bank.
+    setup of the bank, or if Ctrl-C stopped the search: completed runs of the bank are kept.
 
     \b
     Examples:
@@ -92,7 +102,8 @@ def shapes(
     from cosim.study.result import StudyResult
     from cosim.study.study_file import bank_sources
     from eightpost.app.shape_page import aim_verdict, write_aim
-    from eightpost.app.shape_search import Request, searched_groups
+    from eightpost.app.shape_request import Request
+    from eightpost.app.shape_search import searched_groups
     from eightpost.app.show import show_verdict, write_page
     from eightpost.shock.shape import CURVE_NUMBERS
 
@@ -118,7 +129,8 @@ def shapes(
     try:
         found = _search(console, described, output, sources, request, workers, scheduler)
     except KeyboardInterrupt:
-        console.print("[yellow]stopped[/]: runs of the bank are kept, those of the search are not; start it again")
+        console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
+                      "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
@@ -140,7 +152,10 @@ def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float
             raise InputError(
                 f"--limit {name}={text}: write NUMBER=LOW,HIGH with units; the numbers are {', '.join(NUMBERS)}"
             )
-        low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
+        try:
+            low, high = (float(units.convert(*units.quantity(end), unit_of(name))) for end in ends)
+        except InputError as error:
+            raise InputError(f"--limit {name}={text}: {error}") from error
         found[name] = (low, high)
     return found
 

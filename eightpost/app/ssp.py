@@ -7,12 +7,13 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from eightpost.app.options import FilePath
 from eightpost.errors import InputError
 
 
 @click.command()
-@click.argument("system", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path),
+@click.argument("system", type=FilePath())
+@click.option("-o", "--output", type=FilePath(),
               help="Output package; default: SYSTEM with the suffix .ssp.")  # fmt: skip
 def ssp(system: Path, output: Path | None) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.

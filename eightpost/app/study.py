@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
-from eightpost.app.options import RANK, SCHEDULER, WORKERS, Quantity, check_report_folder
+from eightpost.app.options import RANK, SCHEDULER, WORKERS, FilePath, Quantity, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
@@ -37,8 +37,8 @@ _NAMED, _SHOWN = 5, 3
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+@click.argument("study_file", metavar="STUDY", type=FilePath())
+@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
               help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
 @WORKERS
 @SCHEDULER

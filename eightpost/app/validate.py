@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import UNITS, Assignment, Quantity, flip_option, map_option
+from eightpost.app.options import UNITS, Assignment, FilePath, Number, Quantity, flip_option, map_option
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,28 +25,28 @@ SETTLING = 4.0
 
 
 @click.command()
-@click.argument("paths", metavar="JSON... RECORD...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", metavar="JSON... RECORD...", nargs=-1, required=True, type=FilePath())
 @click.option("--kind", "kinds", metavar="[FILE=]KIND", multiple=True,
               help="Kind of a record, or of all: random, sine, static or bump. Default: recognized from the "
               "motion.")  # fmt: skip
 @click.option("--configuration", "configurations", metavar="[FILE=]N", multiple=True,
               help="Shocks: configuration of a record, or of all: 1 to 12 of Table 3.1. Default: none.")  # fmt: skip
-@click.option("--limit", metavar="PERCENT", type=click.FloatRange(min=0.0, min_open=True),
+@click.option("--limit", metavar="PERCENT", type=Number(min=0.0, min_open=True),
               help="Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: "
               "vehicles 25, shocks 30.")  # fmt: skip
-@click.option("--level", metavar="PERCENT", type=click.FloatRange(min=0.0, min_open=True),
+@click.option("--level", metavar="PERCENT", type=Number(min=0.0, min_open=True),
               help="Vehicles: maximum error of an RMS on random records [%]; the exit code is 1 above it. Default "
               "5.")  # fmt: skip
 @click.option("--shock", "shocks", type=Assignment("NAME=SHOCK.json"), metavar="CORNER|NAME=SHOCK.JSON", multiple=True,
               help="Vehicles: law at a corner (lf, rf, lr, rr), or of the shock that has this name in the records. "
               "Default: the measured shock forces.")  # fmt: skip
-@click.option("--against", metavar="CAR", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+@click.option("--against", metavar="CAR", type=FilePath(exists=True, dir_okay=False),
               help="Vehicles: another fit (.json) or parameters (.toml) whose modes are listed for comparison; "
               "default: none.")  # fmt: skip
 @click.option("--settling", metavar="TIME", type=Quantity("s", bare=True),
               help="Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
               f"'{SETTLING:g} s'.")  # fmt: skip
-@click.option("--report", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.HTML",
+@click.option("--report", type=FilePath(dir_okay=False), metavar="FILE.HTML",
               help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
               help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "

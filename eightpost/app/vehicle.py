@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import Quantity
+from eightpost.app.options import FilePath, Quantity
 from eightpost.errors import InputError
 from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table, unbroken
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("path", metavar="CAR", type=click.Path(path_type=Path))
+@click.argument("path", metavar="CAR", type=FilePath())
 @click.option("--vary", "parameter", metavar="PARAMETER",
               help="Parameter to vary at all four corners alike, e.g. damping; default: none.")  # fmt: skip
 @click.option("--factors", default="0.5,1,2,3", show_default=True, metavar="FACTORS",
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
               "ride heights.")  # fmt: skip
 @click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",
               help="Highest frequency.")  # fmt: skip
-@click.option("-o", "folder", default="vehicle", show_default=True, type=click.Path(path_type=Path),
+@click.option("-o", "folder", default="vehicle", show_default=True, type=FilePath(),
               help="Output folder.")  # fmt: skip
 def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:
     """Show modes and frequency responses of a vehicle, and the effect of a parameter on them.

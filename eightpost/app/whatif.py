@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import WORKERS, Quantity
+from eightpost.app.options import WORKERS, FilePath, Quantity
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
@@ -25,7 +25,7 @@ Change = tuple[dict[str, float], dict[str, float]]
 
 
 @click.command()
-@click.argument("folder", metavar="STUDY", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="STUDY", type=FilePath())
 @click.option("--at", "corners", multiple=True, required=True, metavar="CORNER",
               help="Corner whose shock changes, e.g. lr; may be repeated.")  # fmt: skip
 @click.option("--rebound", type=int, default=0, metavar="CLICKS",

@@ -231,7 +231,11 @@ class IterationFolder:
         write_series(series, stem.with_suffix(".parquet"))
 
     def limit_hits(self, number: int) -> tuple[str, ...]:
-        """Return sentences on the limits that changed the drive of a pass."""
+        """Return sentences on the limits that changed the drive of a pass.
+
+        Raises:
+            FileFormatError: The file of the limits is damaged.
+        """
         path = self.pass_path(number) / "limits.json"
         if not path.is_file():
             return ()

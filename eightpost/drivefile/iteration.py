@@ -113,7 +113,7 @@ class Problem:
         return self.target.lines.spectrum(self.target.rows)
 
     def series(self, commands: Array) -> TimeSeries:
-        """Return commands (m, N) as a drive file's series."""
+        """Return commands (m, N) in SI as a drive file's series."""
         return TimeSeries(self.target.time, commands, self.inputs, self.units)
 
     def accepted(self, name: str) -> float:

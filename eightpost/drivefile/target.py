@@ -178,7 +178,8 @@ def read_channels(
         flip: Names of the channels whose sign is changed.
 
     Raises:
-        DataError: The record has a fault, or lacks a channel; the message says which and where.
+        DataError: The record has a fault; the message says which and where.
+        MissingChannelError: The record lacks a channel.
     """
     record = read_record(path)
     record.log_notes()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eightpost.array_types import Array, Flags
-from eightpost.report.pictures import Picture, new_figure
+from eightpost.report.pictures import Picture, drawable, new_figure
 from eightpost.report.traces import COLORS
 
 #: Size of a point among many, and number of points from which they are many.
@@ -47,7 +47,7 @@ def cloud(points: Cloud, *, title: str = "") -> Picture:
         title: Title of the figure.
     """
     figure = new_figure(6.0, 4.5)
-    axes, (x, y), kept = figure.subplots(), points.values, points.kept
+    axes, (x, y), kept = figure.subplots(), (drawable(one) for one in points.values), points.kept
     size = _SMALL if kept.size > _MANY else 2.0 * _SMALL
     axes.plot(x[~kept], y[~kept], ".", color="0.75", markersize=size)
     axes.plot(x[kept], y[kept], ".", color=COLORS[0], markersize=size)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eightpost.array_types import Array
 from eightpost.extras import needs
 from eightpost.files import atomic_path
@@ -24,8 +26,8 @@ with needs("report", "drawing pictures"):
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "new_figure",
-    "panels_of", "plain_style", "png", "save", "save_for_print", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "drawable",
+    "new_figure", "panels_of", "plain_style", "plain_text", "png", "save", "save_for_print", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 
@@ -56,6 +58,24 @@ def panels_of(figure: Figure, count: int, columns: int, **options: Any) -> list[
     for panel in panels[count:]:
         panel.set_visible(False)
     return panels[:count]
+
+
+def drawable(values: Array) -> Array:
+    """Return values with NaN, which is not drawn, where they are too large for the axes of matplotlib.
+
+    Args:
+        values: Values of any shape, as of a run that diverged.
+    """
+    return np.where(np.abs(values) <= _LARGEST, values, np.nan)
+
+
+#: Largest number whose axis matplotlib can divide: the limits of an axis are multiplied and subtracted.
+_LARGEST = 1e300
+
+
+def plain_text(text: str) -> str:
+    """Return a name of the user so that it is drawn as it is, and not as mathematics, if it contains dollar signs."""
+    return text.replace("$", r"\$")
 
 
 def color_cells(axes: Axes, numbers: Array, colors: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 from markupsafe import Markup, escape
 from rich.markup import escape as escape_markup
@@ -79,13 +80,35 @@ def _cell(value: Cell | float | None, unit: str, digits: int) -> Cell:
 
 
 def result_table(table: ResultTable) -> Table:
-    """Return a table for a terminal, in US customary units."""
+    """Return a table for a terminal, in US customary units.
+
+    Numbers and names of usual length are not broken; long headings and texts of several words are. A table of many
+    columns has less space between them, so that it fits into 80 letters.
+    """
+    texts = [[_us_text(table, k, cell) for cell in (row[k] for row in table.rows)] for k in range(len(table.heads))]
     columns = [
-        Column(escape_markup(_with_unit(*head)), justify="right" if numeric else "left", overflow="fold")
-        for head, numeric in zip(table.heads, table.numeric, strict=True)
+        _column(_with_unit(*head), numeric, own)
+        for head, numeric, own in zip(table.heads, table.numeric, texts, strict=True)
     ]
-    rows = ([escape_markup(_us_text(table, k, cell)) for k, cell in enumerate(row)] for row in table.rows)
-    return console_table(columns, rows, title=table.title)
+    rows = ([escape_markup(text) for text in row] for row in zip(*texts, strict=True))
+    is_wide = len(columns) > _ROOMY
+    return console_table(columns, rows, title=table.title, collapse_padding=is_wide, pad_edge=not is_wide)
+
+
+#: Largest number of columns with full space between them, and the number of letters above which headings are broken.
+_ROOMY, _HEADING = 7, 10
+
+#: Number of letters above which a name is broken, such as that of a file.
+_NAME = 24
+
+
+def _column(heading: str, numeric: bool, texts: Sequence[str]) -> Column:
+    is_whole = numeric or not any(" " in text or len(text) > _NAME for text in texts)
+    if is_whole:
+        width = max(_HEADING, *map(len, texts)) if texts else _HEADING
+        heading = "\n".join(wrap(heading, width, break_long_words=False, break_on_hyphens=False))
+    return Column(escape_markup(heading), justify="right" if numeric else "left", no_wrap=is_whole,
+                  overflow="ellipsis" if is_whole else "fold")  # fmt: skip
 
 
 def _with_unit(heading: str, unit: str) -> str:

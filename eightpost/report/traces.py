@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError, check_number
-from eightpost.report.pictures import Axes, Figure, Picture, new_figure, panels_of
+from eightpost.report.pictures import Axes, Figure, Picture, drawable, new_figure, panels_of, plain_text
 from eightpost.report.series import Series
 
 COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3")
 
 #: Number of channels in the picture of a run, and the length that it shows of a long run [s].
 PANELS, _SHOWN = 12, 4.0
+
+#: Largest number of channels in a picture; matplotlib cannot save one of 65,536 pixels.
+_MOST = 300
 
 
 def traces(
@@ -36,21 +41,22 @@ def traces(
     for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), COLORS, strict=False):
             shown = series.window(start, stop)
-            panel.plot(shown.time, displayed(shown, channel), lw=1.0, color=color, label=label)
+            values = drawable(displayed(shown, channel))
+            panel.plot(shown.time, values, lw=1.0, color=color, label=plain_text(label))
         _label(panel, runs, channel)
     panels[-1].set_xlabel("time [s]")
     if len(runs) > 1:
         panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
-    figure.suptitle(title, y=1.0 - 0.1 / height, va="top")
+    figure.suptitle(plain_text(title), y=1.0 - 0.1 / height, va="top")
     return figure
 
 
 def excerpt(series: Series) -> tuple[float, float]:
-    """Return start and end [s] of the middle of a long series, of the whole of a short one."""
+    """Return start and end [s] of the middle of a long series, of the whole of one that is short or has few samples."""
     first, last = float(series.time[0]), float(series.time[-1])
-    if last - first <= 2.0 * _SHOWN:
-        return first, last
-    return 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
+    begin, end = 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
+    inside = np.searchsorted(series.time, end, "right") - np.searchsorted(series.time, begin, "left")
+    return (first, last) if last - first <= 2.0 * _SHOWN or inside < 2 else (begin, end)
 
 
 def picture(
@@ -72,11 +78,14 @@ def picture(
 
     Raises:
         MissingChannelError: The series has no such channel.
-        InputError: There is no sample between start and stop.
+        InputError: There is no sample between start and stop, or no channel, or only one sample, or too many channels.
     """
     for name, value in (("start", start), ("stop", stop)):
         check_number(name, value, "s")
-    shown = tuple([channels] if isinstance(channels, str) else channels) or series.names[:PANELS]
+    shown = tuple(dict.fromkeys([channels] if isinstance(channels, str) else channels)) or series.names[:PANELS]
+    if not 0 < len(shown) <= _MOST or len(series) < 2:
+        raise InputError(f"a picture over time needs two samples and 1 to {_MOST} channels; these are "
+                         f"{len(series)} samples of {len(shown)} channels")  # fmt: skip
     series = series.select(shown)
     begin, end = excerpt(series) if start is None and stop is None else (float(series.time[0]), float(series.time[-1]))
     begin, end = begin if start is None else start, end if stop is None else stop
@@ -97,10 +106,10 @@ def loop(series: Series, across: str, up: str, *, title: str = "") -> Picture:
     """
     figure = new_figure(6.0, 4.5)
     axes = figure.subplots()
-    axes.plot(displayed(series, across), displayed(series, up), lw=0.5, color=COLORS[0])
-    axes.set_xlabel(f"{across} [{display_unit(series, across)}]")
-    axes.set_ylabel(f"{up} [{display_unit(series, up)}]")
-    axes.set_title(title)
+    axes.plot(drawable(displayed(series, across)), drawable(displayed(series, up)), lw=0.5, color=COLORS[0])
+    axes.set_xlabel(f"{plain_text(across)} [{display_unit(series, across)}]")
+    axes.set_ylabel(f"{plain_text(up)} [{display_unit(series, up)}]")
+    axes.set_title(plain_text(title))
     axes.grid(alpha=0.3)
     return Picture(figure)
 
@@ -112,10 +121,11 @@ def display_unit(series: Series, channel: str) -> str:
 
 def displayed(series: Series, channel: str) -> Array:
     """Return a channel (N,) in the unit in which it is drawn."""
-    return units.convert(series[channel], series.unit(channel), display_unit(series, channel))
+    with np.errstate(over="ignore"):  # a run that diverged
+        return units.convert(series[channel], series.unit(channel), display_unit(series, channel))
 
 
 def _label(panel: Axes, runs: Mapping[str, Series], channel: str) -> None:
-    panel.set_ylabel(f"{channel}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.set_ylabel(f"{plain_text(channel)}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
     panel.yaxis.set_label_coords(-0.055, 0.5)
     panel.grid(alpha=0.3)

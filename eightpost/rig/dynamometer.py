@@ -55,7 +55,7 @@ def drivefile_of(
         duration: Length of a random test [s].
 
     Raises:
-        ParameterError: The duration or the peak displacement of a random test is out of range.
+        ParameterError: The duration or the peak displacement of a random test, or the speed of a sine is out of range.
     """
     if amplitude is not None and speed is not None:
         return sine_test(amplitude, speed).drivefile

@@ -93,8 +93,8 @@ TABLE_3_3 = (
     (0.1, 2.5), (0.1, 5.0), (0.1, 10.0),
 )  # fmt: skip
 
-#: Minimum duration of the steady part of a sine [s].
-STEADY = 3.0
+#: Minimum duration of the steady part of a sine, and maximum duration of the whole test [s].
+STEADY, LONGEST = 3.0, 3600.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +138,7 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
         rate: Sample rate [Hz], at least 20 samples per cycle.
 
     Raises:
-        ParameterError: A value is not positive, or the sample rate is too low.
+        ParameterError: A value is not positive, the sample rate is too low, or the test takes longer than an hour.
     """
     for name, value in (("amplitude", amplitude), ("speed", speed), ("cycles", cycles), ("rate", rate)):
         if not (value > 0.0 and math.isfinite(value)):
@@ -150,6 +150,11 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
         )
     start = math.ceil(max(1.0, 0.5 * frequency)) / frequency
     stop = start + math.ceil(max(cycles, STEADY * frequency)) / frequency
+    if stop > LONGEST:
+        raise ParameterError(
+            f"a sine of {frequency:.4g} Hz with its fade-in lasts {stop:.4g} s, at most {LONGEST:g} s; use a higher "
+            "speed, or a smaller amplitude"
+        )
     time = np.arange(math.ceil(stop * rate) + 1) / rate
     fade = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time / start, 1.0))
     displacement = amplitude * fade * np.sin(2.0 * np.pi * frequency * time)

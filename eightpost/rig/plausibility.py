@@ -57,9 +57,9 @@ RATIOS = {
 RATIO_TOLERANCE = 0.08
 #: A force is rectified if its correlation with speed exceeds this in both strokes, and ...
 RECTIFIED_CORRELATION = 0.3
-#: ... it does not fall below minus this share of its maximum.
+#: ... its mean at no velocity falls below minus this share of its maximum.
 RECTIFIED_FLOOR = 0.02
-#: Number of classes of the rebound speed in which the force may fall to zero and rise again.
+#: Number of classes of the speed of a stroke, in which a mean is taken, and the force may fall to zero and rise again.
 TURN_CLASSES = 12
 #: Smallest number of samples of a class.
 TURN_SAMPLES = 5
@@ -188,7 +188,7 @@ def _rate_reasons(series: TimeSeries, origin: str, units: MixedUnits) -> Iterato
 def rectified_force(series: TimeSeries) -> str:
     """Return a figure if the force is a magnitude without sign; empty otherwise."""
     velocity, force = series["velocity"], series["force"]
-    if force.min() < -RECTIFIED_FLOOR * force.max():
+    if _lowest_mean(velocity, force) < -RECTIFIED_FLOOR * force.max():
         return ""
     speed = np.abs(velocity)
     fast = speed > FAST * float(speed.max())
@@ -201,6 +201,14 @@ def rectified_force(series: TimeSeries) -> str:
         )
     turn = _turning_speed(speed[velocity < 0.0], force[velocity < 0.0], float(force.max()))
     return f"{values}; in rebound it falls to about zero at {turn:.2g} m/s and rises again beyond" if turn else ""
+
+
+def _lowest_mean(velocity: Array, force: Array) -> float:
+    """Return the lowest mean force of a class of velocities [N]; noise about zero does not make a mean negative."""
+    place = np.round(TURN_CLASSES * velocity / max(float(np.abs(velocity).max()), 1e-12)).astype(int) + TURN_CLASSES
+    count, total = np.bincount(place), np.bincount(place, weights=force)
+    kept = count >= TURN_SAMPLES
+    return float((total[kept] / count[kept]).min(initial=float(force.max())))
 
 
 def _turning_speed(speed: Array, force: Array, largest: float) -> float:

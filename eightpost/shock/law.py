@@ -116,7 +116,11 @@ class ShockLaw(ABC):
         """Return alpha [1] at a static force F_s [N]."""
 
     def advance_lag(self, lagged: float, static_start: float, static_end: float, step: float) -> float:
-        """Return F_lag [N] after `step` [s] in which F_s changes linearly from start to end [N]."""
+        """Return F_lag [N] after `step` [s] in which F_s changes linearly from start to end [N].
+
+        Raises:
+            TypeError: The lagged force of the law does not follow from static forces alone.
+        """
         raise TypeError(f"{type(self).__name__} does not follow from static forces alone; use advance_piece")
 
     def advance_piece(self, state: State, piece: Piece) -> State:

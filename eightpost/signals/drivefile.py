@@ -100,7 +100,11 @@ class Drivefile(Recording):
         return self.means(np.array([start, stop]))[:, 0]
 
     def means(self, times: Array) -> Array:
-        """Return the exact means (C, K) over the K intervals between `times` (K+1,) [s], increasing."""
+        """Return the exact means (C, K) over the K intervals between `times` (K+1,) [s], increasing.
+
+        Raises:
+            ValueError: The times do not increase.
+        """
         widths = np.diff(times)
         if not (widths > 0.0).all():
             raise ValueError("the times must increase")

@@ -54,8 +54,7 @@ def read_record(path: str | Path) -> RawRecord:
     if suffix not in SUFFIXES:
         what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
-    with reading(path):
-        path.stat()
+    _check_size(path)
     return _READERS[suffix](path) if suffix in _READERS else _only_table(_TABLE_READERS[suffix](path), path)
 
 
@@ -78,7 +77,17 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     """
     path = Path(path)
     reader = _TABLE_READERS.get(path.suffix.lower())
-    return reader(path) if reader and path.is_file() else (read_record(path),)
+    if not (reader and path.is_file()):
+        return (read_record(path),)
+    _check_size(path)
+    return reader(path)
+
+
+def _check_size(path: Path) -> None:
+    with reading(path):
+        size = path.stat().st_size
+    if size == 0:
+        raise FileFormatError("is empty: it has 0 bytes; copy or export it again", path=path)
 
 
 def read_series(

@@ -9,7 +9,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import MissingChannelError, suggestion
+from eightpost.errors import InputError, MissingChannelError, suggestion
 from eightpost.labelled import data_frame, dataset
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
@@ -132,7 +132,7 @@ class TimeSeries(Summarized):
 
         Raises:
             MissingChannelError: There is no such channel.
-            InputError: There is no sample between start and stop.
+            InputError: There is no sample between start and stop, or the series has no channel or only one sample.
         """
         from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
 
@@ -200,12 +200,12 @@ class TimeSeries(Summarized):
         """Return the samples with `start <= time <= stop` [s]; the times are not shifted.
 
         Raises:
-            ValueError: There is no such sample.
+            InputError: There is no such sample.
         """
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, stop, "right")
         if not first < last:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
-            raise ValueError(f"there is no sample between {start:g} and {stop:g} s; the series covers {span}")
+            raise InputError(f"there is no sample between {start:g} and {stop:g} s; the series covers {span}")
         return self.at(slice(first, last))
 
     def at(self, chosen: slice | NDArray[np.bool_]) -> TimeSeries:

@@ -153,6 +153,8 @@ BAD_SYSTEMS = {
     "unknown entry": ({"scenario": "stopp = 1"}, "stopp"),
     "missing drivefile": ({"scenario": 'drivefile = "none.csv"'}, "none.csv"),
     "impossible step": ({"scenario": "coupling_step = -1"}, "coupling step"),
+    "steps that no memory holds": ({"scenario": "record_step = 1e-12"}, "has 1e+11 steps, at most 1e+08"),
+    "a Boolean for a number": ({"inputs": "inputs = { road = true, aero_force = 0 }"}, "the value is True; give a num"),
 }  # fmt: skip
 
 

@@ -58,6 +58,23 @@ def test_wrong_numbers_and_limits_are_refused_before_anything_is_built(arguments
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_ends_the_search_with_what_is_kept_and_exit_code_1(fmus, tmp_path, monkeypatch):
+    def interrupted(*_args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eightpost.app.shapes._search", interrupted)
+    text = TEXT.format(car=fmus["seven_dof"], bank=EXAMPLES / "bank", track=EXAMPLES / "data" / "track.parquet")
+    for shock in ("B_B", "C_C"):
+        text = text.replace(f"{EXAMPLES / 'bank'}/{shock}.json", str(fmus["lpnl2"]))
+    (tmp_path / "study.toml").write_text(text)
+    done = CliRunner().invoke(main, ["shapes", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 1 and "Traceback" not in done.output
+    assert "completed runs of the bank are kept, those of the search are not; run the command again" in " ".join(
+        done.output.split()
+    )
+    assert not (tmp_path / "out" / "shapes.html").exists()
+
+
 @pytest.mark.nightly
 def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_measures(fmus, tmp_path):
     path, out = tmp_path / "study.toml", tmp_path / "out"

@@ -3,7 +3,9 @@
 The starter folder is in a path with spaces and umlauts.
 """
 
+import shlex
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,30 @@ WRONG = {
     "compare shocks nowhere": "shocks: there is no run here; name a folder that `eightpost run` wrote",
     "study study.toml -o out": "the file shocks/dyno_A.json does not exist; correct its name there, or make it first",
     "reproduce 99.9 -o out": "there is no item '99.9'; the nearest are",
+    "reproduce --all 3.1 -o out": "give either --all or items, not both",
+    # Empty files, folders in place of files, links to nothing, empty names
+    "fit empty.csv": "empty.csv: is empty: it has 0 bytes",
+    "inspect empty.tdms": "empty.tdms: is empty: it has 0 bytes",
+    "fit shocks/dyno_A.csv --map empty.toml": "empty.toml: is empty; write it again",
+    "clicks empty.json --curve B_B.json": "empty.json: is empty; write it again",
+    "run shocks": "shocks: is a folder, not a file",
+    "build shocks -o dist": "shocks: is a folder, not a file; name the files in it",
+    "build B_B.json -o ''": "'--output': the name of a file or folder is empty",
+    "report cut.json -o page.html": "cut.json, line 3: cannot be read as JSON",
+    "validate car.json shocks/dyno_A.csv": "car.json: needs the report of its fit, car.fit.json, in the same folder",
+    # Numbers that no comparison finds out of range, or that would take hours and the whole memory
+    "validate B_B.json shocks/dyno_A.csv --limit nan": "'nan' is not a finite number",
+    "compare out --measured out --rank nan": "'nan' is not a finite number",
+    "dyno --configuration 5 --test sine --amplitude '900 m' --speed '1 in/s' -o d.csv": "use a higher speed, or a",
+    "dyno --configuration 5 --test sine --amplitude '1 in' --speed '1e-6 in/s' -o d.csv": "at most 3600 s; use a",
+    "rig --car quarter_car --duration '1e9 s' -o r.parquet": "--duration must be at most 7200 s, not '1e9 s'",
+    "shapes study.toml --keep '200 %'": "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
+    "shapes study.toml --tolerance '-3 %'": "tolerance must be 0 to 33 %, not -3 %",
+    "shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
+    "sensitivity out -o terms.txt": "a table of all terms ends in .parquet; write -o terms.parquet",
+    # Entries of the wrong type
+    "run wrong.toml": "components: must be a table; scenario: is missing",
+    "vehicle no_schema.toml -o modes": "schema is missing; write schema = 1",
 }  # fmt: skip
 
 
@@ -56,6 +82,12 @@ def starter(tmp_path_factory):
     record = (folder / "shocks" / "dyno_A.csv").read_text(encoding="utf-8")
     (folder / "no_unit.csv").write_text(record.replace("Force [lbf]", "Force"), encoding="utf-8")
     (folder / "other.json").write_text('{"a": 1}', encoding="utf-8")
+    (folder / "cut.json").write_text('{\n"kind": "shock",\n"law":', encoding="utf-8")
+    (folder / "wrong.toml").write_text("components = 3\n", encoding="utf-8")
+    (folder / "no_schema.toml").write_text('model = "seven_dof"\n', encoding="utf-8")
+    shutil.copy(examples_folder() / "identified" / "car.json", folder)
+    for suffix in ("csv", "tdms", "toml", "json"):
+        (folder / f"empty.{suffix}").touch()
     return folder
 
 
@@ -63,7 +95,14 @@ def starter(tmp_path_factory):
 def test_a_wrong_input_ends_with_2_and_advice_and_loses_nothing(starter, monkeypatch, line):
     monkeypatch.chdir(starter)
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    shown = CliRunner().invoke(main, line.split(), env={"COLUMNS": "400"})
+    shown = CliRunner().invoke(main, shlex.split(line), env={"COLUMNS": "400"})
     assert shown.exit_code == 2, shown.output
     assert WRONG[line] in " ".join(shown.output.split()), shown.output
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+def test_a_link_to_nothing_is_named_as_such(tmp_path):
+    (tmp_path / "link.csv").symlink_to("nowhere.csv")
+    shown = CliRunner().invoke(main, ["fit", str(tmp_path / "link.csv")], env={"COLUMNS": "400"})
+    assert shown.exit_code == 2 and "it is a link to nowhere.csv, which does not exist" in shown.output

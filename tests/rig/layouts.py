@@ -234,3 +234,14 @@ def groups(contents):
         return path
 
     return write
+
+
+#: A table of peak velocities: speeds [mm/s], forces in compression and rebound [N].
+SPEED = 1e3 * np.array([0.05, 0.1, 0.15, 0.2, 0.25])
+BUMP, DROOP = np.array([300.0, 520.0, 700.0, 850.0, 1000.0]), np.array([-420.0, -780.0, -1080.0, -1330.0, -1560.0])
+
+
+def peak_velocity_file(folder, header, columns):
+    """Write a table of peak velocities below a header of one line or more."""
+    lines = [",".join(f"{cell:.9g}" for cell in row) for row in zip(*columns, strict=True)]
+    return file_with(folder, "run.csv", "\n".join([header, *lines]) + "\n")

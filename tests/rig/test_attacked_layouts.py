@@ -10,6 +10,8 @@ from eightpost.rig import read_dyno_test
 from eightpost.signals import read_record
 from eightpost.units import convert
 
+from . import test_fourth_attack_layouts as fourth
+from . import test_third_attack_layouts as third
 from .layouts import COUNT, SI, F, T, V, X, cells, column, text
 from .test_layouts import check
 
@@ -102,14 +104,24 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", READ)
-def test_layout_is_read_to_the_same_values(layout, tmp_path):
-    check(read_dyno_test(READ[layout](tmp_path)).series)
+#: Writers of the layouts of all attacks.
+READERS = [pytest.param(write, id=layout) for attack in (READ, third.READ, fourth.READ)
+           for layout, write in attack.items()]  # fmt: skip
+
+#: Writers of the layouts that are refused, with a part of the message.
+REFUSALS = [pytest.param(*case, id=layout) for attack in (REFUSED, third.REFUSED, fourth.REFUSED)
+            for layout, case in attack.items()]  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", REFUSED)
-def test_layout_is_refused_with_advice(layout, tmp_path):
-    write, message = REFUSED[layout]
+@pytest.mark.parametrize("write", READERS)
+def test_layout_is_read_to_the_same_values(write, tmp_path):
+    test = read_dyno_test(write(tmp_path))
+    assert len(test.series) == COUNT
+    check(test.series)
+
+
+@pytest.mark.parametrize(("write", "message"), REFUSALS)
+def test_layout_is_refused_with_advice(write, message, tmp_path):
     with pytest.raises(InputError, match=message):
         read_dyno_test(write(tmp_path))
 

@@ -5,11 +5,26 @@ import datetime
 import numpy as np
 import pytest
 
-from eightpost.errors import InputError
-from eightpost.rig import read_dyno_test, read_peak_velocity
+from eightpost.rig import read_peak_velocity
 
-from .layouts import COUNT, SI, US, F, T, V, X, cells, clock, column, file_with, matlab, text
-from .test_layouts import check
+from .layouts import (
+    BUMP,
+    COUNT,
+    DROOP,
+    SI,
+    SPEED,
+    US,
+    F,
+    T,
+    V,
+    X,
+    cells,
+    clock,
+    column,
+    matlab,
+    peak_velocity_file,
+    text,
+)
 
 H = "t [s],x [mm],v [mm/s],F [N]"
 AT = datetime.datetime(2026, 11, 12, 10, 59, 59, 500000)
@@ -56,6 +71,7 @@ def controldesk(names=("Disp", "Vel", "Force"), *, unit="s", axes=1, name="rec_0
     return matlab({name: content})
 
 
+#: Read and refused in test_attacked_layouts.py.
 READ = {
     # Units behind a blank
     "names and units, commas": text("Time s,Disp mm,Vel mm/s,Force N"),
@@ -149,24 +165,8 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", READ)
-def test_layout_is_read_to_the_same_values(layout, tmp_path):
-    test = read_dyno_test(READ[layout](tmp_path))
-    assert len(test.series) == COUNT
-    check(test.series)
-
-
-@pytest.mark.parametrize("layout", REFUSED)
-def test_layout_is_refused_with_advice(layout, tmp_path):
-    write, message = REFUSED[layout]
-    with pytest.raises(InputError, match=message):
-        read_dyno_test(write(tmp_path))
-
-
 # ---- Clicks above the names of peak-velocity tables -----------------------------------------------------------------
 
-SPEED = 1e3 * np.array([0.05, 0.1, 0.15, 0.2, 0.25])
-BUMP, DROOP = np.array([300.0, 520.0, 700.0, 850.0, 1000.0]), np.array([-420.0, -780.0, -1080.0, -1330.0, -1560.0])
 COLUMNS = [SPEED, BUMP, DROOP, 1.2 * BUMP, 1.3 * DROOP]
 NAMES = "Speed [mm/s],Comp [N],Reb [N],Comp [N],Reb [N]"
 
@@ -181,15 +181,10 @@ ABOVE = {
 }
 
 
-def table(folder, above):
-    lines = [",".join(f"{cell:.9g}" for cell in row) for row in zip(*COLUMNS, strict=True)]
-    return file_with(folder, "run.csv", "\n".join([*([above] if above else []), NAMES, *lines]) + "\n")
-
-
 @pytest.mark.parametrize("layout", ABOVE)
 def test_row_above_repeated_names_is_the_setting_of_its_columns(layout, tmp_path):
     above, settings = ABOVE[layout]
-    first, second = read_peak_velocity(table(tmp_path, above))
+    first, second = read_peak_velocity(peak_velocity_file(tmp_path, f"{above}\n{NAMES}", COLUMNS))
     assert [first.clicks, second.clicks] == settings
     np.testing.assert_allclose(first.compression, BUMP)
     np.testing.assert_allclose(second.rebound, 1.3 * DROOP)

@@ -78,6 +78,11 @@ def stopping(columns):
     return {"t": t, "x": 20.0 * np.sin(omega * phase) + noise[0], "v": v + noise[1], "F": force + noise[2]}
 
 
+def noisy(force):
+    """Add noise of 3 % of the largest force."""
+    return force + 0.03 * np.abs(force).max() * np.random.default_rng(3).standard_normal(force.size)
+
+
 FAULTS = {
     "time in ms labelled s": ("contradictory units", times("t", 1e3), "unlikely units"),
     "time in ms labelled s, velocity derived": ("unlikely units", both(without("v"), times("t", 1e3)), None),
@@ -90,6 +95,7 @@ FAULTS = {
     "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
     "rectified force of which 7 % of the range were negative": (
         "rectified force", lambda c: c | {"F": np.abs(c["F"] - c["F"].min() - 0.07 * np.ptp(c["F"]))}, None),
+    "rectified force with noise about zero": ("rectified force", lambda c: c | {"F": noisy(np.abs(c["F"]))}, None),
     "all signs reversed": ("negative force at standstill",
                            both(times("F", -1.0), times("v", -1.0), times("x", -1.0)), None),
     "two settings": ("the shock changed", lambda c: later(c, 1.15), None),
@@ -120,7 +126,9 @@ def test_a_good_record_has_no_reason(tmp_path):
 def test_gas_that_keeps_the_force_positive_does_not_look_rectified(tmp_path, lowest):
     columns = sine()
     span = np.ptp(columns["F"])
-    assert "rectified force" not in rules(tmp_path, columns | {"F": columns["F"] - columns["F"].min() + lowest * span})
+    positive = columns["F"] - columns["F"].min() + lowest * span
+    for force in (positive, noisy(positive)):
+        assert "rectified force" not in rules(tmp_path, columns | {"F": force})
 
 
 def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):

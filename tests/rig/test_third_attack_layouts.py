@@ -17,7 +17,25 @@ from eightpost.signals import TimeSeries, read_record, read_series
 from eightpost.signals.faults import IN_MEMORY
 from eightpost.units import convert
 
-from .layouts import COUNT, RATE, SI, US, F, T, V, X, cells, column, file_with, grid, sheets, text
+from .layouts import (
+    BUMP,
+    COUNT,
+    DROOP,
+    RATE,
+    SI,
+    SPEED,
+    US,
+    F,
+    T,
+    V,
+    X,
+    cells,
+    column,
+    grid,
+    peak_velocity_file,
+    sheets,
+    text,
+)
 from .test_layouts import check
 
 NAMES = ["t [s]", "x [mm]", "v [mm/s]", "F [N]"]
@@ -89,6 +107,7 @@ def units_row(units, *, more=()):
     return text([",".join(["Time", "Disp", "Vel", "Force", *(["Spare"] * len(more))]), units], [*SI, *more])
 
 
+#: Read and refused in test_attacked_layouts.py.
 READ = {
     "a row of units that is shorter than the names": units_row("s,mm,mm/s,N", more=[column("1")]),
     "seconds, metres and pounds in capitals": text(
@@ -137,26 +156,12 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", READ)
-def test_layout_is_read_to_the_same_values(layout, tmp_path):
-    test = read_dyno_test(READ[layout](tmp_path))
-    assert len(test.series) == COUNT
-    check(test.series)
-
-
 @pytest.mark.parametrize("layout", LEFT_OUT)
 def test_column_that_is_not_needed_does_not_prevent_reading_and_is_reported(layout, tmp_path):
     write, message = LEFT_OUT[layout]
     test = read_dyno_test(write(tmp_path))
     check(test.series)
     assert any(message in warning for warning in test.warnings)
-
-
-@pytest.mark.parametrize("layout", REFUSED)
-def test_layout_is_refused_with_advice(layout, tmp_path):
-    write, message = REFUSED[layout]
-    with pytest.raises(InputError, match=message):
-        read_dyno_test(write(tmp_path))
 
 
 def test_hidden_sheet_is_not_another_run_and_is_reported(tmp_path):
@@ -202,9 +207,6 @@ def test_powers_of_units_may_be_negative(unit):
 
 # ---- Tables of peak velocities --------------------------------------------------------------------------------------
 
-SPEED = 1e3 * np.array([0.05, 0.1, 0.15, 0.2, 0.25])
-BUMP, DROOP = np.array([300.0, 520.0, 700.0, 850.0, 1000.0]), np.array([-420.0, -780.0, -1080.0, -1330.0, -1560.0])
-
 #: Header and columns of one setting in layouts with more than speed and two forces.
 TABLES = {
     "a speed for each stroke": (
@@ -229,14 +231,9 @@ TABLES = {
 }  # fmt: skip
 
 
-def table(folder, header, columns):
-    lines = [",".join(f"{cell:.9g}" for cell in row) for row in zip(*columns, strict=True)]
-    return file_with(folder, "run.csv", "\n".join([header, *lines]) + "\n")
-
-
 @pytest.mark.parametrize("layout", TABLES)
 def test_peak_velocity_table_with_more_columns_is_one_setting(layout, tmp_path):
-    path = table(tmp_path, *TABLES[layout])
+    path = peak_velocity_file(tmp_path, *TABLES[layout])
     assert is_table(path)
     (found,) = read_peak_velocity(path)
     np.testing.assert_allclose(found.speed, 1e-3 * SPEED)
@@ -246,7 +243,7 @@ def test_peak_velocity_table_with_more_columns_is_one_setting(layout, tmp_path):
 
 def test_second_column_of_speeds_belongs_to_the_forces_behind_it(tmp_path):
     header = "Speed [mm/s],Comp [N],Speed [mm/s],Reb [N]"
-    (found,) = read_peak_velocity(table(tmp_path, header, [SPEED, BUMP, 2 * SPEED, DROOP]))
+    (found,) = read_peak_velocity(peak_velocity_file(tmp_path, header, [SPEED, BUMP, 2 * SPEED, DROOP]))
     np.testing.assert_allclose(np.interp([0.1, 0.2], found.speed, found.rebound), DROOP[:2])
     np.testing.assert_allclose(np.interp([0.1, 0.2], found.speed, found.compression), BUMP[[1, 3]])
 

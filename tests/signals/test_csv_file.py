@@ -65,7 +65,7 @@ BROKEN = {
     "unnamed column": ("t [s],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*2 columns.*have 3"),
     "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' is not unique"),
     "no numbers": ("hello\nworld\n", errors.FileFormatError, "no table"),
-    "empty": ("", errors.FileFormatError, "no table"),
+    "empty": ("", errors.FileFormatError, "is empty: it has 0 bytes"),
 }
 
 

@@ -147,7 +147,7 @@ WRONG = {
     ),
     "no TOML": ("[parameters]", "[parameters", FileFormatError, "cannot be read as TOML.*line"),
     "newer layout": ("schema = 1", "schema = 2", FileFormatError, "newer version wrote the file; update"),
-    "no layout": ("schema = 1", "", FileFormatError, "schema is None"),
+    "no layout": ("schema = 1", "", FileFormatError, "schema is missing"),
     "another model": (
         '"quarter_car"',
         '"half_car"',

@@ -161,7 +161,11 @@ class Bench:
         return rows
 
     def drive(self, instance: Instance, values: Values) -> None:
-        """Set all Real inputs, which must succeed."""
+        """Set all Real inputs, which must succeed.
+
+        Raises:
+            CallError: The call failed.
+        """
         status = instance.set_reals(self.inputs, values)
         if refused(status):
             raise CallError(f"fmi2SetReal of inputs returned {status_name(status)}{instance.last_message()}")

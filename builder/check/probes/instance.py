@@ -144,7 +144,11 @@ class Instance:
         return status, list(buffer)
 
     def reals(self, variables: Sequence[Variable]) -> list[float]:
-        """Get Reals, which must succeed."""
+        """Get Reals, which must succeed.
+
+        Raises:
+            CallError: The call failed.
+        """
         status, values = self.get_reals(variables)
         if refused(status):
             raise CallError(f"fmi2GetReal returned {status_name(status)}{self.last_message()}")

@@ -287,7 +287,11 @@ def without(missing: Mapping[str | Path, Mapping[str, str]]) -> list[str]:
 
 
 def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
-    """Return the runs whose records exist, and a note about the others."""
+    """Return the runs whose records exist, and a note about the others.
+
+    Raises:
+        InputError: No record exists.
+    """
     there = tuple(run for run in runs if run.file.is_file())
     missing = [run.file.name for run in runs if not run.file.is_file()]
     if not there:

@@ -131,6 +131,9 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
 
     Returns:
         The file.
+
+    Raises:
+        OutputError: The file cannot be written.
     """
     # Rows are written to disk at once, so that the memory does not grow with their number.
     options = {"strings_to_formulas": False, "strings_to_urls": False, "constant_memory": True}

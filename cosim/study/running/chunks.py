@@ -230,7 +230,11 @@ class ChunkFolder:
         return table
 
     def coupling(self) -> Coupling | None:
-        """Return the coupling that was chosen, or None if it was not chosen yet."""
+        """Return the coupling that was chosen, or None if it was not chosen yet.
+
+        Raises:
+            FileFormatError: The file of the coupling is damaged.
+        """
         path = self._folder / "coupling.json"
         if not os.path.lexists(path):
             return None

@@ -22,6 +22,7 @@ from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.columns import DONE, FAILED, error_column
+from cosim.study.ports import bond_at, check_corners
 from cosim.study.result import StudyResult
 from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
 from cosim.study.running.drives import read_drive
@@ -30,8 +31,8 @@ from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Study
 from cosim.systems.scenario import Scenario
-from cosim.systems.system import Bond, System
-from eightpost.errors import EightpostError, InputError, WiringError
+from cosim.systems.system import System
+from eightpost.errors import EightpostError, WiringError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
@@ -89,6 +90,7 @@ class Evaluator:
 
     Raises:
         FmuError: An FMU cannot be used.
+        InputError: The study's corners are not those of the vehicle.
         DataError: A drive file cannot be read.
     """
 
@@ -96,6 +98,7 @@ class Evaluator:
         self.study = study
         vehicle = study.vehicle
         self._vehicle = FmuComponent(vehicle.fmu, vehicle.name)
+        check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
         self._batches: dict[tuple[str, float, str], Batches | str] = {}
@@ -126,7 +129,7 @@ class Evaluator:
         components: dict[str, Component] = {vehicle.name: self._vehicle, **shocks}
         return System(
             components=components,
-            bonds=tuple(self._bond(corner, shock) for corner, shock in shocks.items()),
+            bonds=tuple(bond_at(self._vehicle, vehicle.name, corner, shock) for corner, shock in shocks.items()),
             constants={f"{vehicle.name}.{name}": value for name, value in vehicle.inputs.items()},
             parameters={name: p for name, p in {vehicle.name: vehicle.parameters, **parameters}.items() if p},
         )
@@ -310,38 +313,6 @@ class Evaluator:
         if key not in self._shocks:
             self._shocks[key] = FmuComponent(fmu, corner)
         return self._shocks[key]
-
-    def _bond(self, corner: str, shock: Component) -> Bond:
-        port = _port_of(self._vehicle, self.study.vehicle.name, corner)
-        return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
-
-
-def ports(vehicle: Component) -> tuple[str, ...]:
-    """Return the corners at which a vehicle has a port (docs/reference/ports.md); `corner` for a quarter car."""
-    names = vehicle.variables
-    found = [
-        name.removesuffix(".velocity")
-        for name, variable in names.items()
-        if name.endswith(".velocity") and variable.causality == "output"
-    ]
-    corners = tuple(c for c in found if f"{c}.force" in names and names[f"{c}.force"].causality == "input")
-    is_quarter = {"velocity", "force"} <= set(names) and names["velocity"].causality == "output"
-    return corners or (("corner",) if is_quarter else ())
-
-
-def _port_of(vehicle: Component, name: str, corner: str) -> str:
-    """Return the port of a corner, as `component.corner`; that of a quarter car has no corner in its name.
-
-    Raises:
-        InputError: The vehicle has no such port.
-    """
-    known = ports(vehicle)
-    if corner not in known:
-        raise InputError(
-            f"{vehicle.source} has no port {corner!r}; "
-            f"its ports: {', '.join(known) or 'none (docs/reference/ports.md)'}"
-        )
-    return f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
 
 
 def local_error(result: Result) -> float:

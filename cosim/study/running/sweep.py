@@ -20,12 +20,11 @@ from cosim.study.measures import Measure, own_function
 from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
-from cosim.study.running.evaluator import Coupling, Evaluator, Row, ports
+from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
-from cosim.systems.system import System
 from eightpost import units
 from eightpost.errors import InputError, WorkersLostError
 from eightpost.files import check_output_folder
@@ -43,12 +42,11 @@ def _check_study(evaluator: Evaluator) -> None:
     Raises:
         FmuError: An FMU cannot be used.
         WiringError: A build does not fit a corner, or a channel or parameter does not exist.
-        InputError: A corner has no shock, or a measure, its unit or its window is invalid.
+        InputError: A measure, its unit or its window is invalid.
     """
     study = evaluator.study
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
-    _check_ports(study, system)
     for setup in beats(_every_build(study, first)):
         evaluator.system(setup)
     found = evaluator.measure_units
@@ -64,16 +62,6 @@ def _indices(study: Study) -> list[int]:
     if not indices:
         raise InputError("the study has no setups: no builds are allowed at all corners of a group in alike")
     return indices
-
-
-def _check_ports(study: Study, system: System) -> None:
-    """Raise an error if a port has no shock: the car would have no damping there."""
-    known = ports(system.components[study.vehicle.name])
-    if missing := [corner for corner in known if corner not in study.corners]:
-        raise InputError(
-            f"corners: {missing[0]} has no shock; {study.vehicle.fmu} has ports at {', '.join(known)}. Name the builds "
-            f"allowed at {missing[0]}"
-        )
 
 
 def _every_build(study: Study, first: Setup) -> list[Setup]:
@@ -255,7 +243,7 @@ class Requested(Sweep):
 
     Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
     setup is run again, in this session or another one. Only the rows of requested setups are in memory. Ctrl-C loses
-    only the batch that is running.
+    only the setups that are running.
 
     Args:
         study: Study to run.
@@ -291,11 +279,21 @@ class Requested(Sweep):
         if new:
             size = max(1, min(BATCH, -(-len(new) // workers.count)))  # every worker gets some
             groups = [Chunk(k, tuple(new[first : first + size])) for k, first in enumerate(range(0, len(new), size))]
-            found = [row for _, rows in workers.rows(self.study, coupling, groups, lambda: False) for row in rows]
-            self._requested.write(Chunk(self._batches, tuple(new)), sorted(found, key=lambda row: int(row["setup"])))
-            self._batches += 1
-            self._rows |= {int(row["setup"]): row for row in found}
+            found = list[Row]()
+            try:
+                for _, rows in workers.rows(self.study, coupling, groups, lambda: False):
+                    found += rows
+            finally:  # also what was complete when Ctrl-C or a failure ended the runs
+                self._keep(found)
         return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
+
+    def _keep(self, found: list[Row]) -> None:
+        if not found:
+            return
+        rows = {int(row["setup"]): row for row in sorted(found, key=lambda row: int(row["setup"]))}
+        self._requested.write(Chunk(self._batches, tuple(rows)), list(rows.values()))
+        self._batches += 1
+        self._rows |= rows
 
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, including those of an exhaustive run."""

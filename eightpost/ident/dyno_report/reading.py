@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eightpost.errors import InputError
-from eightpost.files import document_kind, sha256_of
+from eightpost.files import sha256_of
 from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
@@ -81,7 +81,7 @@ def read_entries(
     entries: list[Entry] = []
     shocks: list[Path] = []
     for done, path in enumerate(paths, 1):
-        if path.suffix.lower() == ".json" and document_kind(path) is not None:
+        if path.suffix.lower() == ".json":
             shocks.append(path)
         else:
             entries += _dynamometer_entries(path, reading)

@@ -179,7 +179,11 @@ class Linearity:
         return tuple(dict.fromkeys(path.output.name for path in self.paths))
 
     def verdict(self, output: str, input: str) -> Verdict:
-        """Return the verdict on one path."""
+        """Return the verdict on one path.
+
+        Raises:
+            InputError: There is no such path.
+        """
         for each in self.verdicts:
             if (each.input, each.output) == (input, output):
                 return each

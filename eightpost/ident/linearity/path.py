@@ -73,6 +73,7 @@ def paths(excitation: Excitation, recipe: LocalPolynomial) -> tuple[Path, ...]:
 
     Raises:
         TooShortError: The record has too few bins.
+        TypeError: The recipe does not estimate the coherence.
     """
     record = Record(excitation.u[None], excitation.y)
     response = recipe.estimate(Records((record,), excitation.rate, (excitation.channel,), excitation.outputs))

@@ -79,7 +79,7 @@ class Problem:
         return len(self.table.free) + self.model.state_sizes.size * (self.segments - 1) * len(self.records)
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return the lower and upper bounds of the unknowns."""
+        """Return the lower and upper bounds of the unknowns, each (Z,)."""
         low, high = self.table.bounds()
         free = np.full(self.unknowns - len(self.table.free), np.inf)
         return np.concatenate([low, -free]), np.concatenate([high, free])
@@ -114,7 +114,7 @@ class Problem:
     # ---- Residuals --------------------------------------------------------------------------------------------------
 
     def residual(self, z: Array) -> Array:
-        """Return the residuals for unknowns z."""
+        """Return the residuals (R,), in standard deviations of the noise, for unknowns z (Z,), which are scaled."""
         beat()
         theta = z[: len(self.table.free)]
         outputs, ends = self._simulate([(part, *self._batch(part, z)) for part in self._parts])
@@ -136,7 +136,7 @@ class Problem:
         return [self._record_lines(k, _bounded(y - self.records[k].outputs, self.noise)) for k, y in enumerate(outputs)]
 
     def jacobian(self, z: Array) -> Array:
-        """Return the derivatives of the residuals by the unknowns."""
+        """Return the derivatives (R, Z) of the residuals by the unknowns z (Z,)."""
         beat()
         jobs = [(part, *self._batch(part, z, perturbed=True)) for part in self._parts]
         outputs, ends = self._simulate(jobs)

@@ -157,7 +157,11 @@ def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str])
 
 
 def powered(size: Array, power_floor: float, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Return the mask of frequencies at which an input has power (K, m), from its amplitudes `size` (K, m)."""
+    """Return the mask of frequencies at which an input has power (K, m), from its amplitudes `size` (K, m).
+
+    Raises:
+        InputError: An input is zero in all records.
+    """
     largest = size.max(axis=0)
     for name, value in zip(names, largest, strict=True):
         if not value > 0.0:

@@ -142,6 +142,9 @@ def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDAr
 
     Returns:
         Number of feedback paths (p, shocks), Table 6.6.
+
+    Raises:
+        ParameterError: The number of shock velocities is not that of the shock forces.
     """
     rows = list(velocities)
     if len(rows) != active.shape[1]:

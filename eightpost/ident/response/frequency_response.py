@@ -106,7 +106,11 @@ class FrequencyResponse:
         )
 
     def band(self, low: float, high: float) -> FrequencyResponse:
-        """Return the response at the frequencies with `low <= frequency <= high` [Hz]."""
+        """Return the response at the frequencies with `low <= frequency <= high` [Hz].
+
+        Raises:
+            ParameterError: The response has no such frequency.
+        """
         inside = (self.frequency >= low) & (self.frequency <= high)
         if not inside.any():
             span = f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
@@ -114,12 +118,12 @@ class FrequencyResponse:
         return self.at(inside)
 
     def at(self, chosen: slice | NDArray[np.bool_]) -> FrequencyResponse:
-        """Return the response at the chosen frequencies, by position."""
+        """Return the response at the chosen frequencies: a slice of positions, or whether each (K,) is kept."""
         arrays: dict[str, Any] = {name: values[..., chosen] for name, values in self.arrays().items()}
         return replace(self, **arrays)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the response by name, without those that are None."""
+        """Return the arrays of the response by name, H (p, m, K) and others, without those that are None."""
         arrays = {name: getattr(self, name) for name in ("frequency", "H", *OPTIONAL)}
         return {name: values for name, values in arrays.items() if values is not None}
 
@@ -144,6 +148,9 @@ def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse
 
     Returns:
         Relative errors (p,) [1].
+
+    Raises:
+        ParameterError: The two responses differ in channels or frequencies.
     """
     if estimate.H.shape != reference.H.shape or not np.allclose(estimate.frequency, reference.frequency):
         raise ParameterError("the two responses differ in channels or frequencies; use the same for both")

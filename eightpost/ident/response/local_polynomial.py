@@ -117,7 +117,11 @@ class _Local(NamedTuple):
 
 
 def whole_spectra(records: Records, high: float) -> WholeSpectra:
-    """Return the spectra of whole records up to a frequency [Hz]; each is truncated to the length of the shortest."""
+    """Return the spectra of whole records up to a frequency [Hz]; each is truncated to the length of the shortest.
+
+    Raises:
+        InputError: The records have no frequency up to there.
+    """
     size = min(test.u.shape[1] for test in records.tests)
     frequency = np.arange(size // 2 + 1) * (records.rate / size)
     kept = np.flatnonzero((frequency > 0.0) & (frequency <= min(high, 0.499 * records.rate)))

@@ -180,20 +180,20 @@ class Problem:
     tolerance: float = TOLERANCE
 
     def residual(self, parameters: Array) -> Array:
-        """Return the weighted force error and the penalties (R + P,) [N]."""
+        """Return the weighted force error and the penalties (R + P,) [N] of parameters (n + g + k,)."""
         beat()
         runs, penalty = self.model.runs, self.model.penalty
         error = np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target)
         return np.concatenate([error, penalty @ parameters[: self.model.curve_count]])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Return the derivative (R + P, n + g + k) of `residual`."""
+        """Return the derivative (R + P, n + g + k) of `residual` at parameters (n + g + k,)."""
         penalty, slopes = self.model.penalty, self.model.rows_jacobian(parameters)
         rest = np.zeros((len(penalty), slopes.shape[1] - penalty.shape[1]))
         return np.vstack([np.sqrt(self.model.runs.weights)[:, None] * slopes, np.hstack([penalty, rest])])
 
     def at(self, parameters: Array, status: str) -> Minimum:
-        """Return given parameters as a minimum, without a search."""
+        """Return given parameters (n + g + k,) as a minimum, without a search."""
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
     def minimum_from(self, start: Array) -> Minimum:

@@ -136,7 +136,7 @@ class Prepared:
 
     @property
     def measured(self) -> Array:
-        """The low-passed measured force inside the segment [N]."""
+        """The low-passed measured force inside the segment (N,) [N]."""
         return np.asarray(self.record["force"][self.inside])
 
     @property

@@ -199,6 +199,10 @@ def prepare_runs(
         segment: Start and end [s] of each record; see `prepare`.
         cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
         transition_speed: Transition speed [m/s]; see `prepare`.
+
+    Raises:
+        ParameterError: There is no record.
+        DataError: A record has a fault; see `prepare`.
     """
     if not tests:
         raise ParameterError("no record to fit; give one or more")

@@ -107,7 +107,11 @@ class Judging:
     settling: float = 4.0
 
     def inside(self, series: TimeSeries) -> TimeSeries:
-        """Return the judged part of a series, low-passed and without means."""
+        """Return the judged part of a series, low-passed and without means.
+
+        Raises:
+            TooShortError: Less than one second is left to be judged.
+        """
         rate = series.sample_rate
         rows = lowpass(series.values, rate, min(self.band, 0.4 * rate), order=_ORDER)
         start = min(self.settling, _MOST_SETTLING * series.duration)

@@ -117,7 +117,11 @@ def configuration_of(conditions: Mapping[str, Any]) -> int | None:
 
 
 def checked(number: object) -> int:
-    """Return a configuration's number after checking it."""
+    """Return a configuration's number after checking it.
+
+    Raises:
+        ParameterError: It is not a whole number of a row of Table 3.1.
+    """
     if isinstance(number, (int, float, str)) and str(number).strip().isdigit():
         found = int(str(number).strip())
         if 1 <= found <= len(CONFIGURATIONS):

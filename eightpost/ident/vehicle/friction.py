@@ -25,6 +25,9 @@ def direction(velocity: Array, rate: float, width: float) -> Array:
         velocity: Shock velocity v of a record [m/s] (N,).
         rate: Sample rate of the record [Hz].
         width: Friction velocity v_f [m/s].
+
+    Raises:
+        ParameterError: The friction velocity is not above zero.
     """
     if not width > 0.0:
         raise ParameterError(f"the friction velocity is {width!r} m/s; it must be above zero")

@@ -41,7 +41,7 @@ class Band(NamedTuple):
     active: NDArray[np.bool_]
 
     def columns(self, U: Complex) -> Complex:
-        """Return inputs (tests, k, j) times powers of the position in the band, as columns (tests k, 3 j)."""
+        """Return inputs U (tests, k, j) times powers of the position in the band, as columns (tests k, 3 j)."""
         tests, k, _ = U.shape
         return np.asarray((U[..., None, :] * _bends(k)[None, :, :, None]).reshape(tests * k, -1))
 

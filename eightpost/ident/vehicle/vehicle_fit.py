@@ -221,6 +221,10 @@ def read_fit(path: str | Path) -> VehicleFit:
     vehicle = read_vehicle(path)
     if not isinstance(vehicle, IdentifiedVehicle):
         raise FileFormatError("is not an identified vehicle", path=path)
+    if not fit_path(path).is_file():
+        report = fit_path(path).name
+        what = f"needs the report of its fit, {report}, in the same folder; copy it there, or identify again"
+        raise FileFormatError(what, path=path)
     content = _fit_content(fit_path(path))
     if content.get("vehicle_sha256") != sha256_of(path):
         raise FileFormatError(f"belongs to another vehicle than the one in {path}; identify again", path=fit_path(path))

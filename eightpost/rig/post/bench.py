@@ -67,7 +67,11 @@ class Bench:
         return cls(car, noise, run, f"SYNTHETIC: eightpost rig {__version__}, {words}, drivefile seed {seed}")
 
     def shocks(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return a shock's name for each corner, from one name for all or one for each."""
+        """Return a shock's name for each corner, from one name for all or one for each.
+
+        Raises:
+            InputError: The number of names is neither 1 nor that of the corners.
+        """
         corners = len(self.car.corners)
         if len(names) not in (1, corners):
             raise InputError(f"give --shock once or {corners} times, not {len(names)} times")

@@ -314,13 +314,21 @@ def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measu
     shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
     text = " ".join(shown.stderr.split())
     assert shown.exit_code == 2 and "certainty.parquet: not a readable Parquet file" in text
-    assert "take certainty.previous.parquet instead, or run `eightpost study` again" in text
+    assert "or run `eightpost study` again and confirm the rig runs again" in text
+    assert "certainty.previous.parquet" not in text  # no rig run was confirmed before
     assert (sure / "certainty.parquet").read_bytes() == damaged
     console = Console(record=True, width=200)
     result = StudyResult.load(sure / "results.parquet")
     assert with_runs(console, Knowledge(), result, sure) == Knowledge()
     assert "rig runs are not taken over: confirm them again" in console.export_text()
     assert (sure / "certainty.replaced.parquet").read_bytes() == damaged
+
+
+def test_a_damaged_certainty_can_be_replaced_by_the_previous_one_where_there_is_one(sure, measured):
+    (sure / "certainty.parquet").rename(sure / "certainty.previous.parquet")
+    (sure / "certainty.parquet").write_bytes(b"PAR1")
+    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    assert "take certainty.previous.parquet instead, or run" in " ".join(shown.stderr.split())
 
 
 @pytest.mark.parametrize(("text", "message"), [

@@ -206,7 +206,7 @@ def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
-    with pytest.raises(InputError, match="has none of its channels"):
+    with pytest.raises(InputError, match="has none of its channels; families with channels of car: none"):
         family(name, Car("car", CORNERS, ()))
 
 

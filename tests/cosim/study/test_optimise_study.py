@@ -45,6 +45,20 @@ def test_a_repeated_search_runs_nothing_again(fmus, tmp_path):
     np.testing.assert_array_equal(found.indices, repeated.indices)
 
 
+def test_ctrl_c_during_a_request_keeps_the_completed_setups(fmus, tmp_path):
+    class Interrupted(InProcess):
+        def rows(self, study, coupling, chunks, stop):
+            yield next(iter(super().rows(study, coupling, chunks, stop)))
+            raise KeyboardInterrupt
+
+    made, after = study(fmus), InProcess()
+    numbers = made.space.indices.tolist()[:12]
+    with pytest.raises(KeyboardInterrupt):
+        Requested(made, tmp_path).request(Interrupted(), COUPLING, numbers)
+    found = Requested(made, tmp_path).request(after, COUPLING, numbers)
+    assert after.ran == numbers[8:] and found.setups.tolist() == numbers  # eight setups are a batch
+
+
 def test_a_search_uses_the_results_of_an_exhaustive_study(fmus, exhaustive):
     folder, _ = exhaustive
     workers = InProcess()

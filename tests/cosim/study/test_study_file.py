@@ -1,10 +1,11 @@
 """Study files: content and error messages with line numbers."""
 
+from math import inf
 from pathlib import Path
 
 import pytest
 
-from cosim.study import Constraint, Setup, Term
+from cosim.study import Setup, Term
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
@@ -80,7 +81,8 @@ def test_the_entries_of_a_file_are_read(write):
         "compression_scale": 0.8,
     }
     assert study.objective == (Term("grip number", 2.0, "lbf"),)
-    assert study.constraints == (Constraint("aero number", at_most=pytest.approx(0.0127)),)
+    (limits,) = study.constraints
+    assert (limits.measure, limits.at_least, limits.at_most) == ("aero number", -inf, pytest.approx(0.0127))
 
 
 def test_values_with_units_become_si_and_families_their_measures(write):
@@ -148,6 +150,13 @@ def test_the_percent_of_a_percentile_is_a_number_of_percent(write, percent):
         ('settling = "1500 ms"', "settling = 5.0", "settling is 5 s; it must be shorter"),
         ("schema = 1", "schema = 2", "this version reads schema 1"),
         ('settling = "1500 ms"', 'settling = "2 lbf"', "line 5: settling: cannot convert 'lbf' to 's': the dimensions"),
+        (
+            "weight = 2.0",
+            "weight = nan",
+            "line 37: objective: the weight of 'grip number' is nan; give a finite number",
+        ),
+        ('at_most = "0.5 in"', "at_most = nan", "constraint of 'aero number': at_least is -inf and at_most nan"),
+        ('at_most = "0.5 in"', "at_most = 1.0\nat_least = 2.0", "so no setup can meet it"),
         ('"-2 in/s"', '"-2 in"', "measure 'slow rebound', from: cannot convert 'in' to 'm/s'"),
         ('at_most = "0.5 in"', 'at_most = "0.5 g"', "constraint 'aero number': cannot convert 'g' to 'm'"),
     ],
@@ -158,14 +167,27 @@ def test_error_messages_state_the_line(write, old, new, message):
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ('A = "{shock}"', 'A = "{car}"', "bank: 'A', .*is no shock: it has no velocity"),
-    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock"),
+    ('A = "{shock}"', 'A = "{car}"', "study.toml, line 15: bank: 'A', .*is no shock: it has no velocity; name a shock"),
+    ('A = "{shock}"', 'A = "quarter_car"', "line 15: bank: 'A', .*is no shock: its velocity is of causality output"),
+    ('A = "{shock}"', 'A = {{ fmu = "{shock}", parameters = {{ lag_zero_force = -1.0 }} }}',
+     "line 15: bank: 'A', .*cannot be coupled with .*seven_dof.fmu: .*lag_zero_force = -1.*outside its range"),
+    ('fmu = "{car}"', 'fmu = "{shock}"', "vehicle.fmu: .*has no port for a shock.*; name a vehicle file"),
 ])  # fmt: skip
-def test_a_car_among_the_shocks_and_a_shock_as_the_car_are_named(write, old, new, message):
+def test_a_bank_that_does_not_fit_the_car_is_refused_when_the_file_is_read(write, fmus, old, new, message):
     text = TEXT[: TEXT.index("[corners]")] + TEXT[TEXT.index("[[drive]]") :]
     assert text.count(old) == 1
     with pytest.raises(InputError, match=message):
-        read_study(write(text=text.replace(old, new)))
+        read_study(write(text=text.replace(old, new.replace("quarter_car", str(fmus["quarter_car"])))))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("seven_dof", "quarter_car", "corners: the vehicle has no port 'lf'; .*quarter_car.fmu has the port 'corner' only"),
+    ('rr = ["B"]', "", "corners: rr has no shock; .*has ports at lf, rf, lr, rr. Name the builds allowed at rr"),
+    ('rr = ["B"]', 'rr = ["B"]\nmiddle = ["B"]', "line 23: corners: the vehicle has no port 'middle'; .*lf, rf, lr"),
+])  # fmt: skip
+def test_corners_that_are_not_those_of_the_car_are_refused_when_the_file_is_read(write, old, new, message):
+    with pytest.raises(InputError, match=message):
+        read_study(write(old, new))
 
 
 def test_a_missing_file_is_reported(tmp_path):

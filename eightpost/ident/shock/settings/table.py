@@ -27,7 +27,6 @@ ALIKE = 3.0
 
 _WORDS = {
     "extra_forbidden": "is not an entry of a table of settings (docs/how_to/settings.md lists the entries)",
-    "missing": "is missing",
 }
 
 

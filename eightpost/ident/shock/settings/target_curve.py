@@ -48,7 +48,9 @@ def read_target(path: str | Path) -> TargetCurve:
     A force at zero velocity in a table is taken for gas force and subtracted.
 
     Raises:
-        InputError: The file has no such columns, a column has no unit, or the velocities do not include both strokes.
+        FileFormatError: The file has no such columns.
+        MissingUnitError: A column has no unit.
+        InputError: The velocities do not include both strokes.
     """
     path = Path(path)
     if path.suffix == ".json":

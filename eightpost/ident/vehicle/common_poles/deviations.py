@@ -39,13 +39,21 @@ def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) ->
 
 
 def response_deviation(models: tuple[StateSpace, ...], frequency_hz: ArrayLike) -> Array:
-    """Return the standard deviation of |H| over sampled models (p, m, K)."""
+    """Return the standard deviation of |H| over sampled models (p, m, K) at `frequency_hz` (K,) [Hz]."""
     H = np.stack([model.frequency_response(frequency_hz) for model in models])
     return np.asarray(np.sqrt(np.mean(np.abs(H - H.mean(axis=0)) ** 2, axis=0) * len(models) / (len(models) - 1)))
 
 
 def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Array]) -> Array:
-    """Return the standard deviation of measures over sampled models, in the shape of the measures."""
+    """Return the standard deviation of measures over sampled models, in the shape of the measures.
+
+    Args:
+        models: Sampled models.
+        measures: Function that returns the measures of a model, an array of any shape (...,).
+
+    Returns:
+        Standard deviations (...,) in the units of the measures.
+    """
     return np.asarray(np.std(np.stack([measures(model) for model in models]), axis=0, ddof=1))
 
 

@@ -133,7 +133,7 @@ class Blocks:
         return np.asarray(np.stack([np.stack(row, 1) for row in rows], 1) / divisor[:, None, None, :])
 
     def states_response(self, s: Complex) -> Complex:
-        """Return (s I - A)^-1 B (2 N, m, K)."""
+        """Return (s I - A)^-1 B (2 N, m, K) at points s (K,) of the complex plane [1/s]."""
         response = np.einsum("nabk,nbj->najk", self.resolvent(s), self.B)
         return np.asarray(response.reshape(self.states, self.B.shape[2], s.size))
 
