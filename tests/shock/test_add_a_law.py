@@ -90,7 +90,7 @@ def copy(tmp_path_factory):
     """Return a copy of the sources with the files of the page."""
     folder = tmp_path_factory.mktemp("copy")
     for name in ("builder", "cosim", "docs", "eightpost", "examples", "fmus"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, folder / name)  # with the byte code, which many processes would compile again
     for path, _, content in FILE.findall(PAGE):
         file = folder / path
         assert not file.exists(), f"{path} is there already: the example is no new law"
