@@ -36,6 +36,7 @@ def ran(folder, *words, path=(), start=("-m", "eightpost")):
     return subprocess.run(line, cwd=folder, env=environment(*path), capture_output=True, text=True, check=False)
 
 
+@pytest.mark.nightly  # every change: the last test starts processes with the same command as the probes of a check
 def test_check_passes_an_fmu_from_a_folder_with_clashing_names(fmus, crowded):
     """The files in the folder affect neither the check nor its probes, including the rebuild."""
     shown = ran(crowded, "check", "--json", fmus["lpnl2"])
