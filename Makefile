@@ -6,6 +6,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
+# Many targets start hundreds of Python processes, each of which would otherwise compile the sources again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Tests of make quick: files, units, laws, vehicles, the coupling without FMUs, the installation.
 QUICK := tests/signals tests/shock/test_laws.py tests/shock/test_file.py tests/shock/test_settings.py \
   tests/shock/test_maxwell_parts.py tests/vehicle/test_statespace.py tests/vehicle/test_modal.py \
@@ -23,7 +26,7 @@ help: ## List the targets.
 demo: $(INSTALLED) ## Install, and run the whole workflow on the included data (first time: minutes).
 	$(BIN)/python -m eightpost demo -o demo
 
-# While one core checks the types, another compiles loops that both workers of the tests would otherwise compile.
+# While one core checks the types, another compiles loops and tests that both workers would otherwise compile.
 test: lint ## Install, check style, types and imports, and run the tests: about 20 minutes.
 	$(MAKE) -j 2 types contracts loops
 	$(MAKE) unit
@@ -44,6 +47,7 @@ contracts: $(INSTALLED) ## Check which module imports which.
 loops: $(INSTALLED)
 	$(BIN)/python -m eightpost rig --car quarter_car --test random --duration '2 s' -o out/loops/quarter_car.parquet
 	$(BIN)/python -m eightpost rig --car flexible --test random --duration '2 s' -o out/loops/flexible.parquet
+	$(BIN)/pytest --collect-only --quiet >out/loops/tests.txt
 
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
@@ -79,10 +83,12 @@ docs: $(INSTALLED) ## Write the documentation site to out/site, without network:
 licences: $(INSTALLED) ## Write the page with the licences of all dependencies.
 	$(BIN)/python docs/make/make_licences.py
 
+# All cores make the byte code, of which pip makes one file after the other. Some packages contain files of other Pythons.
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[all,docs,test]'
+	$(BIN)/python -m pip install --quiet --no-compile --editable '.[all,docs,test]'
+	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	touch $@
 
 clean: ## Remove everything that the targets made.

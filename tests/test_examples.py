@@ -39,8 +39,9 @@ def workplace(tmp_path):
 
 
 def shorten_study(path):
-    """Reduce the study to two setups of 21 s instead of 2401 of 30 s."""
-    text = path.read_text().replace('stop = "30 s"', 'stop = "21 s"').replace("# [corners]", "[corners]")
+    """Reduce the study to two setups of two builds and 21 s instead of 2401 of seven builds and 30 s."""
+    text = re.sub(r'^"(AA/AA|AA/B|B/AA|B/C|C/B)" = .*\n', "", path.read_text(), flags=re.MULTILINE)
+    text = text.replace('stop = "30 s"', 'stop = "21 s"').replace("# [corners]", "[corners]")
     builds = {"lf": ["B/B", "C/C"], "rf": ["B/B"], "lr": ["B/B"], "rr": ["B/B"]}
     few = "\n".join(f"{corner} = {json.dumps(names)}" for corner, names in builds.items())
     path.write_text(text.replace('# lf = ["C/B", "C/C"]', few))
@@ -51,7 +52,7 @@ def test_the_shipped_settings_and_study_run(workplace, monkeypatch, one_platform
     shorten_study(workplace / "examples" / "study.toml")
     monkeypatch.chdir(workplace)
     for command in ("settings examples/settings/rebound.toml -o shock.json", "study examples/study.toml -o study"):
-        with one_platform():  # the study's eight FMUs are only stepped
+        with one_platform():  # the study's FMUs are only stepped
             ran = CliRunner().invoke(main, command.split())
         assert ran.exit_code == 0, f"{command}\n{ran.output}\n{ran.exception!r}"
     assert (workplace / "study" / "report.html").stat().st_size > 1_000_000

@@ -10,7 +10,7 @@ from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
 from benchmarks.fuzz.worker import make_mutant
 
-MUTANTS, SEED = 400, 20261122
+MUTANTS, SEED = 200, 20261122
 
 
 @pytest.fixture(scope="module")

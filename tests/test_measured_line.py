@@ -25,11 +25,15 @@ RECORDS = {
 }
 
 
+#: Groups of checks whose result depends on the numbers of an FMU.
+NUMBERS = ("static", "simulation", "reset", "steps", "initial_dependencies", "dependencies", "derivatives", "ports")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="EIGHTPOST_DATA does not name the folder of measured records")
 @pytest.mark.parametrize("record", RECORDS)
 def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, one_platform):
-    """The FMU of the first is checked; those of the others differ by their numbers only."""
+    """The FMU of the first is checked where its numbers matter; other FMUs of this law pass all checks elsewhere."""
     assert DATA is not None
     fit = fit_shock(read_dyno_test(Path(DATA) / record, flip=RECORDS[record]), "lpf1")
     assert fit.percent < 40.0
@@ -38,7 +42,9 @@ def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, on
     with one_platform():
         build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
     if record == next(iter(RECORDS)):
-        assert {finding.rule.identifier for finding in check(tmp_path / "shock.fmu").findings} == {"platforms"}
+        assert {finding.rule.identifier for finding in check(tmp_path / "shock.fmu", groups=NUMBERS).findings} == {
+            "platforms"
+        }
     system = cosim.System.load(
         {"car": tmp_path / "car.fmu"} | dict.fromkeys(CORNERS, tmp_path / "shock.fmu"),
         [cosim.Bond.between(f"car.{c}", c) for c in CORNERS],

@@ -36,6 +36,7 @@ def ran(folder, *words, path=(), start=("-m", "eightpost")):
     return subprocess.run(line, cwd=folder, env=environment(*path), capture_output=True, text=True, check=False)
 
 
+@pytest.mark.nightly  # every change: the last test starts processes with the same command as the probes of a check
 def test_check_passes_an_fmu_from_a_folder_with_clashing_names(fmus, crowded):
     """The files in the folder affect neither the check nor its probes, including the rebuild."""
     shown = ran(crowded, "check", "--json", fmus["lpnl2"])
@@ -52,7 +53,9 @@ def test_a_verb_starts_in_a_folder_with_clashing_names(verb, crowded):
     assert (shown.returncode, shown.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("name", ["builder", "cosim", "numpy", "json", "fmpy"])
+@pytest.mark.parametrize(
+    "name", ["builder", "json", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("cosim", "numpy", "fmpy"))]
+)
 def test_a_clash_that_remains_is_an_error_that_names_the_file(name, tmp_path):
     (tmp_path / f"{name}.py").write_text("", encoding="utf-8")
     for start in (("-m", "eightpost"), (script(tmp_path),)):

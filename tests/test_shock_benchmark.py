@@ -67,6 +67,7 @@ def test_the_hysteresis_follows_wens_equation():
     assert np.abs(found - exact.y[0]).max() < 5e-3 * WEN.reach
 
 
+@pytest.mark.nightly  # every change: that a campaign leaves rows, and that the hysteresis follows its equation
 def test_bouc_wen_is_recovered_from_its_own_records_and_predicts_another_run():
     series = [motion(seed) for seed in (1, 2, 3)]
     forces = [WEN.force(one) + zero for one, zero in zip(series, (0.0, 50.0, -20.0), strict=True)]

@@ -114,6 +114,14 @@ def _range(text: str, entry: Mapping[str, str]) -> tuple[int, int]:
     return 0, len(text)
 
 
+def bundles(in_code: Mapping[str, Defect]) -> dict[str, list[str]]:
+    """Return the names of the defects of code by bundle; a defect without one is a bundle of its own."""
+    found: dict[str, list[str]] = {}
+    for name, defect in in_code.items():
+        found.setdefault(defect.bundle or name, []).append(name)
+    return found
+
+
 def in_source(entry: Mapping[str, str]) -> Change:
     """Return a replacement of text everywhere in a C source, or an addition of C after every successful step."""
     if "after_step" in entry:

@@ -135,6 +135,7 @@ ON_FILE = {
     name: defects.tabled(entry, in_description) for name, entry in TABLES["on_file"].items()
 } | defects_of_the_archive()
 IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
+BUNDLES = defects.bundles(IN_CODE)
 
 
 def test_the_table_has_enough_defects():
@@ -154,7 +155,17 @@ def compiled(tmp_path_factory):
     return defects.recompiler(tmp_path_factory)
 
 
-@pytest.mark.parametrize("name", IN_CODE)
+@pytest.mark.parametrize("bundle", BUNDLES)
+def test_defects_in_the_code_are_found_by_their_rules(bundle, fmus, tmp_path, compiled):
+    first, *others = (IN_CODE[name] for name in BUNDLES[bundle])
+    path = defective(fmus[first.fmu], tmp_path, first, *(other.change for other in others), compiled)
+    groups = tuple({group for defect in (first, *others) for group in defect.groups})
+    broken = {finding.rule.identifier for finding in check(path, groups=groups).findings}
+    assert {defect.rule for defect in (first, *others)} <= broken
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", [name for names in BUNDLES.values() if len(names) > 1 for name in names])
 def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compiled):
     defect = IN_CODE[name]
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)

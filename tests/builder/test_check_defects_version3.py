@@ -73,9 +73,7 @@ ON_FILE = {
 IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
 
 #: Defects of code by the FMU that has them.
-BUNDLES: dict[str, list[str]] = {}
-for _name, _defect in IN_CODE.items():
-    BUNDLES.setdefault(_defect.bundle or _name, []).append(_name)
+BUNDLES = defects.bundles(IN_CODE)
 
 #: Faults that are compiled into the foreign FMU by a definition.
 BY_DEFINITION = {

@@ -33,7 +33,12 @@ def read(name):
         return read_dyno_test(DATA / name, flip=("force",))
 
 
-@pytest.mark.parametrize("name", RECORDS)
+#: Records of every day: two valvings of one make, and a damper of another laboratory.
+DAILY = (RECORDS[0], RECORDS[3], RECORDS[6])
+EVERY = [pytest.param(name, marks=() if name in DAILY else pytest.mark.nightly) for name in RECORDS]
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
     record = read(name)
     # Plain least squares, because RMS errors are compared; down-weighting outliers would increase them.
@@ -45,7 +50,7 @@ def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
         assert not any("not monotone" in warning for warning in fit.warnings)
 
 
-@pytest.mark.parametrize("name", RECORDS)
+@pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("law", ["polylinear", "lpf1", "lpnl2"])
 def test_the_dissertation_recipe_runs_too(name, law):
     assert fit_shock(read(name), law, recipe="boggs").percent < 100.0

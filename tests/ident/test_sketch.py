@@ -27,8 +27,15 @@ def faulty(digressive_record):
     return DynoTest(test.series.with_channel("force", "N", force))
 
 
-@pytest.mark.parametrize(("law", "dynamics"), [("lpnl2", FadingLag), ("maxwell", SeriesSpring)])
-@pytest.mark.parametrize("fault", [False, True])
+@pytest.mark.parametrize(
+    ("law", "dynamics", "fault"),
+    [
+        ("lpnl2", FadingLag, False),
+        ("maxwell", SeriesSpring, True),
+        pytest.param("lpnl2", FadingLag, True, marks=pytest.mark.nightly),
+        pytest.param("maxwell", SeriesSpring, False, marks=pytest.mark.nightly),
+    ],
+)
 def test_the_fit_is_that_on_all_samples(law, dynamics, fault, digressive_record, faulty, monkeypatch):
     test = faulty if fault else digressive_record(1)
     quick = fit_shock(test, law)

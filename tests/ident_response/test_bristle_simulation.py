@@ -34,7 +34,7 @@ def car(law=LAW):
     return IdentifiedVehicle("car", model, {"": BASELINE}, friction={"": law})
 
 
-def drive(seconds=4.0):
+def drive(seconds=2.0):
     time = np.arange(0.0, seconds, 1.0 / RATE)
     rng, road = np.random.default_rng(5), np.zeros_like(time)
     for frequency in np.arange(0.5, 20.0, 0.25):

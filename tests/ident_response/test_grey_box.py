@@ -105,7 +105,7 @@ def _difference_from_the_file(experiment, force):
     """Return the RMS difference of each output over its size, with friction of a force in both [1]."""
     car, table = _car(experiment, friction_reach=1.5e-4, **{f"{c}.friction": force for c in CORNERS})
     values = {p.name: p.start for p in table}
-    inputs = _drive(8, 12.0)
+    inputs = _drive(8, 8.0)
     found = simulate(car, values, table, Record(inputs, np.zeros((len(inputs), len(OUTPUTS))), RATE))
     model = linear_model(values, experiment)
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
@@ -171,9 +171,16 @@ def quick() -> GreyBox:
     return GreyBox(seconds=(10.0, 12.0))
 
 
+@pytest.fixture(scope="module")
+def explained(experiment, quick):
+    """Return a test and the fit to it."""
+    tests = [_test(experiment, 21)]
+    return tests, quick.explain(tests, experiment)
+
+
 @pytest.mark.slow
-def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
-    fit = quick.explain([_test(experiment, seed) for seed in (21, 31)], experiment)
+def test_the_recipe_recovers_a_known_car_down_to_the_noise(explained):
+    _, fit = explained
     for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
         assert fit.values[name] == pytest.approx(TRUE[name], rel=0.03)
     assert max(fit.residual.values()) < 0.02
@@ -181,8 +188,9 @@ def test_the_recipe_recovers_a_known_car_down_to_the_noise(experiment, quick):
 
 
 @pytest.fixture(scope="module")
-def identified(experiment, quick):
-    return quick.identify([_test(experiment, 21)], experiment)
+def identified(experiment, quick, explained):
+    tests, fit = explained
+    return quick.vehicle_fit(fit, tests, experiment, 0.0)
 
 
 @pytest.mark.slow

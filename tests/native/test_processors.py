@@ -15,6 +15,9 @@ from eightpost.cache import cache_folder
 from eightpost.shock import LAWS
 
 MODELS = (*LAWS, "seven_dof", "quarter_car")
+
+#: Models of every day: the law with the most operations, and the vehicle.
+DAILY = ("hysteresis", "quarter_car")
 HERE = Path(__file__).parent
 STEPS = 500
 
@@ -77,7 +80,9 @@ def assert_equals_the_shipped_binary(command, instance):
         time += step
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "model", [pytest.param(name, marks=() if name in DAILY else pytest.mark.nightly) for name in MODELS]
+)
 def test_the_program_of_the_comparison_equals_the_shipped_binary_on_this_processor(
     model, folders, compiler, host, tmp_path
 ):

@@ -179,7 +179,7 @@ def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
 
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), ramps=moves)
 def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     name, curve, data, ramps, component, shocks, loaded, elementary

@@ -4,14 +4,20 @@ import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import pytest
+
 from builder.assembly import assemble
 from builder.check import GROUPS, Level, check
 from eightpost.archive import read_archive
 
+#: Groups of every day: those that an assembly does not share with its parts.
+DAILY = ("static", "tools", "simulation", "state", "initial_dependencies", "dependencies", "reference")
 
-def test_check_reports_no_error_and_no_warning_for_an_assembly(corner):
+
+@pytest.mark.parametrize("daily", [True, pytest.param(False, marks=pytest.mark.nightly)], ids=["daily", "all groups"])
+def test_check_reports_no_error_and_no_warning_for_an_assembly(corner, daily):
     not_for_it = {"ports", "model_exchange", "version_3"} | (set() if shutil.which("cmake") else {"rebuild"})
-    groups = tuple(group for group in GROUPS if group not in not_for_it)
+    groups = DAILY if daily else tuple(group for group in GROUPS if group not in not_for_it)
     report = check(corner, groups=groups)
     own = {f.rule.identifier: f.rule.level for f in report.findings} | {"platforms": Level.HINT}  # one platform here
     assert own == {"terminals": Level.HINT, "platforms": Level.HINT}

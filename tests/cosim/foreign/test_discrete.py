@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cosim import Adaptive, Connection, FmuComponent, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from cosim import (
+    Adaptive,
+    Connection,
+    FmuComponent,
+    GaussSeidel,
+    Implicit,
+    IsolatedComponent,
+    Jacobi,
+    Scenario,
+    System,
+    run,
+)
 from cosim.ssp import Given, read_ssp
 from cosim.system_file import read_case
 from eightpost.__main__ import main
@@ -53,6 +64,12 @@ def fmu(foreign_compiler, tmp_path_factory):
     binary = f"binaries/{fmpy.platform}/discrete{fmpy.sharedLibraryExtension}"
     write_archive(folder / "discrete.fmu", {"modelDescription.xml": xml.encode(), binary: library})
     return folder / "discrete.fmu"
+
+
+@pytest.fixture(params=[FmuComponent, pytest.param(IsolatedComponent, marks=pytest.mark.nightly)])
+def kind(request):
+    """Component class; that values of every type reach an isolated FMU is tested in test_traits.py and test_fmi3.py."""
+    return request.param
 
 
 @pytest.fixture

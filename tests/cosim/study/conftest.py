@@ -46,7 +46,7 @@ def here() -> WorkersHere:
     return WorkersHere()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small_study(fmus) -> Callable[..., Study]:
     """Return a function small_study(**changes): two builds at four corners, four seconds of track."""
 

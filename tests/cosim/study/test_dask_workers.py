@@ -83,7 +83,7 @@ def eight_setups(small_study):
     return small_study(corners={**dict.fromkeys(CORNERS[:3], ("soft", "stiff")), "rr": ("soft",)})
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # every change: one worker is killed in the next test
 def test_workers_that_are_killed_at_any_moment_lose_no_setup(eight_setups, here, cluster, tmp_path):
     """All workers are killed: before and after files are on the cluster, while rows come, and after the last row."""
     alone = run_study(eight_setups, tmp_path / "alone", here)

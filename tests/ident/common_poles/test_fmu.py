@@ -114,8 +114,11 @@ def test_with_a_straight_shock_the_coupled_fmus_equal_the_exact_closed_loop(fmus
         assert difference(found, exact, name) < 1e-9
 
 
-@pytest.mark.parametrize("shock", LAWS)
-@pytest.mark.parametrize("car", ["car", "rubbing"])
+@pytest.mark.parametrize(
+    ("car", "shock"),
+    [("rubbing", shock) for shock in LAWS]
+    + [pytest.param("car", shock, marks=() if shock == "straight" else pytest.mark.nightly) for shock in LAWS],
+)
 def test_the_loop_of_the_library_converges_to_the_coupled_fmus_with_second_order(fmus, vehicle, drive, car, shock):
     known = replace(vehicle, friction=RUBBING) if car == "rubbing" else vehicle
     reference, errors = coupled(fmus, car, shock, drive, 5e-5), []

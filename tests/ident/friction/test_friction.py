@@ -115,7 +115,7 @@ def test_the_car_behind_the_friction_is_found(
 ) -> None:
     truth = recipe("common-poles").identify(smooth, experiment).vehicle.state_space
     errors = []
-    for search in (FrictionSearch(), None):
+    for search in (FrictionSearch(velocities=(0.01,), reaches=(1e-4,)), None):
         model = CommonPoles(friction=search).identify(rubbing, experiment).vehicle.state_space
         errors.append(_apart(model, truth))
     assert errors[0] < 0.5 * errors[1]

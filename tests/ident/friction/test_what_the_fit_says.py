@@ -50,9 +50,9 @@ def test_records_without_travel_give_no_result_on_springs(smooth: list[TimeSerie
     assert SpringSearch().find(blind, experiment.of(*outputs)) == {}
 
 
-def _explained(tests: list[TimeSeries], experiment: Experiment) -> Trust:
+def _explained(tests: list[TimeSeries], experiment: Experiment, samples: int = 6) -> Trust:
     search = FrictionSearch(velocities=(0.01,), reaches=())
-    trust = CommonPoles(friction=search, samples=6).identify(tests, experiment).trust
+    trust = CommonPoles(friction=search, samples=samples).identify(tests, experiment).trust
     assert trust is not None
     return trust
 
@@ -62,9 +62,9 @@ def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_record
 ) -> None:
     lowest = min(float(test["tire_force"].min()) for test in smooth)
     for load, lifts in ((-1.02 * lowest, False), (-lowest, True)):
-        flags = _explained(smooth, replace(experiment, means={"tire_force": load})).flags
+        flags = _explained(smooth, replace(experiment, means={"tire_force": load}), samples=0).flags
         assert ("lift-off" in flags) is lifts
-    assert "lift-off" not in _explained(smooth, experiment).flags
+    assert "lift-off" not in _explained(smooth, experiment, samples=0).flags
 
 
 def test_friction_is_reported_with_its_deviation_and_what_it_explains(
@@ -84,15 +84,15 @@ def test_friction_is_reported_with_its_deviation_and_what_it_explains(
 def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
-    """Use six sets of records with different noise; the truth is the exact car, so the errors include bias."""
+    """Use four sets of records with different noise; the truth is the exact car, so the errors include bias."""
     outputs = [name for name in experiment.outputs if name != "chassis_acceleration"]
     known = experiment.of(*outputs)
     drive = Excitation.of(smooth[0], known.rig, (0.2, 16.0))
     car = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), known.baseline_damping)
     true = drive.rms(car.select(outputs=known.outputs), known.baseline_damping)
-    recipe = CommonPoles(LocalPolynomial(high=20.0), CommonPoleFit(order=4), friction=None, springs=None, samples=12)
+    recipe = CommonPoles(LocalPolynomial(high=20.0), CommonPoleFit(order=4), friction=None, springs=None, samples=8)
     reported, errors = [], []
-    for seed in range(6):
+    for seed in range(4):
         fit = recipe.identify(rig_tests(0.0, 60, noise=0.02, noise_seed=seed), known)
         errors.append(drive.rms(fit.vehicle.state_space, known.baseline_damping) / true - 1.0)
         assert fit.trust is not None

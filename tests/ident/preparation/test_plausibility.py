@@ -56,7 +56,7 @@ def test_a_sound_record_has_no_finding(name: str) -> None:
     assert record_findings(test.series, test.corners) == ()
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), size=st.floats(0.26, 1.6), up=st.booleans())
 def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
     sound: TimeSeries, name: str, size: float, up: bool
@@ -81,7 +81,7 @@ def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound: TimeSeries) -> Non
     assert found == {(WRONG_SIGN, ("lr.chassis_acceleration",)), (WRONG_SCALE, ("rf.tire_force",))}
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
 def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: str, delay: float, late: bool) -> None:
     seconds = 1e-3 * (delay if late else -delay)
@@ -90,7 +90,7 @@ def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: 
     assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(corner=st.sampled_from(CORNERS), delay=st.floats(15.0, 60.0), with_velocity=st.booleans())
 def test_a_potentiometer_that_is_tens_of_milliseconds_late_is_named_and_nothing_else(
     sound: TimeSeries, corner: str, delay: float, with_velocity: bool

@@ -108,7 +108,7 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
 
 
-@pytest.mark.parametrize("gain", [0.88, 1.1, 1.14])
+@pytest.mark.parametrize("gain", [0.88, 1.14])
 def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     corner: VehicleFit, setups: list[RigTest], gain: float
 ) -> None:
@@ -123,7 +123,7 @@ def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     assert float(stated[2]) < 0.3
 
 
-@pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (1.3, 4), (0.75, 4), (1.1, 3)])
+@pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (0.75, 4), (1.1, 3)])
 def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
     corner: VehicleFit, setups: list[RigTest], gain: float, records: int
 ) -> None:
