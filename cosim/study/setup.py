@@ -77,17 +77,33 @@ class SetupSpace:
 
     @cached_property
     def indices(self) -> Integers:
-        """Numbers of all setups in increasing order (S,)."""
-        every = np.arange(self.full, dtype=np.int64)
-        if not self.alike:
-            return every
-        digits, keep = self.digits(every), np.ones(every.size, dtype=bool)
-        names = list(self.corners)
-        for group in self.alike:
-            first, *others = (np.array(self.corners[c])[digits[:, names.index(c)]] for c in group)
-            for other in others:
-                keep &= first == other
-        return every[keep]
+        """Numbers of all setups in increasing order (S,).
+
+        Raises:
+            InputError: There are more setups than the memory holds.
+        """
+        try:
+            return self._numbers() if self.alike else np.arange(self.full, dtype=np.int64)
+        except MemoryError as error:
+            raise InputError(
+                f"the builds of the corners give {self.full:.2g} setups, more than the memory holds; name fewer builds "
+                "in [corners], or corners that have the same build in alike"
+            ) from error
+
+    def _numbers(self) -> Integers:
+        """Return the numbers, found corner by corner: one that is like an earlier one has the build of that one."""
+        numbers, chosen = np.zeros(1, dtype=np.int64), dict[str, Integers]()
+        for corner, builds in self.corners.items():
+            if mates := {mate for group in self.alike if corner in group for mate in group if mate in chosen}:
+                first, *others = (_places_of(self.corners[mate], builds)[chosen[mate]] for mate in mates)
+                rows = np.flatnonzero(np.all([first >= 0, *(first == other for other in others)], axis=0))
+                places = first[rows]
+            else:
+                rows = np.repeat(np.arange(numbers.size), len(builds))
+                places = np.tile(np.arange(len(builds)), numbers.size)
+            chosen = {name: earlier[rows] for name, earlier in chosen.items()} | {corner: places}
+            numbers = numbers[rows] * len(builds) + places
+        return numbers
 
     def digits(self, indices: Integers) -> Integers:
         """Return the positions of the corners' builds (S, corners) for setups by number (S,)."""
@@ -133,3 +149,9 @@ class SetupSpace:
             raise InputError(
                 f"alike: the corners {', '.join(group)} have no build in common; change [corners] or alike"
             )
+
+
+def _places_of(builds: tuple[str, ...], allowed: tuple[str, ...]) -> Integers:
+    """Return the place of each build (B,) among those allowed at a corner, -1 if it is not allowed there."""
+    places = {build: place for place, build in enumerate(allowed)}
+    return np.array([places.get(build, -1) for build in builds], dtype=np.int64)

@@ -172,7 +172,7 @@ class _Reader:
         bank = {name: self._build(name, part) for name, part in content.bank.items()}
         corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
         check_corners(corners, car, self._folder / content.vehicle.fmu)
-        self._check_shocks(bank, vehicle, car, next(iter(corners)))
+        self._check_shocks(bank, vehicle, car, corners)
         drives = tuple(self._drive(drive) for drive in content.drive)
         measures = self._measures(vehicle, car, tuple(corners), bank, drives)
         baseline = content.baseline
@@ -192,15 +192,20 @@ class _Reader:
             record_step=_si(content.record_step, "record_step", "s"),
         )
 
-    def _check_shocks(self, bank: Mapping[str, Build], vehicle: Vehicle, car: FmuComponent, corner: str) -> None:
-        """Raise an error if a build of the bank is no shock, or cannot be coupled with the vehicle."""
+    def _check_shocks(
+        self, bank: Mapping[str, Build], vehicle: Vehicle, car: FmuComponent, corners: Mapping[str, tuple[str, ...]]
+    ) -> None:
+        """Raise an error if a build of the bank is no shock, or cannot be coupled with the vehicle at its corner."""
         for name, build in bank.items():
             part = self._content.bank[name]
             given = f"{name!r}, {self._folder / (part if isinstance(part, str) else part.fmu)}"
-            shock = FmuComponent(build.fmu, corner)
+            corner = next((corner for corner, allowed in corners.items() if name in allowed), "")
+            shock = FmuComponent(build.fmu, corner or name)
             if fault := _not_a_shock(shock):
                 raise InputError(f"bank: {given}, is no shock: {fault}; name a shock file or the FMU of a shock "
                                  "(docs/reference/ports.md)")  # fmt: skip
+            if not corner:
+                continue
             try:
                 System({vehicle.name: car, corner: shock}, (bond_at(car, vehicle.name, corner, shock),),
                        parameters={corner: build.parameters})  # fmt: skip

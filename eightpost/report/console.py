@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Column, Table
 
 __all__ = ["Column", "Table", "console_table", "folded", "right", "unbroken"]
@@ -18,7 +21,7 @@ def console_table(columns: Iterable[Column | str], *groups: Iterable[Sequence[st
         groups: Groups of rows, with a line between two groups; a row has a text for each column.
         options: Options of rich's table, such as `title`.
     """
-    table = Table(*columns, **options)
+    table = _Fitting(*columns, **options)
     for rows in groups:
         for row in rows:
             table.add_row(*row)
@@ -39,3 +42,27 @@ def unbroken(*headings: str) -> list[Column | str]:
 def folded(*headings: str) -> list[Column | str]:
     """Return columns whose long texts are broken at any letter."""
     return [Column(heading, overflow="fold") for heading in headings]
+
+
+#: Least number of letters that a column which may be broken needs, unless all its texts are shorter.
+_ROOM = 8
+
+
+class _Fitting(Table):
+    """A table that breaks every column at any letter where unbroken ones leave no room for the others."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the lines of the table."""
+        shown = self
+        if any(column.no_wrap for column in self.columns) and self._least_width(console) > options.max_width:
+            shown = copy(self)
+            shown.columns = [replace(column, no_wrap=False, overflow="fold") for column in self.columns]
+        yield from Table.__rich_console__(shown, console, options)
+
+    def _least_width(self, console: Console) -> int:
+        between = 2 if self.collapse_padding else 3  # a line and the space beside it
+        return 1 + sum(between + self._least_width_of(column, console) for column in self.columns)
+
+    def _least_width_of(self, column: Column, console: Console) -> int:
+        widths = (console.measure(text).maximum for text in (column.header, *column.cells))
+        return max(widths, default=0) if column.no_wrap else min(max(widths, default=0), _ROOM)

@@ -14,7 +14,7 @@ from eightpost.rig.lag import correlation_at, lag_between
 from eightpost.rig.plausibility import unit_ratio
 from eightpost.rig.temperature_drift import warming_note
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
-from eightpost.signals.filters import lowpass, velocity_from_displacement
+from eightpost.signals.filters import lowpass, velocity_from_displacement, white_noise
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
@@ -110,7 +110,7 @@ def _jump(name: str, series: TimeSeries, origin: Origin) -> str | None:
     """Return a note if a channel jumps between two samples: spikes, joined records, pasted or lost samples."""
     values = series[name]
     change = np.abs(np.diff(values))
-    usual = np.maximum(median_filter(change, size=11, mode="nearest"), _noise(values))
+    usual = np.maximum(median_filter(change, size=11, mode="nearest"), white_noise(values))
     bad = np.flatnonzero((change > JUMP_SHARE[name] * np.ptp(values)) & (change > JUMP_FACTOR * usual))
     bad = np.array([i for i in bad if not _is_step(name, values, series, int(i))], dtype=np.intp)
     if not bad.size:
@@ -120,11 +120,6 @@ def _jump(name: str, series: TimeSeries, origin: Origin) -> str | None:
         f"{name}: it jumps by {change[first]:.4g} (SI) at {_place(origin, first + 1)} ({bad.size} such places), "
         "because of a spike, lost samples or joined records; cut this part out"
     )
-
-
-def _noise(values: Array) -> float:
-    """Return the standard deviation of the white noise in `values` (N,), from their third differences."""
-    return float(np.median(np.abs(np.diff(values, 3))) / (0.6745 * np.sqrt(20.0)))
 
 
 def _is_step(name: str, values: Array, series: TimeSeries, i: int) -> bool:

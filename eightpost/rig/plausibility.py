@@ -26,7 +26,7 @@ from eightpost.rig.plausibility_rules import (
 )
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
 from eightpost.rig.skew import skew_reasons
-from eightpost.signals.filters import lowpass
+from eightpost.signals.filters import lowpass, white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
 
@@ -57,8 +57,10 @@ RATIOS = {
 RATIO_TOLERANCE = 0.08
 #: A force is rectified if its correlation with speed exceeds this in both strokes, and ...
 RECTIFIED_CORRELATION = 0.3
-#: ... its mean at no velocity falls below minus this share of its maximum.
+#: ... it does not fall below minus this share of its maximum: neither its mean at a velocity, nor ...
 RECTIFIED_FLOOR = 0.02
+#: ... a value that is more than this many standard deviations of its noise below zero.
+RECTIFIED_NOISE = 6.0
 #: Number of classes of the speed of a stroke, in which a mean is taken, and the force may fall to zero and rise again.
 TURN_CLASSES = 12
 #: Smallest number of samples of a class.
@@ -188,7 +190,8 @@ def _rate_reasons(series: TimeSeries, origin: str, units: MixedUnits) -> Iterato
 def rectified_force(series: TimeSeries) -> str:
     """Return a figure if the force is a magnitude without sign; empty otherwise."""
     velocity, force = series["velocity"], series["force"]
-    if _lowest_mean(velocity, force) < -RECTIFIED_FLOOR * force.max():
+    floor = RECTIFIED_FLOOR * float(force.max())
+    if _lowest_mean(velocity, force) < -floor or force.min() < -max(floor, RECTIFIED_NOISE * white_noise(force)):
         return ""
     speed = np.abs(velocity)
     fast = speed > FAST * float(speed.max())

@@ -25,8 +25,9 @@ UNLIKELY_UNITS = RULES.add("unlikely units", ABOUT, Grade.UNKNOWN,
     "channel map: unit = 'lbf'. If they are right, ignore this reason",
 )  # fmt: skip
 RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
-    condition="the mean force is negative at no velocity (single values may be, by noise), and either rises with speed "
-    "in both strokes (correlations of 0.3 or more), or falls to zero in rebound and rises again at higher speeds",
+    condition="the force is nowhere negative by more than noise (six standard deviations, or its mean at a velocity), "
+    "and either rises with speed in both strokes (correlations of 0.3 or more), or falls to zero in rebound and rises "
+    "again at higher speeds",
     why="a magnitude does not show which stroke a force belongs to",
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip

@@ -58,3 +58,9 @@ def velocity_from_displacement(displacement: Array, rate: float, cutoff_hz: floa
         ValueError: The cut-off is not between 0 and half the rate.
     """
     return derivative(lowpass(displacement, rate, cutoff_hz), rate)
+
+
+def white_noise(values: Array) -> float:
+    """Return the standard deviation of the white noise in `values` (N,), from their third differences; 0 if N < 4."""
+    changes = np.abs(np.diff(values, 3))
+    return float(np.median(changes) / (0.6745 * np.sqrt(20.0))) if changes.size else 0.0

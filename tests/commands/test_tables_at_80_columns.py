@@ -24,11 +24,11 @@ from eightpost.signals import TimeSeries
 from eightpost.verdict import Verdict
 
 
-def shown(table) -> str:
-    console = Console(file=io.StringIO(), width=80)
+def shown(table, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width)
     console.print(table)
     text = console.file.getvalue()
-    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
+    assert max(map(len, text.splitlines())) <= width and "…" not in text
     return text
 
 
@@ -51,6 +51,16 @@ def test_a_target_of_shapes_has_a_whole_line_for_each_number():
     assert [row[0] for row in rows] == list(numbers) and rows[0][1] == "lbf/(in/s)"
     for heading in ("number", "unit", "target", "lower", "limit", "upper", "from", "to"):
         assert heading in text
+
+
+@pytest.mark.parametrize("width", [40, 60])
+def test_in_a_narrow_terminal_numbers_and_names_are_broken_and_not_lost(width):
+    heads = ("name of the record", "unit", "target", "lower limit", "upper limit", "from", "to", "")
+    row = ("rebound of the left front", "", 12300.0, -1000.0, 20000.0, 11000.0, 13000.0, "fixed")
+    rows = rows_of(shown(result_table(ResultTable.of("Target", heads, [row])), width))
+    cells = ["".join(line[k] for line in rows) for k in range(len(heads))]
+    assert cells[0].replace(" ", "") == row[0].replace(" ", "")
+    assert cells[2:] == ["12300", "-1000", "20000", "11000", "13000", "fixed"]
 
 
 def test_a_name_that_is_longer_than_a_line_is_broken_and_not_lost():

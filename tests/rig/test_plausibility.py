@@ -15,6 +15,7 @@ from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.lag import lag_between
 from eightpost.rig.one_setting import setting_reasons
+from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
@@ -129,6 +130,22 @@ def test_gas_that_keeps_the_force_positive_does_not_look_rectified(tmp_path, low
     positive = columns["F"] - columns["F"].min() + lowest * span
     for force in (positive, noisy(positive)):
         assert "rectified force" not in rules(tmp_path, columns | {"F": force})
+
+
+@pytest.mark.parametrize("noise", [0.1, 3.0])
+def test_a_shock_that_hardly_damps_in_rebound_is_not_rectified_although_no_mean_is_negative(noise):
+    """On a random motion the gas spring hides the sign in the means over velocity, but not in single values."""
+    t, rng = np.arange(5000) / RATE, np.random.default_rng(6)
+    f, phase = np.arange(1, 100)[:, None] / 10.0, rng.uniform(0.0, 2.0 * np.pi, (99, 1))
+    x = 0.004 * (np.sin(2.0 * np.pi * f * t + phase) / f).sum(axis=0)
+    v = np.gradient(x, t)
+    force = 1500.0 * np.maximum(v, 0.0) + 40.0 + 2e3 * x + noise * rng.standard_normal(t.size)
+    signed, rectified = (
+        TimeSeries(t, np.vstack([v, values]), ("velocity", "force"), ("m/s", "N")) for values in (force, np.abs(force))
+    )
+    assert force.min() < -0.1 * force.max()
+    assert rectified_force(signed) == ""
+    assert rectified_force(rectified)
 
 
 def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):

@@ -34,6 +34,30 @@ def test_corners_that_are_alike_reduce_the_setups_but_keep_the_numbers():
     assert all(free.setup(s.index) == s for s in space)
 
 
+def test_of_three_hundred_builds_only_the_setups_with_alike_corners_are_numbered():
+    """All combinations, 8.1e9, would not fit into the memory."""
+    builds = tuple(f"build {k}" for k in range(300))
+    space = SetupSpace(dict.fromkeys(CORNERS, builds), alike=(("lf", "rf"), ("lr", "rr")))
+    assert len(space) == 90_000
+    assert space.setup(int(space.indices[-2])).builds == dict.fromkeys(("lf", "rf"), builds[299]) | dict.fromkeys(
+        ("lr", "rr"), builds[298]
+    )
+
+
+def test_alike_corners_with_different_builds_in_a_different_order_share_those_that_they_have_in_common():
+    corners = {"lf": ("a", "b", "c"), "lr": ("x", "y"), "rf": ("c", "d", "a"), "rr": ("a", "c")}
+    space = SetupSpace(corners, alike=(("lf", "rf"), ("rf", "rr")))
+    found = [tuple(setup.builds.values()) for setup in space]
+    assert found == [(one, rear, one, one) for one in ("a", "c") for rear in ("x", "y")]
+    assert space.indices.tolist() == sorted(space.indices.tolist())
+
+
+def test_more_setups_than_the_memory_holds_are_refused_with_advice():
+    space = SetupSpace(dict.fromkeys(CORNERS, tuple(map(str, range(3000)))))
+    with pytest.raises(InputError, match=r"8.1e\+13 setups, more than the memory holds; name fewer builds"):
+        len(space)
+
+
 @pytest.mark.parametrize(
     ("corners", "alike", "message"),
     [

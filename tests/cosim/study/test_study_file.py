@@ -2,6 +2,7 @@
 
 from math import inf
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -178,6 +179,23 @@ def test_a_bank_that_does_not_fit_the_car_is_refused_when_the_file_is_read(write
     assert text.count(old) == 1
     with pytest.raises(InputError, match=message):
         read_study(write(text=text.replace(old, new.replace("quarter_car", str(fmus["quarter_car"])))))
+
+
+def test_a_shock_need_only_fit_the_corners_where_it_is_allowed(write, fmus, tmp_path):
+    """The front of this car has no displacement of a shock, so only a shock without that input fits there."""
+    for name, old, new in (("seven_dof", '"lf.displacement"', '"lf.travel"'), ("lpnl2", '"displacement"', '"travel"')):
+        with ZipFile(fmus[name]) as source, ZipFile(tmp_path / f"{name}.fmu", "w") as target:
+            for entry in source.namelist():
+                content = source.read(entry)
+                assert entry != "modelDescription.xml" or old.encode() in content
+                target.writestr(entry, content.replace(old.encode(), new.encode()))
+    text = TEXT.replace('B = {{ fmu = "{shock}"', f'A = "{tmp_path / "lpnl2.fmu"}"\nB = {{{{ fmu = "{{shock}}"')
+    text = text.replace('A = "{shock}"', 'unused = "{shock}"').replace('alike = [["lf", "rf"]]', "")
+    text = text.replace('lf = ["A", "B"]', 'lf = ["A"]').replace('baseline = "B"', "")
+    text = text.replace("{car}", str(tmp_path / "seven_dof.fmu"))
+    assert read_study(write(text=text)).corners["rr"] == ("B",)
+    with pytest.raises(InputError, match=r"'B', .*cannot be coupled with .*displacement"):
+        read_study(write(text=text.replace('lf = ["A"]', 'lf = ["B"]')))
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
