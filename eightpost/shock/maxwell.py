@@ -64,7 +64,7 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
     """
     w = velocity_under(lagged, piece.velocity_start, piece.static_start, valve)
     force, time = lagged, 0.0
-    most = max(STRAIGHT, 2.0 * _reach(w, piece.velocity_start, piece.velocity_end) / _MOST_PARTS)
+    most = max(STRAIGHT, 6.0 * _reach(w, piece.velocity_start, piece.velocity_end) / _MOST_PARTS)
     for part in range(_MOST_PARTS):
         v, left = _velocity_at(piece, time), piece.step - time
         gap, last = v - w, piece.velocity_end - w

@@ -206,7 +206,7 @@ static inline real change_over(const Parameters *p, real w, real force, real tau
 static real advance_force(const Parameters *p, real lagged, const Piece *piece, truth needed)
 {
     real w = velocity_under(p, lagged, piece->velocity_start, piece->static_start, needed), force = lagged, time = uniform(0.0);
-    const real most = larger(uniform(CHORD), 2.0 * reach(w, piece->velocity_start, piece->velocity_end) / (double)MOST_PARTS);
+    const real most = larger(uniform(CHORD), 6.0 * reach(w, piece->velocity_start, piece->velocity_end) / (double)MOST_PARTS);
     truth going = needed;
     for (int count = 0; count < MOST_PARTS; count++) {
         const real v = velocity_at(piece, time), gap = v - w;
