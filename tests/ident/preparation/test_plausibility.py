@@ -110,6 +110,17 @@ def test_a_channel_that_carries_noise_is_named(sound: TimeSeries, name: str) -> 
     assert (found.rule, found.channels) == (DISCONNECTED, (name,))
 
 
+def test_a_command_that_carries_noise_is_named(sound: TimeSeries) -> None:
+    """The noise is small within the band, so that the command alone would be that of a corner at rest."""
+    commanded, name = sound, "lf.road_command"
+    for corner in CORNERS:
+        commanded = commanded.with_channel(f"{corner}.road_command", "m", sound[f"{corner}.road"])
+    noise = sound["lf.road"].std() * np.random.default_rng(0).standard_normal(len(sound))
+    assert record_findings(commanded, CORNERS) == ()
+    found = only(record_findings(with_row(commanded, name, noise), CORNERS))
+    assert (found.rule, found.channels) == (DISCONNECTED, (name,))
+
+
 @pytest.mark.parametrize("name", ["lf.tire_force", "rr.displacement", "lr.chassis_acceleration"])
 def test_a_spike_of_8_standard_deviations_is_named_with_its_time(sound: TimeSeries, name: str) -> None:
     values = sound[name].copy()

@@ -280,14 +280,15 @@ def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
     assert how.geometry.rear_aero == pytest.approx(45 * 0.0254)
 
 
-def test_an_empty_file_is_the_default_and_own_keeps_velocities(tmp_path: Path) -> None:
-    assert read_preparation(written(tmp_path, "")) == Preparation()
+def test_a_file_without_entries_is_the_default_and_own_keeps_velocities(tmp_path: Path) -> None:
+    assert read_preparation(written(tmp_path, "# as it is")) == Preparation()
     assert read_preparation(written(tmp_path, "pot_cutoff = 'own'")).pot_cutoff is None
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("", r"is empty; write it again"),
         ("rate = 125", r"'rate' is 125; write a number with a unit of Hz"),
         ("rate = '125 N'", r"'rate' is '125 N'"),
         ("speed = '1 s'", r"unknown key 'speed'; the known keys are rate"),

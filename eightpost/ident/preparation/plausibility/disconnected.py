@@ -19,6 +19,8 @@ NOISE = 0.3
 SOUND, MOST = 0.6, 0.6
 #: A corner, or an aeroloader, is not checked if its command or road moves less than this share of the largest [1].
 RESTING = 0.2
+#: A corner whose measured motion is above this share of the largest moves, whatever its command says [1].
+DRIVEN = 0.5
 #: Aeroloaders that move less than this share of the largest tire force are at rest [1].
 UNLOADED = 0.02
 #: Smallest number of neighbouring frequencies over which a response is taken as constant: 1 Hz.
@@ -73,28 +75,24 @@ def _predictors(spectra: Spectra, corners: Sequence[str]) -> Mapping[str, Sequen
 
 
 def _moving(spectra: Spectra, corners: Sequence[str], quantity: str) -> list[str]:
-    """Return the corners whose actuator moves by its command; without commands, all roads do in a broadband record."""
-    sizes = {
-        corner: float(np.linalg.norm(spectra.rows[name]))
-        for corner in corners
-        if (name := channel(corner, f"{quantity}_command")) in spectra
-    }
-    own = {
-        corner: float(np.linalg.norm(spectra.rows[n]))
-        for corner in corners
-        if (n := channel(corner, quantity)) in spectra
-    }
+    """Return the corners whose actuator moves by its command or by the measured motion.
+
+    A command that is only noise is small within the band. Without commands, all roads move in a broadband record.
+    """
+    sizes, own = (_sizes(spectra, corners, name) for name in (f"{quantity}_command", quantity))
     largest = max((*sizes.values(), *own.values()), default=0.0)
     if quantity == "aero":
-        if largest < UNLOADED * _tire_size(spectra, corners):
+        if largest < UNLOADED * max(_sizes(spectra, corners, "tire_force").values(), default=0.0):
             return []
         sizes = own | sizes
-    return [corner for corner in corners if sizes.get(corner, largest) > RESTING * max(sizes.values(), default=0.0)]
+    by_command, by_motion = (share * max(of.values(), default=0.0) for share, of in ((RESTING, sizes), (DRIVEN, own)))
+    return [corner for corner in corners if sizes.get(corner, largest) > by_command or own.get(corner, 0.0) > by_motion]
 
 
-def _tire_size(spectra: Spectra, corners: Sequence[str]) -> float:
-    names = [channel(corner, "tire_force") for corner in corners]
-    return max((float(np.linalg.norm(spectra.rows[name])) for name in names if name in spectra), default=0.0)
+def _sizes(spectra: Spectra, corners: Sequence[str], quantity: str) -> dict[str, float]:
+    """Return the size of a quantity at each corner that has it."""
+    names = {corner: channel(corner, quantity) for corner in corners}
+    return {corner: float(np.linalg.norm(spectra.rows[name])) for corner, name in names.items() if name in spectra}
 
 
 def _explained(output: Spectrum, inputs: Sequence[Spectrum]) -> float | None:
