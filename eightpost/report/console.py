@@ -44,7 +44,7 @@ def folded(*headings: str) -> list[Column | str]:
     return [Column(heading, overflow="fold") for heading in headings]
 
 
-#: Least number of letters that a column which may be broken needs, unless all its texts are shorter.
+#: Least number of letters that a column which may be broken needs, unless all its words are shorter.
 _ROOM = 8
 
 
@@ -64,5 +64,7 @@ class _Fitting(Table):
         return 1 + sum(between + self._least_width_of(column, console) for column in self.columns)
 
     def _least_width_of(self, column: Column, console: Console) -> int:
-        widths = (console.measure(text).maximum for text in (column.header, *column.cells))
-        return max(widths, default=0) if column.no_wrap else min(max(widths, default=0), _ROOM)
+        sizes = [console.measure(text) for text in (column.header, *column.cells)]
+        if column.no_wrap:
+            return max((size.maximum for size in sizes), default=0)
+        return min(max((size.minimum for size in sizes), default=0), _ROOM)
