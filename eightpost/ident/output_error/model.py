@@ -121,17 +121,7 @@ class SteppedModel:
         return np.ascontiguousarray(self._start(values))
 
     def run(self, values: Array, states: Array, inputs: Array, rate: float) -> tuple[Array, Array]:
-        """Simulate a part of a record; see `Model.run`.
-
-        Args:
-            values: Parameters (K, P).
-            states: States at the first sample (K, n).
-            inputs: Inputs (N + 1, U); the last row is the first sample after the part.
-            rate: Sample rate [Hz].
-
-        Returns:
-            Outputs (K, N, Y), and the states (K, n) at the first sample after the part.
-        """
+        """Simulate a part of a record; arguments, shapes and results are those of `Model.run`."""
         outputs = np.empty((len(values), len(inputs) - 1, self._outputs))
         ends = np.array(states, dtype=np.float64)
         rows, drive = np.ascontiguousarray(values), np.ascontiguousarray(inputs)

@@ -199,17 +199,7 @@ class GreyBoxCar:
         return np.zeros((len(values), _STATES))
 
     def run(self, values: Array, states: Array, inputs: Array, rate: float) -> tuple[Array, Array]:
-        """Simulate a record; see `eightpost.ident.output_error.Model.run`.
-
-        Args:
-            values: Parameters (K, P).
-            states: States at the first sample (K, n).
-            inputs: Inputs (N + 1, U); the last row is the first sample after the part.
-            rate: Sample rate [Hz].
-
-        Returns:
-            Outputs (K, N, Y), and the states (K, n) at the first sample after the part.
-        """
+        """Simulate a record; arguments, shapes and results are those of `eightpost.ident.output_error.Model.run`."""
         every = max(1, int(np.ceil(STEP_RATE / rate - 1e-9)))
         drive = _finer(inputs, rate, every)
         outputs = np.empty((len(values), len(inputs) - 1, len(self._experiment.outputs)))
