@@ -30,8 +30,8 @@ def coupling_times(stop: float, step: float) -> Times:
         raise InputError(f"the coupling step must be positive and at most the run ({stop} s), not {step!r} s")
     if stop / step > MOST_STEPS:
         raise InputError(
-            f"a run of {stop:g} s in steps of {step:g} s has {stop / step:.3g} steps, at most {MOST_STEPS:g}; use a "
-            "larger coupling step or record_step, or a shorter run"
+            f"a run of {stop:g} s in steps of {step:g} s has {stop / step:.3g} steps, at most {MOST_STEPS:g}; use "
+            "larger steps or a shorter run"
         )
     count = max(1, int(np.ceil(stop / step * (1.0 - 1e-12))))
     times: Times = np.arange(count + 1, dtype=np.float64) * step

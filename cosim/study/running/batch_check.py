@@ -37,12 +37,17 @@ def with_batch(evaluator: Evaluator, coupling: Coupling) -> Coupling:
         return _with_note(coupling, f"every setup runs through the FMUs: {reason}")
     setups = random_setups(evaluator.study, batches)
     worst, compared = largest_difference(evaluator, coupling, batches, setups)
-    if compared == 0:
+    if not compared:
         return _with_note(coupling, "every setup runs through the FMUs: no random setup could be compared with a batch")
-    found = f"largest difference of a measure from the FMUs {worst:.1e} of its scale, on {compared} random setups"
+    builds = {build for setup in compared for build in setup.builds.values()}
+    allowed = {build for choice in evaluator.study.corners.values() for build in choice}
+    found = (
+        f"largest difference of a measure from the FMUs {worst:.1e} of its scale, on {len(compared)} random setups "
+        f"with {len(builds)} of {len(allowed)} builds"
+    )
     if not worst <= LARGEST_DIFFERENCE:
         note = f"every setup runs through the FMUs: the batch does not agree with them, {found}"
-        return replace(_with_note(coupling, note), batch_difference=worst)
+        return replace(_with_note(coupling, note), batch_difference=worst if np.isfinite(worst) else None)
     width = instruction_set() or "the instructions of every processor"
     note = f"setups run in batches of {batches.lanes} ({width}); {found}"
     if batches.left_out:
@@ -70,24 +75,22 @@ def random_setups(study: Study, batches: Batches) -> list[Setup]:
 
 def largest_difference(
     evaluator: Evaluator, coupling: Coupling, batches: Batches, setups: Sequence[Setup]
-) -> tuple[float, int]:
-    """Return the largest difference of a measure, relative to its scale, and the number of setups compared.
+) -> tuple[float, list[Setup]]:
+    """Return the largest difference of a measure, relative to its scale (NaN if one is), and the setups compared.
 
     Setups that the FMUs refuse are not compared; one that only the batch does not finish makes no difference, because
     the FMUs run it.
     """
-    worst, compared = 0.0, 0
+    worst, compared = 0.0, list[Setup]()
     for setup, runs, _ in batches.runs(setups):
         if runs is None:
             continue
         try:
-            worst = max(
-                worst,
-                *(_apart(evaluator, setup, drive, coupling, runs[drive.name]) for drive in evaluator.study.drives),
-            )
+            apart = [_apart(evaluator, setup, drive, coupling, runs[drive.name]) for drive in evaluator.study.drives]
         except EightpostError:
             continue
-        compared += 1
+        worst = float(np.max([worst, *apart]))
+        compared.append(setup)
     return worst, compared
 
 

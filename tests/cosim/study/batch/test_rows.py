@@ -77,8 +77,15 @@ def test_a_study_states_the_largest_difference_on_random_setups(evaluator):
     found = with_batch(evaluator, COUPLING)
     assert found.batch == "exact"
     assert found.batch_difference is not None and found.batch_difference <= LARGEST_DIFFERENCE
-    assert f"{found.batch_difference:.1e}" in found.notes[-1] and "6 random setups" in found.notes[-1]
+    assert f"{found.batch_difference:.1e} of its scale, on 6 random setups with 8 of 8 builds" in found.notes[-1]
     assert Coupling.from_json(asdict(found)) == found
+
+
+def test_a_measure_that_is_not_a_number_in_a_batch_is_a_difference(evaluator, monkeypatch):
+    monkeypatch.setattr("cosim.study.running.batch_check._apart", lambda *_: float("nan"))
+    found = with_batch(evaluator, COUPLING)
+    assert found.batch == "" and "the batch does not agree with them" in found.notes[-1]
+    assert found.batch_difference is None
 
 
 #: An operator changed in a source of the batch: every change must be found by the comparison with the FMUs.
