@@ -141,7 +141,7 @@ def compare(study: Study, setups: int, mode: str, rounds: int = 1) -> Row:
             right = [evaluator.row(setup, COUPLING) for setup in several[:CHECKED]]
             end = time.process_time()
             turns.append(((middle - began) / len(several), (end - middle) / len(right)))
-            worst = max(worst, _difference(study, found, right))
+            worst = float(np.max([worst, _difference(study, found, right)]))  # NaN if one is
     batch, fmu = 1e3 * np.array(turns).T
     return {
         "mode": mode,
@@ -155,7 +155,7 @@ def compare(study: Study, setups: int, mode: str, rounds: int = 1) -> Row:
 
 def _difference(study: Study, found: Sequence[Row], right: Sequence[Row]) -> float:
     pairs = [(a[m.name], b[m.name]) for a, b in zip(found, right, strict=False) for m in study.measures]
-    return max((abs(a - b) / abs(b) for a, b in pairs if b), default=0.0)
+    return float(np.max([abs(a - b) / abs(b) for a, b in pairs if b], initial=0.0))
 
 
 def _verb(study: Study, folder: Path) -> Iterator[str]:
