@@ -81,7 +81,7 @@ def test_a_study_states_the_largest_difference_on_random_setups(evaluator):
     assert Coupling.from_json(asdict(found)) == found
 
 
-def test_a_measure_that_is_not_a_number_in_a_batch_is_a_difference(evaluator, monkeypatch):
+def test_a_difference_that_is_not_a_number_is_a_difference(evaluator, monkeypatch):
     monkeypatch.setattr("cosim.study.running.batch_check._apart", lambda *_: float("nan"))
     found = with_batch(evaluator, COUPLING)
     assert found.batch == "" and "the batch does not agree with them" in found.notes[-1]
