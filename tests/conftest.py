@@ -7,7 +7,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -18,7 +18,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from builder.build import build
-from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.platforms import PLATFORMS, Platform, this_platform
 from builder.native.toolchain import Zig
 from cosim import FmuComponent
 from eightpost.shock import (
@@ -189,14 +189,10 @@ targets = {{ "lf.road" = "corner.road" }}
 
 
 @pytest.fixture(scope="session")
-def fmus3(
-    tmp_path_factory: pytest.TempPathFactory,
-    model_files: list[Path],
-    one_platform: Callable[[], AbstractContextManager[None]],
-) -> dict[str, Path]:
-    """Native FMUs of FMI 3.0 of all models, by name, for this platform alone."""
+def fmus3(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
+    """Native FMUs of FMI 3.0 of all models, by name."""
     folder = tmp_path_factory.mktemp("native3")
-    with FileLock(folder.parent.parent / "fmus.lock"), one_platform():
+    with FileLock(folder.parent.parent / "fmus.lock"):
         return {item.path.stem: item.path for item in build(model_files, folder, fmi="3")}
 
 
@@ -207,21 +203,26 @@ def python_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path
     return {item.path.stem: item.path for item in built}
 
 
-@pytest.fixture(scope="session")
-def one_platform() -> Callable[[], AbstractContextManager[None]]:
-    """In `with one_platform():` native FMUs are built for this platform alone, to the same bytes: a sixth of the work.
+@contextmanager
+def _platforms(*names: Platform) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Zig, "platforms", names)
+        yield
 
-    For FMUs that a test steps, and whose other binaries nobody looks at.
-    """
 
-    @contextmanager
-    def only() -> Iterator[None]:
-        with pytest.MonkeyPatch.context() as patch:
-            if this_platform().name in PLATFORMS:
-                patch.setattr(Zig, "platforms", (this_platform(),))
-            yield
+@pytest.fixture(scope="session", autouse=True)
+def _one_platform() -> Iterator[None]:
+    """Native FMUs are built for this platform alone, to the same bytes: a sixth of the work."""
+    here = (this_platform(),) if this_platform().name in PLATFORMS else Zig.platforms
+    with _platforms(*here):
+        yield
 
-    return only
+
+@pytest.fixture(scope="module")
+def all_platforms() -> Iterator[None]:
+    """Native FMUs are built for all platforms, for tests that look at the other binaries."""
+    with _platforms(*PLATFORMS.values()):
+        yield
 
 
 Load = Callable[..., FmuComponent]

@@ -48,12 +48,11 @@ def shorten_study(path):
 
 
 @pytest.mark.slow
-def test_the_shipped_settings_and_study_run(workplace, monkeypatch, one_platform):
+def test_the_shipped_settings_and_study_run(workplace, monkeypatch):
     shorten_study(workplace / "examples" / "study.toml")
     monkeypatch.chdir(workplace)
     for command in ("settings examples/settings/rebound.toml -o shock.json", "study examples/study.toml -o study"):
-        with one_platform():  # the study's FMUs are only stepped
-            ran = CliRunner().invoke(main, command.split())
+        ran = CliRunner().invoke(main, command.split())
         assert ran.exit_code == 0, f"{command}\n{ran.output}\n{ran.exception!r}"
     assert (workplace / "study" / "report.html").stat().st_size > 1_000_000
 
@@ -68,11 +67,10 @@ def holding(fmu, folder):
     return folder / fmu.name
 
 
-def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_path, one_platform):
+def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "shock.json")
     (tmp_path / "ramping").mkdir()
-    with one_platform():
-        built = build([ROOT / "examples" / "car.toml", tmp_path / "shock.json"], tmp_path / "ramping")
+    built = build([ROOT / "examples" / "car.toml", tmp_path / "shock.json"], tmp_path / "ramping")
     for item in built:
         holding(item.path, tmp_path)
     ran = python("examples/fmpy_only.py", tmp_path / "car.fmu", tmp_path / "shock.fmu", cwd=workplace)
@@ -95,10 +93,9 @@ def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_p
     assert change == pytest.approx(tire[-1] - tire[0], abs=0.5)
 
 
-def test_the_quarter_car_example_runs(workplace, shocks, one_platform):
+def test_the_quarter_car_example_runs(workplace, shocks):
     write_shock(shocks["lpnl2"], workplace / "dist" / "dyno_A.json")
-    with one_platform():
-        build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
+    build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
     case = read_case(workplace / "examples" / "quarter_car.toml")
     scenario = replace(case.scenario, stop=3.0)
     result = cosim.run(case.system, scenario, algorithm=case.algorithm, step=case.step)

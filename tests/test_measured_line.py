@@ -32,15 +32,14 @@ NUMBERS = ("static", "simulation", "reset", "steps", "initial_dependencies", "de
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="EIGHTPOST_DATA does not name the folder of measured records")
 @pytest.mark.parametrize("record", RECORDS)
-def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path, one_platform):
+def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path):
     """The FMU of the first is checked where its numbers matter; other FMUs of this law pass all checks elsewhere."""
     assert DATA is not None
     fit = fit_shock(read_dyno_test(Path(DATA) / record, flip=RECORDS[record]), "lpf1")
     assert fit.percent < 40.0
     # The records are of small dampers, which a car would use with a motion ratio; this test is about the curve.
     write_shock(replace(fit.shock, name="measured"), tmp_path / "shock.json")
-    with one_platform():
-        build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
+    build([tmp_path / "shock.json", ROOT / "examples" / "car.toml"], tmp_path)
     if record == next(iter(RECORDS)):
         assert {finding.rule.identifier for finding in check(tmp_path / "shock.fmu", groups=NUMBERS).findings} == {
             "platforms"

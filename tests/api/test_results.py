@@ -86,11 +86,10 @@ def test_time_series_and_drive_files_are_drawn_over_time():
 
 
 @pytest.fixture(scope="module")
-def corner_run(fit, tmp_path_factory, one_platform):
+def corner_run(fit, tmp_path_factory):
     """Return the result of a run, and the folder of its FMUs with the result in it."""
     folder = tmp_path_factory.mktemp("run")
-    with one_platform():
-        fmus = {"car": ep.build(ep.examples() / "corner.toml", folder), "shock": ep.build(fit, folder)}
+    fmus = {"car": ep.build(ep.examples() / "corner.toml", folder), "shock": ep.build(fit, folder)}
     system = ep.System.load(fmus, bonds=[("car", "shock")], constants={"car.aero_force": 0.0})
     drive = Drivefile(TimeSeries.from_channels([0.0, 0.5, 1.0], {"road": ("m", [0.0, 0.01, 0.0])}))
     result = ep.run(system, ep.Scenario(stop=1.0, drive=drive, record_step=0.01), step=1e-3)
@@ -143,10 +142,9 @@ def test_a_shock_simulates_a_record_as_its_fit_does(test, fit):
     assert (ep.simulate(fit.shock.law, test)["force"] == simulated["force"]).all()
 
 
-def test_an_fmu_is_built_from_a_fit_and_from_its_file(fit, tmp_path, one_platform):
-    with one_platform():
-        built = ep.build(fit, tmp_path)
-        (again,) = ep.build([fit.write(tmp_path / "same" / "dyno_A.json")], tmp_path / "same")
+def test_an_fmu_is_built_from_a_fit_and_from_its_file(fit, tmp_path):
+    built = ep.build(fit, tmp_path)
+    (again,) = ep.build([fit.write(tmp_path / "same" / "dyno_A.json")], tmp_path / "same")
     assert built.path.read_bytes() == again.path.read_bytes()
     assert len(repr(built).splitlines()) <= 10
     system = ep.System.load({"shock": built})

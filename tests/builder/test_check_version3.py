@@ -62,7 +62,7 @@ def test_our_fmu_of_fmi_3_for_one_platform_breaks_no_other_rule(fmus3):
 
 
 @pytest.fixture(scope="module")
-def others(fmus, fmus3, model_files, tmp_path_factory, one_platform):
+def others(fmus, fmus3, model_files, tmp_path_factory):
     """FMUs of both versions: a car with friction, an assembled corner and a confidential shock, by name and version."""
     folder = tmp_path_factory.mktemp("others")
     text = (
@@ -75,15 +75,14 @@ def others(fmus, fmus3, model_files, tmp_path_factory, one_platform):
     write_vehicle(folder / "rubbing.json", car)
     shock = next(path for path in model_files if path.stem == "lpnl2")
     found = {}
-    with one_platform():
-        for fmi in (2, 3):
-            place = folder / str(fmi)
-            wiring = read_case(folder / "corner.toml").wiring
-            found["corner", fmi] = assemble(wiring, place / "corner.fmu", fmi=fmi).path
-            (closed,) = build([shock], place / "closed", fmi=str(fmi), disclosure=Disclosure.CONFIDENTIAL)
-            found["confidential", fmi] = closed.path
-            (rubbing,) = build([folder / "rubbing.json"], place / "rubbing", fmi=str(fmi))
-            found["friction", fmi] = rubbing.path
+    for fmi in (2, 3):
+        place = folder / str(fmi)
+        wiring = read_case(folder / "corner.toml").wiring
+        found["corner", fmi] = assemble(wiring, place / "corner.fmu", fmi=fmi).path
+        (closed,) = build([shock], place / "closed", fmi=str(fmi), disclosure=Disclosure.CONFIDENTIAL)
+        found["confidential", fmi] = closed.path
+        (rubbing,) = build([folder / "rubbing.json"], place / "rubbing", fmi=str(fmi))
+        found["friction", fmi] = rubbing.path
     return found
 
 

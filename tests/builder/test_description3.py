@@ -164,13 +164,12 @@ def test_an_archive_is_at_most_six_tenths_larger_than_that_of_fmi_2(fmus, fmus3,
 
 
 @pytest.fixture
-def run(one_platform, monkeypatch):
+def run(monkeypatch):
     """Run `eightpost build` for this platform; return the exit code and the output."""
 
     def command(*arguments):
         monkeypatch.setenv("COLUMNS", "200")
-        with one_platform():
-            result = CliRunner().invoke(main, ["build", *map(str, arguments)])
+        result = CliRunner().invoke(main, ["build", *map(str, arguments)])
         assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
         return result.exit_code, " ".join(result.output.split())
 

@@ -105,20 +105,18 @@ def test_a_confidential_fmu_discloses_neither_the_curve_nor_its_sources(shocks, 
                 assert not is_disclosed(value, content), (name, value)
 
 
-def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path, one_platform):
+def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path):
     pictures = []
     for law in ("lpf1", "lpnl2"):
         write_shock(shocks[law], tmp_path / "front.json")
-        with one_platform():
-            (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+        (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
         pictures.append(read_archive(built.path)["model.png"])
     assert pictures[0] == pictures[1]
 
 
-def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, tmp_path, one_platform):
+def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "front.json")
-    with one_platform():
-        (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
+    (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
     time = np.arange(0.0, 0.3, 1e-3)
     signals = np.zeros(time.size, dtype=[("time", "f8"), ("velocity", "f8")])
     signals["time"], signals["velocity"] = time, 0.6 * np.sin(30.0 * time)
@@ -135,10 +133,9 @@ def test_a_python_fmu_cannot_be_confidential(shocks, tmp_path):
         build([tmp_path / "front.json"], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
 
 
-def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path, one_platform):
+def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path):
     write_shock(shocks["lpf1"], tmp_path / "front.json")
-    with one_platform():
-        built = build([tmp_path / "front.json"], tmp_path / "out", target="all")
+    built = build([tmp_path / "front.json"], tmp_path / "out", target="all")
     assert [(item.path.name, item.target) for item in built] == [
         ("front.fmu", "native"),
         ("front_python.fmu", "python"),

@@ -24,7 +24,7 @@ REPORTED = ("force", "beyond_settings", "untested_settings")
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory, one_platform):
+def built(tmp_path_factory):
     """Return the FMU of a law and target; the temperature is an input if it is requested."""
     folder, kept = tmp_path_factory.mktemp("settings"), {}
 
@@ -33,10 +33,9 @@ def built(tmp_path_factory, one_platform):
         if key not in kept:
             write_shock(shock_of(name), folder / f"{name}.json")
             where = folder / "_".join(map(str, key))
-            with one_platform():
-                (item,) = build(
-                    [folder / f"{name}.json"], where, target=target, temperature_input=temperature_input, fmi=fmi
-                )
+            (item,) = build(
+                [folder / f"{name}.json"], where, target=target, temperature_input=temperature_input, fmi=fmi
+            )
             kept[key] = item.path
         return kept[key]
 

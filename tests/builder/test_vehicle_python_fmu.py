@@ -68,12 +68,11 @@ def test_the_equilibrium_start_can_be_disabled(python_component):
     assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
 
 
-def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file(tmp_path, one_platform):
+def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file(tmp_path):
     vehicle = read_vehicle(shipped("seven_dof"))
     static = {"lf.tire_force": 3000.0, "front.ride_height": 0.1}
     write_vehicle(tmp_path / "car.toml", StructuralVehicle("car", vehicle.parameters, static))
-    with one_platform():
-        (built,) = build([tmp_path / "car.toml"], tmp_path)
+    (built,) = build([tmp_path / "car.toml"], tmp_path)
     starts = {v.name: v.start for v in built.interface.variables}
     assert starts["lf.static_tire_force"] == 3000.0
     assert starts["front.static_ride_height"] == 0.1
@@ -228,11 +227,10 @@ def test_every_port_has_tunable_friction_with_display_units(python_fmus, name):
             assert (found.displayUnit, float(found.start), float(found.min)) == (display, start, least)
 
 
-def test_only_ports_with_a_force_and_a_velocity_have_friction(tmp_path, one_platform):
+def test_only_ports_with_a_force_and_a_velocity_have_friction(tmp_path):
     model = model_of("seven_dof").select(outputs=("heave", "lf.velocity"))
     write_vehicle(tmp_path / "some.json", IdentifiedVehicle("some", model))
-    with one_platform():
-        (built,) = build([tmp_path / "some.json"], tmp_path)
+    (built,) = build([tmp_path / "some.json"], tmp_path)
     assert [v.name for v in built.interface.variables if "friction" in v.name] == [
         "lf.friction_force",
         "lf.friction_velocity",

@@ -38,15 +38,14 @@ def run(lines, folder, monkeypatch):
         assert (program, code) == ("eightpost", 0), f"{line}\n{text}"
 
 
-def test_the_commands_up_to_the_coupled_run_succeed(folder, monkeypatch, one_platform):
+def test_the_commands_up_to_the_coupled_run_succeed(folder, monkeypatch):
     """Two seconds after settling show what ten show; the study takes longer than all others together."""
     text = (folder / "system.toml").read_text(encoding="utf-8")
     assert text.count('stop = "10 s"') == 1
     (folder / "system.toml").write_text(text.replace('stop = "10 s"', 'stop = "4 s"'), encoding="utf-8")
     *first, study = commands((folder / "README.md").read_text(encoding="utf-8"))
     assert len(first) == 4 and study == "eightpost study study.toml -o study"
-    with one_platform():
-        run(first, folder, monkeypatch)
+    run(first, folder, monkeypatch)
     for product in ("shocks/dyno_A.png", "fmus/car.fmu", "run/report.html"):
         assert (folder / product).is_file()
 

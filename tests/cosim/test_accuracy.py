@@ -36,12 +36,11 @@ def bench():
 
 
 @pytest.fixture(scope="module")
-def build_fmus(bench, one_platform):
+def build_fmus(bench):
     """Build car.fmu and a law's shock.fmu: build_fmus(law, folder)."""
 
     def build(law, folder):
-        with one_platform():
-            bench.build_fmus(law, folder)
+        bench.build_fmus(law, folder)
 
     return build
 

@@ -54,15 +54,14 @@ HARD = {
 
 
 @pytest.fixture(scope="session")
-def light_car(tmp_path_factory: pytest.TempPathFactory, one_platform: Any) -> Path:
+def light_car(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The seven-DOF car with a tenth of its unsprung masses."""
     text = shipped("seven_dof").read_text(encoding="utf-8")
     light = text.replace('front = "101 lbm", rear = "124 lbm"', 'front = "10.1 lbm", rear = "12.4 lbm"')
     assert light != text
     folder = tmp_path_factory.mktemp("light")
     (folder / "light.toml").write_text(light, encoding="utf-8")
-    with one_platform():
-        return build([folder / "light.toml"], folder)[0].path
+    return build([folder / "light.toml"], folder)[0].path
 
 
 @pytest.fixture(scope="session")

@@ -155,7 +155,7 @@ def test_the_page_of_python_developers_gives_what_it_promises(tmp_path, monkeypa
 
 
 @pytest.mark.slow
-def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monkeypatch, take, one_platform):
+def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monkeypatch, take):
     """Three seconds of the run are sufficient.
 
     The check (8 s of processor time for each FMU), the assembly and the package are left to the nightly tests, which
@@ -163,13 +163,12 @@ def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monke
     """
     lay_out(tmp_path, stop="3 s")
     monkeypatch.chdir(tmp_path)
-    with one_platform():
-        reader = run_page(
-            "docs/start/simulation_engineer.md",
-            tmp_path,
-            take,
-            lambda words: words[1] not in ("ssp", "check") and "--assemble" not in words,
-        )
+    reader = run_page(
+        "docs/start/simulation_engineer.md",
+        tmp_path,
+        take,
+        lambda words: words[1] not in ("ssp", "check") and "--assemble" not in words,
+    )
     assert reader.names["difference"] < 1e-6
     series = read_series("out/series.parquet")
     assert series.time[-1] == pytest.approx(3.0)

@@ -29,11 +29,10 @@ def program():
 
 
 @pytest.fixture(scope="session")
-def case(tmp_path_factory, one_platform, program):
+def case(tmp_path_factory, program):
     """Return a case of the host programs at a step: 1 s of the track, with FMUs that are built once."""
     folder, reference = tmp_path_factory.mktemp("host_fmus"), program("reference")
-    with one_platform():
-        build([reference.CAR, reference.SHOCK], folder)
+    build([reference.CAR, reference.SHOCK], folder)
     return lambda step: reference.Case(step, SECONDS, folder / "shock.fmu", folder / "car.fmu")
 
 

@@ -25,11 +25,10 @@ def hosts():
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, one_platform, hosts):
+def folder(tmp_path_factory, hosts):
     """A folder with car.fmu and shock.fmu."""
     made, reference = tmp_path_factory.mktemp("host_fmus"), hosts("reference")
-    with one_platform():
-        build([reference.CAR, reference.SHOCK], made)
+    build([reference.CAR, reference.SHOCK], made)
     return made
 
 

@@ -36,11 +36,10 @@ def hosts():
 
 
 @pytest.fixture(scope="module")
-def error(hosts, one_platform, tmp_path_factory):
+def error(hosts, tmp_path_factory):
     """Errors of the shock velocity and the tire force [%] of a loop at a step; each case runs once."""
     reference, folder, kept = hosts("reference"), tmp_path_factory.mktemp("multibody_fmus"), {}
-    with one_platform():
-        build([reference.CAR, reference.SHOCK], folder)
+    build([reference.CAR, reference.SHOCK], folder)
 
     def once(program, loop, step):
         if (program, loop, step) not in kept:
@@ -102,11 +101,10 @@ def test_error_control_in_drake_rejects_steps_and_keeps_its_accuracy(error):
 
 
 @pytest.fixture(scope="module")
-def vehicle(hosts, one_platform, tmp_path_factory):
+def vehicle(hosts, tmp_path_factory):
     """The program of the full vehicle, its FMUs, and the reference with both shocks at the left front."""
     program, seconds = hosts("full_vehicle"), 1.5
-    with one_platform():
-        fmus = program.fmus_in(tmp_path_factory.mktemp("full_vehicle"))
+    fmus = program.fmus_in(tmp_path_factory.mktemp("full_vehicle"))
     exact = [program.directly([program.SHOCKS[one] for one in car], seconds, 0.5e-3) for car in program.CARS]
     return program, [[fmus[one] for one in car] for car in program.CARS], exact, seconds
 

@@ -34,17 +34,16 @@ def fitted():
 
 
 @pytest.fixture(scope="module")
-def built(fitted, tmp_path_factory, one_platform):
+def built(fitted, tmp_path_factory):
     """Return FMUs of the fitted shocks by target and law."""
     folder = tmp_path_factory.mktemp("fitted")
     files = [folder / f"{law}.json" for law in fitted]
     for shock, path in zip(fitted.values(), files, strict=True):
         write_shock(shock, path)
-    with one_platform():
-        return {
-            target: {item.path.stem: item.path for item in build(files, folder / target, target=target)}
-            for target in ("native", "python")
-        }
+    return {
+        target: {item.path.stem: item.path for item in build(files, folder / target, target=target)}
+        for target in ("native", "python")
+    }
 
 
 def driven(shock, test):

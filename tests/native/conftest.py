@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from types import ModuleType
 
@@ -162,33 +161,29 @@ def folders_3(fmus3: dict[str, Path], assembled_3: Path, tmp_path_factory: pytes
 @pytest.fixture(scope="session")
 def assembled(
     assembly: Assembly,
-    one_platform: Callable[[], AbstractContextManager[None]],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """The FMU of the assembly."""
-    return _assembled(assembly, one_platform, tmp_path_factory, 2)
+    return _assembled(assembly, tmp_path_factory, 2)
 
 
 @pytest.fixture(scope="session")
 def assembled_3(
     assembly: Assembly,
-    one_platform: Callable[[], AbstractContextManager[None]],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """The FMU of FMI 3.0 of the assembly."""
-    return _assembled(assembly, one_platform, tmp_path_factory, 3)
+    return _assembled(assembly, tmp_path_factory, 3)
 
 
 def _assembled(
     assembly: Assembly,
-    one_platform: Callable[[], AbstractContextManager[None]],
     factory: pytest.TempPathFactory,
     fmi: int,
 ) -> Path:
     path = factory.mktemp("assembled") / "assembly.fmu"
     unbuilt = assembled_source(assembly, assembly_interface(assembly), fmi)
-    with one_platform():
-        (members,) = compiled([unbuilt], toolchain=find_toolchain())
+    (members,) = compiled([unbuilt], toolchain=find_toolchain())
     write_archive(path, members)
     return path
 

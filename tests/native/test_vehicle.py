@@ -239,11 +239,10 @@ def random_model(states, seed):
 
 
 @pytest.mark.parametrize("states", [1, 9, 150])
-def test_an_identified_model_of_any_order_steps_exactly(tmp_path, one_platform, states):
+def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
     model = random_model(states, states)
     write_vehicle(tmp_path / "big.json", IdentifiedVehicle("big", model))
-    with one_platform():
-        (built,) = build([tmp_path / "big.json"], tmp_path)
+    (built,) = build([tmp_path / "big.json"], tmp_path)
     fmu, stepper, expected = FmuComponent(built.path, "big"), LinearStepper(model.A, model.B, model.C, model.D), []
     fmu.begin(0.0, 1e3, {"start_at_equilibrium": False})
     fmu.end_initialization()
@@ -271,7 +270,7 @@ def test_the_error_on_a_model_without_modal_form_names_the_python_target(tmp_pat
     assert not (tmp_path / "free.fmu").exists()
 
 
-def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_without_it(tmp_path, one_platform):
+def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_without_it(tmp_path):
     model = StateSpace(
         np.array([[0.0]]),
         np.array([[0.1]]),
@@ -282,8 +281,7 @@ def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_
         name="drifting",
     )
     write_vehicle(tmp_path / "drift.json", IdentifiedVehicle("drifting", model))
-    with one_platform():
-        (built,) = build([tmp_path / "drift.json"], tmp_path)
+    (built,) = build([tmp_path / "drift.json"], tmp_path)
     fmu = FmuComponent(built.path, "drift")
     fmu.begin(0.0, 1.0, {})
     with pytest.raises(StepError, match="no unique steady state"):

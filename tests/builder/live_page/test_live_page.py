@@ -113,12 +113,11 @@ def test_the_shock_of_the_page_gives_the_numbers_of_the_native_fmu(fmus, law, cu
     assert all(within(found[name], expected[name]) for name in outputs)
 
 
-def test_the_car_of_the_page_gives_the_numbers_of_the_assembled_fmu(fmus, tmp_path, one_platform):
+def test_the_car_of_the_page_gives_the_numbers_of_the_assembled_fmu(fmus, tmp_path):
     wires = [(CAR, SHOCK, "velocity"), (CAR, SHOCK, "displacement"), (SHOCK, CAR, "force")]
     wires = tuple(Wire(f"{source}.{name}", f"{target}.{name}") for source, target, name in wires)
     parts = {CAR: fmus["quarter_car"], SHOCK: fmus["lpnl2"]}
-    with one_platform():
-        native = assemble(Wiring("car", parts, wires, step=1e-3, stop=1.0), tmp_path / "car.fmu").path
+    native = assemble(Wiring("car", parts, wires, step=1e-3, stop=1.0), tmp_path / "car.fmu").path
     road = {"car.road": 0.02 * np.sin(np.arange(COUNT) * 0.05) ** 2}
     parameters, outputs = {"shock.compression_scale": 0.7}, ["car.tire_force", "car.velocity", "shock.force"]
     found = in_node(read_models(fmus["lpnl2"], fmus["quarter_car"]).car, parameters, road, outputs)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +67,7 @@ def test_each_setup_of_a_bank_of_all_laws_responds_as_its_fmus(shocks: dict[str,
 
 
 def test_setups_of_a_car_with_bristle_and_port_spring_respond_as_its_fmu(
-    shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path, one_platform: Callable[[], Any]
+    shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path
 ) -> None:
     law = {"": Friction(20.0, 0.01, Bristle(120.0, 1e-4, 1.15, 0.01), 2e5)}
     open_car = read_vehicle(shipped("quarter_car")).coupled()
@@ -79,8 +77,7 @@ def test_setups_of_a_car_with_bristle_and_port_spring_respond_as_its_fmu(
     found = ManySetups(IdentifiedVehicle("car", model, {"": BASELINE}, friction=law), [shock], drive).run([[0]])[0]
     without = ManySetups(IdentifiedVehicle("car", model, {"": BASELINE}), [shock], drive).run([[0]])[0]
     write_vehicle(tmp_path / "car.json", IdentifiedVehicle("car", open_car, friction=law))
-    with one_platform():
-        fmu = build([tmp_path / "car.json"], tmp_path)[0].path
+    fmu = build([tmp_path / "car.json"], tmp_path)[0].path
     expected = coupled(fmu, fmus["lpnl2"], drive)
     for channel in OUTPUTS:
         row = model.output_names.index(channel)
@@ -92,7 +89,7 @@ def test_setups_of_a_car_with_bristle_and_port_spring_respond_as_its_fmu(
 
 
 def test_a_study_of_a_car_with_bristles_and_port_springs_has_the_measures_of_its_setups(
-    shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path, one_platform: Callable[[], Any]
+    shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path
 ) -> None:
     law = dict.fromkeys(CORNERS, Friction(20.0, 0.01, Bristle(120.0, 1e-4, 1.15, 0.01), 2e5))
     open_car = read_vehicle(shipped("seven_dof")).coupled()
@@ -101,8 +98,7 @@ def test_a_study_of_a_car_with_bristles_and_port_springs_has_the_measures_of_its
     drive = TimeSeries.from_channels(TIME, roads)
     write_series(drive, tmp_path / "road.parquet")
     write_vehicle(tmp_path / "car.json", IdentifiedVehicle("car", open_car, friction=law))
-    with one_platform():
-        fmu = build([tmp_path / "car.json"], tmp_path)[0].path
+    fmu = build([tmp_path / "car.json"], tmp_path)[0].path
     study = Study(
         name="bristles",
         vehicle=Vehicle(fmu, inputs=dict.fromkeys(("heave_force", "roll_moment", "pitch_moment"), 0.0)),

@@ -67,15 +67,14 @@ def drive() -> TimeSeries:
 
 
 @pytest.fixture(scope="module")
-def fmus(vehicle, tmp_path_factory, one_platform):
+def fmus(vehicle, tmp_path_factory):
     """Return the FMUs by name: the shocks, and the car without and with friction."""
     folder = tmp_path_factory.mktemp("identified")
     for name, law in LAWS.items():
         write_shock(Shock(name, law), folder / f"{name}.json")
     write_vehicle(folder / "car.json", vehicle)
     write_vehicle(folder / "rubbing.json", replace(vehicle, friction=RUBBING))
-    with one_platform():
-        return {b.path.stem: b.path for b in build(sorted(folder.glob("*.json")), folder / "fmus")}
+    return {b.path.stem: b.path for b in build(sorted(folder.glob("*.json")), folder / "fmus")}
 
 
 def coupled(fmus, car, shock, drive, step):

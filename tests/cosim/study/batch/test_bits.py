@@ -69,15 +69,14 @@ def test_every_friction_has_the_bits_of_the_vehicle(fmus, kind):
     assert differing(study, random_setups(study, 8)) == []
 
 
-def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, one_platform, tmp_path):
+def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, tmp_path):
     """The other cars have pairs of modes only; this one decays alone, in 0.04 s."""
     car, rng = json.loads(IDENTIFIED.read_text()), np.random.default_rng(3)
     car["A"] = [[*row, 0.0] for row in car["A"]] + [[0.0] * len(car["A"]) + [-25.0]]
     car["C"] = [[*row, 0.01 * np.abs(row).max() * rng.normal()] for row in car["C"]]
     car["B"].append((0.01 * np.abs(car["B"]).max(axis=0) * rng.normal(size=len(car["B"][0]))).tolist())
     (tmp_path / "car.json").write_text(json.dumps(car))
-    with one_platform():
-        fmu = build([tmp_path / "car.json"], tmp_path)[0].path
+    fmu = build([tmp_path / "car.json"], tmp_path)[0].path
     vehicle = Vehicle(fmu, inputs={f"{corner}.aero": 10.0 for corner in CORNERS})
     drive = Drive("track", TRACK, 2.0, targets={f"{corner}.road": f"car.{corner}.road" for corner in CORNERS})
     builds, measures = random_builds(fmus, ["lpnl2", "lpf1"], 4, seed=45), (Measure("v", ("car.lf.velocity",)),)
