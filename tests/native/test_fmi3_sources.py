@@ -96,6 +96,7 @@ def test_a_static_analyser_reports_no_findings(model, source_folders_3, headers)
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", NIGHTLY)
 def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders_3, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""

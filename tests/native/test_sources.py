@@ -146,6 +146,7 @@ def test_numbers_that_are_not_finite_cause_no_sanitizer_finding(model, sanitized
     assert ran.returncode == 0, ran.stderr[:2000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", daily(*ALONE, "assembly"))
 def test_random_call_sequences_cause_no_sanitizer_finding(model, sanitized):
     """A short run; `make nightly` makes a million calls per FMU."""
