@@ -44,7 +44,7 @@ def test_every_block_is_run_or_marked():
 
 def test_a_block_that_is_not_run_has_a_reason():
     reasons = {block.note.removeprefix("not run: ") for block in ALL if block.kind == "not run"}
-    assert all(len(reason.split()) > 2 for reason in reasons)
+    assert reasons and all(len(reason.split()) > 2 for reason in reasons)
 
 
 def test_the_tables_of_blocks_are_up_to_date():
