@@ -53,7 +53,7 @@ unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
 
 nightly: $(INSTALLED) ## Run tests that take minutes: a million random FMI calls, intervals, installations, Wine.
-	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -k call_sequences tests/native
+	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -m 'slow or nightly' -k call_sequences tests/native
 	$(BIN)/pytest -n 2 -m nightly
 
 pythons: $(INSTALLED) ## Install the wheel with every Python that uv finds, and run eightpost doctor and fast tests.

@@ -36,6 +36,8 @@ from eightpost.shock import (
 )
 from eightpost.vehicle import shipped
 
+pytest_plugins = ["tests.run_rules"]
+
 # Linear algebra in one thread, here and in what tests start: the threads of two workers wait for each other, and a
 # decomposition of 150 states then lasts a second in place of 50 ms.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

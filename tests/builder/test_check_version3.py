@@ -331,13 +331,19 @@ def test_a_damaged_description_gives_findings_and_no_traceback(documents, tmp_pa
     members[part] = change_xml(Random(seed), members.get(part, b'<a fmiVersion="3.0"/>'))
     path = tmp_path_factory.getbasetemp() / "damaged.fmu"
     write_archive(path, members)
-    for finding in static_findings(read_subject(path)):
-        finding_in_version_3(finding)
+    subject = read_subject(path)
+    findings = [finding_in_version_3(finding) for finding in static_findings(subject)]
+    assert findings or subject.description is not None, "a description that cannot be read is a finding"
+    for finding in findings:
+        assert finding.message and finding.rule.advice and "fmi2" not in f"{finding.message} {finding.rule.advice}"
 
 
-def test_an_entry_named_by_a_dot_alone_is_no_traceback(bank, tmp_path):
+def test_an_entry_named_by_a_dot_alone_is_a_finding_and_no_traceback(bank, tmp_path):
     write_archive(tmp_path / "dot.fmu", {**read_archive(bank), ".": b""})
-    list(static_findings(read_subject(tmp_path / "dot.fmu")))
+    found = [
+        (finding.rule.identifier, finding.message) for finding in static_findings(read_subject(tmp_path / "dot.fmu"))
+    ]
+    assert ("archive-path", "the entry '.' has no name or a NUL character in its name") in found
 
 
 HUGE = "9" * 5000

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Algorithm, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
-from eightpost.errors import StepError
+from eightpost.errors import StepError, WiringError
 from eightpost.signals import Drivefile
 
 Join = Callable[..., System]
@@ -183,6 +183,6 @@ def test_a_diverging_coupling_raises_an_error_with_advice(quarter_cars: Join, bu
 def test_schemes_with_rollback_refuse_components_without_state_and_held_inputs_are_reported(make: Any) -> None:
     system = System({"a": make.integrator(capabilities=Capabilities())}, constants={"a.u": 1.0})
     for algorithm in (Implicit(), Adaptive()):
-        with pytest.raises(Exception, match="cannot save and restore its state"):
+        with pytest.raises(WiringError, match="cannot save and restore its state"):
             run(system, Scenario(0.1), algorithm=algorithm, step=0.01)
     assert any("held over each step" in note for note in run(system, Scenario(0.1), step=0.01).notes)

@@ -101,10 +101,12 @@ def test_every_rule_of_a_run_is_covered_by_these_cases():
     assert covered == {rule.name for rule in rules.RULES}
 
 
-@pytest.mark.parametrize("changes", [{}, *({field: value} for field, value, _ in CASES)])
+@pytest.mark.parametrize("changes", [{field: value} for field, value, _ in CASES])
 def test_every_reason_has_a_figure_an_origin_and_a_remedy(changes):
     """The type refuses an empty text; the figure must also contain a number."""
-    for reason in sound(**changes).verdict.reasons:
+    reasons = sound(**changes).verdict.reasons
+    assert reasons
+    for reason in reasons:
         assert reason.remedy and reason.origin
         assert any(character.isdigit() for character in reason.figure) or reason.rule == rules.NOT_CONVERGED.name
 

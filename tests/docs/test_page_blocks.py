@@ -24,8 +24,11 @@ ALL = all_blocks()
 OTHERS = {"cc", "dask", "git", "lint-imports", "mypy", "pip", "pytest", "ruff", "unzip", "cd", "."}
 
 
-def of(language: str) -> list[object]:
-    return [pytest.param(block, id=block.place) for block in ALL if block.language == language]
+def of(*languages: str) -> list[Block]:
+    """Return the blocks of languages, which must exist."""
+    found = [block for block in ALL if block.language in languages]
+    assert found
+    return found
 
 
 def test_blocks_are_found():
@@ -41,7 +44,7 @@ def test_every_block_is_run_or_marked():
 
 def test_a_block_that_is_not_run_has_a_reason():
     reasons = {block.note.removeprefix("not run: ") for block in ALL if block.kind == "not run"}
-    assert all(len(reason.split()) > 2 for reason in reasons)
+    assert reasons and all(len(reason.split()) > 2 for reason in reasons)
 
 
 def test_the_tables_of_blocks_are_up_to_date():
@@ -49,11 +52,11 @@ def test_the_tables_of_blocks_are_up_to_date():
     assert with_coverage(text) == text, "run: python -m tests.docs.page_blocks"
 
 
-@pytest.mark.parametrize("note", sorted({block.note for block in ALL if block.note}))
-def test_a_test_that_a_mark_names_exists(note):
-    named = re.findall(r"tests/[\w/]+\.py", note)
-    assert named or not note.startswith("run by ")
-    assert all((ROOT / path).is_file() for path in named)
+def test_a_block_that_a_test_runs_names_one_and_every_named_test_exists():
+    named = {block.place: re.findall(r"tests/[\w/]+\.py", block.note) for block in ALL if block.note}
+    assert any(named.values())
+    assert [block.place for block in ALL if block.note.startswith("run by ") and not named[block.place]] == []
+    assert [(place, path) for place, paths in named.items() for path in paths if not (ROOT / path).is_file()] == []
 
 
 def check_eightpost(words: list[str]) -> None:
@@ -98,15 +101,18 @@ def check_command(words: list[str]) -> None:
             assert (ROOT / word).exists(), f"there is no {word}"
 
 
-@pytest.mark.parametrize("block", [param for param in of("sh") if param.values[0].kind != "run elsewhere"])
-def test_the_commands_of_a_block_exist_with_their_options_and_files(block: Block):
-    found = list(commands(block))
-    assert found
-    for words in found:
-        try:
-            check_command(words)
-        except (click.ClickException, ValueError) as error:
-            raise AssertionError(f"{' '.join(words)}: {error}") from error
+def test_the_commands_of_a_block_exist_with_their_options_and_files():
+    wrong = []
+    for block in of("sh"):
+        if block.kind != "run elsewhere":
+            found = list(commands(block))
+            assert found, block.place
+            for words in found:
+                try:
+                    check_command(words)
+                except (AssertionError, click.ClickException, ValueError) as error:
+                    wrong.append(f"{block.place}: {' '.join(words)}: {error}")
+    assert wrong == []
 
 
 @pytest.mark.parametrize(
@@ -129,28 +135,61 @@ def test_a_command_that_does_not_exist_is_found(line):
         check_command(words)
 
 
-@pytest.mark.parametrize("block", of("python"))
-def test_the_names_that_a_python_block_imports_exist(block: Block):
-    tree = ast.parse(textwrap.dedent(block.text))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and not node.level:
-            module = importlib.import_module(node.module)
-            for alias in node.names:
-                if not hasattr(module, alias.name):
-                    importlib.import_module(f"{node.module}.{alias.name}")
-        elif isinstance(node, ast.Import):
-            for alias in node.names:
-                importlib.import_module(alias.name)
+def import_names(node: ast.AST) -> None:
+    """Import what an import statement names."""
+    if isinstance(node, ast.ImportFrom) and not node.level:
+        module = importlib.import_module(node.module)
+        for alias in node.names:
+            if not hasattr(module, alias.name):
+                importlib.import_module(f"{node.module}.{alias.name}")
+    elif isinstance(node, ast.Import):
+        for alias in node.names:
+            importlib.import_module(alias.name)
 
 
-@pytest.mark.parametrize("block", [param for language in FILES for param in of(language)])
-def test_a_file_on_a_page_has_the_syntax_of_its_format(block: Block):
+def test_the_names_that_a_python_block_imports_exist():
+    missing = []
+    for block in of("python"):
+        for node in ast.walk(ast.parse(textwrap.dedent(block.text))):
+            try:
+                import_names(node)
+            except ImportError as error:
+                missing.append(f"{block.place}: {error}")
+    assert missing == []
+
+
+def parse_file(block: Block) -> None:
+    """Parse a file that a page shows."""
     if block.language == "toml":
         tomllib.loads(block.text)
     elif block.language == "json":
         json.loads(block.text if block.text.startswith("{") else f"{{{block.text}}}")
     else:
         ElementTree.fromstring(block.text)
+
+
+def test_a_file_on_a_page_has_the_syntax_of_its_format():
+    wrong = []
+    for block in of(*FILES):
+        try:
+            parse_file(block)
+        except (ValueError, ElementTree.ParseError) as error:
+            wrong.append(f"{block.place}: {error}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize("text", [
+    "from eightpost.shock import no_such_law", "import eightpost.no_such_module",
+])  # fmt: skip
+def test_a_name_that_does_not_exist_is_found(text):
+    with pytest.raises(ImportError):
+        import_names(ast.parse(text).body[0])
+
+
+@pytest.mark.parametrize(("language", "text"), [("toml", "a ="), ("json", '"a": 1,'), ("xml", "<a>")])
+def test_a_file_of_wrong_syntax_is_found(language, text):
+    with pytest.raises((ValueError, ElementTree.ParseError)):
+        parse_file(Block("page.md", 1, language, text, ""))
 
 
 def test_a_mark_is_read_from_the_line_before_a_block(tmp_path, monkeypatch):

@@ -25,6 +25,7 @@ def test_fmpy_with_cvode_gives_the_outputs_of_co_simulation_for_held_inputs(fmus
     for n in starts:
         signals[n] = sizes[units[n]]
     outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+    assert outputs
     options = {"stop_time": STEP * COUNT, "output_interval": STEP, "input": signals, "output": outputs}
     if "start_at_equilibrium" in units:
         options["start_values"] = {"start_at_equilibrium": False}

@@ -87,7 +87,9 @@ def test_runs_of_one_build_or_of_unknown_builds_have_no_spread(tests):
 def test_each_build_is_left_out_with_all_its_runs(tests):
     runs = prepare_runs(tests)
     ends = np.cumsum([0, *(f.rows.size for f in runs.filters)])
-    for number, part in enumerate(left_out_builds(runs)):
+    parts = left_out_builds(runs)
+    assert len(parts) == len(SCALES)
+    for number, part in enumerate(parts):
         assert [(p.start, p.stop) for p in part.parts] == [(ends[k], ends[k + 1]) for k in (2 * number, 2 * number + 1)]
         assert not part.kept[ends[2 * number] : ends[2 * number + 2]].any()
         assert part.kept.sum() == ends[-1] - (ends[2 * number + 2] - ends[2 * number])

@@ -27,6 +27,7 @@ def inside(own, count, generator):
 
 
 def test_every_theta_of_the_box_keeps_bounds_and_gaps(own):
+    assert own.declared
     for theta in inside(own, 200, np.random.default_rng(1)):
         values = dict(zip([p.name for p in own.declared], own.values(theta).tolist(), strict=True))
         for p in own.declared:

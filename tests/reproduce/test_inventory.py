@@ -38,10 +38,10 @@ def test_an_item_without_printed_data_says_why():
 
 def test_a_reference_to_another_reason_leads_to_it():
     labels = {item.label.replace("Figure", "Fig"): item for item in inventory()}
-    for item in inventory():
-        found = re.match(r"See (Fig [\d.]+\d)", item.reason)
-        if found:
-            assert not labels[found[1]].reason.startswith("See"), item.label
+    references = [(item, found[1]) for item in inventory() if (found := re.match(r"See (Fig [\d.]+\d)", item.reason))]
+    assert references
+    for item, target in references:
+        assert not labels[target].reason.startswith("See"), item.label
 
 
 def test_names_and_keys_are_unique():

@@ -315,9 +315,9 @@ def test_a_number_without_its_last_digits_is_left_out_or_close_to_its_neighbours
     cells = [form.format(value).replace(".", "," if comma else ".") for value in forces]
     cut = cells[-1][:kept]
     assume(any(letter.isdigit() for letter in cut))
-    if not is_cut_off([*cells[:-1], cut], has_end=False):
-        bends = np.abs(np.diff(forces, 2))
-        assert float(cut.replace(",", ".")) == pytest.approx(forces[-1], abs=4.0 * bends.max())
+    assume(not is_cut_off([*cells[:-1], cut], has_end=False))
+    bends = np.abs(np.diff(forces, 2))
+    assert float(cut.replace(",", ".")) == pytest.approx(forces[-1], abs=4.0 * bends.max())
 
 
 @pytest.mark.parametrize("form", FORMS)

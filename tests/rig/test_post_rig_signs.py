@@ -93,6 +93,7 @@ def shaken(truth):
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_a_channel_with_the_wrong_sign_is_reported_at_every_corner(truth, quantity):
     test = shaken(truth)
+    assert test.corners
     for corner in test.corners:
         channel = f"{corner}.{quantity}" if corner else quantity
         turned = test.series.with_channel(channel, test.series.unit(channel), -test.series[channel])

@@ -7,7 +7,7 @@ from time import process_time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -280,8 +280,7 @@ def test_no_setup_is_proposed_twice():
 @settings(max_examples=30, deadline=None)
 @given(student=st.floats(0.0, 4.0), normal=st.floats(0.0, 4.0), probability=st.sampled_from((0.5, 0.8, 0.95)))
 def test_half_widths_contain_their_probability(student, normal, probability):
-    if student + normal < 1e-3:
-        return
+    assume(student + normal >= 1e-3)
     half = half_width(probability, np.array([student]), np.array([normal]), 4.0)
     inside = 2.0 * probability_below(half, np.array([student]), np.array([normal]), 4.0)[0] - 1.0
     assert inside == pytest.approx(probability, abs=2e-3)

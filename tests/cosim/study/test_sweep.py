@@ -76,6 +76,7 @@ def test_the_coupling_error_of_rows_bounds_the_error_found_at_an_eighth_of_the_s
     study, space = finished.study, finished.study.space
 
     coupling, evaluator = coupling_of(finished), Evaluator(study)
+    assert study.measures
     for row in (0, 5, 15):
         fine = evaluator.row(space.setup(row), replace(coupling, step=coupling.step / 8))
         for measure in study.measures:

@@ -38,16 +38,27 @@ def car_of(found, row=0, **changes):
     return replace(DrawnCar.of(found, draws_of(found), "a", row), **changes)
 
 
+@pytest.fixture(scope="module")
+def car():
+    return car_of(study())
+
+
 @settings(max_examples=15)
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
-def test_the_difference_of_two_setups_scatters_by_their_distance_and_not_by_the_common_error(first, second):
-    found = study()
-    car = car_of(found)
+def test_the_difference_of_two_setups_scatters_by_their_distance_and_not_by_the_common_error(car, first, second):
+    """To first order it is the own error between them; over 400 pairs, the higher orders change it by up to 7 %."""
     other = car.reference * np.exp([first, second])
     here, there = car.draws.axes.position(np.stack([car.reference, other]))
-    distance = np.linalg.norm((there - here)[car.draws.own[:, 0].any(axis=0)])  # along what the measure depends on
     relative = np.log1p((car.objectives(other[None])[0] - other[0]) / other[0])
-    assert np.std(relative) == pytest.approx(STUDENT * OWN * distance, rel=0.35, abs=1e-9)
+    assert np.std(relative) == pytest.approx(np.std(car.draws.own[:, 0] @ (there - here)), rel=0.1, abs=1e-9)
+
+
+def test_own_and_common_errors_have_the_stated_scales_and_the_tails_of_few_degrees_of_freedom(car):
+    """The scales of 64 groups lack the last tail, which is 3 % of the standard deviation (mean of 200 seeds)."""
+    own = car.draws.own[:, 0]
+    own = own[:, own.any(axis=0)]  # along what the measure depends on
+    assert np.sqrt(np.mean(own**2)) == pytest.approx(0.97 * STUDENT * OWN, rel=0.04)
+    assert np.sqrt(np.mean(car.draws.common[:, 0] ** 2)) == pytest.approx(0.97 * STUDENT * COMMON, rel=0.2)
 
 
 def test_the_reference_has_the_same_objective_on_every_car_but_its_constraints_have_errors():

@@ -61,11 +61,10 @@ def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
     rubbing: list[TimeSeries], experiment: Experiment
 ) -> None:
     found = FrictionSearch().find(rubbing, experiment)
-    # The law creeps where the bristle sticks, so up to a tenth of the force is an error of the law, not of the
-    # estimate.
-    assert abs(found.forces[""].value - COULOMB) < 0.1 * COULOMB + 3.0 * found.forces[""].deviation
-    assert found.forces[""].deviation < 0.05 * COULOMB
-    assert np.mean(list(found.residual.values())) < 0.6
+    # On five drives the force is 0.7 to 2.9 % low, which is an error of the law, with deviations of 0.5 to 1.5 %.
+    assert abs(found.forces[""].value - COULOMB) < 0.03 * COULOMB + 3.0 * found.forces[""].deviation
+    assert found.forces[""].deviation < 0.02 * COULOMB
+    assert np.mean(list(found.residual.values())) < 0.25  # 0.17 to 0.22 on five drives
     assert "N" in found.summary()
 
 
@@ -74,12 +73,12 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
 ) -> None:
     found = FrictionSearch(velocities=(0.003, 0.012), reaches=(3e-5, 1e-4, 3e-4)).find(rubbing, experiment)
     assert found.sticks
-    true_reach = COULOMB / STIFFNESS
-    assert found.friction[""].bristle.reach == pytest.approx(true_reach, rel=0.5)
+    # The law is not that of the rig: on five drives, its reach is 0.70 to 0.77 of the rig's bristle.
+    assert found.friction[""].bristle.reach == pytest.approx(0.74 * COULOMB / STIFFNESS, rel=0.08)
     assert abs(found.forces[""].value - COULOMB) < 0.03 * COULOMB + 3.0 * found.forces[""].deviation
     costs = {name: min(tried.cost for tried in found.profile if bool(tried.law.bristle.force) is sticks)
              for name, sticks in (("bristle", True), ("tanh", False))}  # fmt: skip
-    assert costs["bristle"] < 0.8 * costs["tanh"]
+    assert costs["bristle"] < 0.85 * costs["tanh"]  # 0.73 to 0.80 on five drives
 
 
 def test_friction_that_creeps_is_recognised(smooth: list[TimeSeries], experiment: Experiment) -> None:

@@ -42,7 +42,9 @@ def test_every_record_is_recognised_by_what_drives_it(good) -> None:  # type: ig
 
 
 def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ignore[no-untyped-def]
-    for case in good.of_kind("random"):
+    cases = good.of_kind("random")
+    assert cases and all(case.judged for case in cases)
+    for case in cases:
         for output in case.judged:
             # White noise of 1 % at 1250 Hz has 0.2 % below 20 Hz; the measured force has the same noise.
             assert abs(output.level) < 0.003, (case.record.name, output.name)
@@ -59,7 +61,9 @@ def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
 
 
 def test_gain_and_phase_of_sines_are_those_of_the_rig(good) -> None:  # type: ignore[no-untyped-def]
-    for case in good.of_kind("sine"):
+    cases = good.of_kind("sine")
+    assert cases and all(case.sines for case in cases)
+    for case in cases:
         for found in case.sines:
             assert found.gain == pytest.approx(1.0, abs=0.01)
             assert abs(found.phase) < np.radians(0.5)

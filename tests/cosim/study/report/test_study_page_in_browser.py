@@ -193,7 +193,7 @@ def test_the_tied_setups_are_compared_side_by_side_with_one_click(opened, chosen
     opened.click("#compare-ties")
     opened.browser.until("document.querySelector('#side-by-side thead th')")
     heads = opened.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
-    assert all(f"setup {number}" in heads for number in chosen.ties[:5])
+    assert len(chosen.ties) > 1 and all(f"setup {number}" in heads for number in chosen.ties[:5])
 
 
 @pytest.mark.slow

@@ -69,6 +69,7 @@ def test_setups_are_ranked_feasible_first_then_infeasible_then_failed(sheet, few
 
 
 def test_levels_range_from_the_lowest_to_the_highest_setup(sheet):
+    assert sheet.measures
     for column in sheet.measures:
         levels = column.levels[np.isfinite(column.values)]
         assert (levels.min(), levels.max()) == (0.0, 1.0)
