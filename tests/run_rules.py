@@ -1,5 +1,7 @@
 """Rules of every run of the tests: an unmarked test is cheap, a skip is declared, nightly tests run on request.
 
+`repeated` marks a claim whose cases differ in cost, not in kind: one represents it daily, the others run nightly.
+
 A test that breaks a rule fails, and says what to do. tests/conftest.py loads this module as a plugin of pytest.
 """
 
@@ -10,12 +12,15 @@ import re
 import shutil
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from packaging.markers import Marker
+
+from eightpost.cache import cache_folder
 
 try:
     import resource
@@ -32,6 +37,9 @@ WALL_LIMIT = 15.0
 
 #: File of the expected skips, from the folder of pyproject.toml.
 EXPECTED_SKIPS = Path("tests", "expected_skips.toml")
+
+#: Folders in which numba keeps machine code.
+_NUMBA = tuple(Path(__file__).parents[1].glob("eightpost/**/__pycache__"))
 
 _expected = pytest.StashKey[tuple["ExpectedSkip", ...]]()
 
@@ -96,6 +104,16 @@ def too_expensive(processor: float, wall: float) -> str:
     )
 
 
+def last_compilation() -> int:
+    """Return the time at which machine code was last kept: in the cache, and beside the sources as numba does [ns].
+
+    A test that compiled what all later runs read is not expensive: it was only the first.
+    """
+    cache = cache_folder()
+    folders = [*(cache.iterdir() if cache.is_dir() else ()), *_NUMBA]
+    return max((folder.stat().st_mtime_ns for folder in folders if folder.is_dir()), default=0)
+
+
 def undeclared(test: str, reason: str, config: pytest.Config) -> str:
     """Return why a skipped test fails; an empty text if a table of tests/expected_skips.toml expects the skip."""
     if any(skip.allows(test, reason, config.rootpath) for skip in config.stash[_expected]):
@@ -119,8 +137,22 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[_expected] = read_expected_skips(config.rootpath / EXPECTED_SKIPS)
 
 
+def mark_repetitions(items: Sequence[pytest.Item]) -> None:
+    """Mark the cases that repeat a claim as nightly: `repeated(2)` keeps the first two, `repeated("knots")` those ids."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        for marker in item.iter_markers("repeated"):
+            test = item.nodeid.partition("[")[0]
+            texts = [text for text in marker.args if isinstance(text, str)]
+            is_daily = any(text in item.nodeid for text in texts) if texts else seen[test] < (marker.args or (1,))[0]
+            seen[test] += 1
+            if not is_daily:
+                item.add_marker("nightly")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out nightly tests, unless `-m` says something about them."""
+    mark_repetitions(items)
     if "nightly" in config.getoption("markexpr"):
         return
     nightly = [item for item in items if item.get_closest_marker("nightly")]
@@ -132,9 +164,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test that passed, is not marked, and is too expensive."""
-    processor, wall = processor_time(), time.monotonic()
+    processor, wall, compiled = processor_time(), time.monotonic(), last_compilation()
     yield
-    if not any(map(item.get_closest_marker, ("slow", "nightly"))):
+    if not any(map(item.get_closest_marker, ("slow", "nightly"))) and compiled == last_compilation():
         processor, wall = processor_time() - processor, time.monotonic() - wall
         if reason := too_expensive(processor, wall):
             pytest.fail(reason, pytrace=False)

@@ -49,6 +49,7 @@ def test_unsafe_entries_are_refused_before_anything_is_written(tmp_path, entries
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.nightly
 def test_a_bomb_is_refused_at_once_with_its_size_and_the_limit(tmp_path):
     packed(tmp_path / "bomb.fmu", ("resources/zeros", bytes(100_000_000)))
     begun = time.process_time()

@@ -17,7 +17,7 @@ def test_there_is_a_shock_for_every_build_of_table_7_3():
     assert sorted(path.stem for path in (EXAMPLES / "bank").iterdir()) == sorted(b.replace("/", "_") for b in BUILDS)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_build_of_the_bank_is_reproduced_by_its_script(tmp_path):
     spec = importlib.util.spec_from_file_location("make_bank", EXAMPLES / "make_bank.py")
     module = importlib.util.module_from_spec(spec)

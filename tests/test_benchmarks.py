@@ -21,6 +21,8 @@ from benchmarks.summary import reaches, summary
 from benchmarks.table import markdown
 from eightpost.signals import TimeSeries
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).resolve().parents[1]
 KEYS = {
     "engine", "scheme", "damping", "rate_hz", "us_per_step", "error_velocity_percent", "error_tire_force_percent",

@@ -16,6 +16,8 @@ from eightpost.rig.post import Actuators, track_drive, truth_named
 from eightpost.shock import read_shock
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
+pytestmark = pytest.mark.nightly
+
 BANK = Path(__file__).resolve().parents[1] / "examples" / "bank"
 
 

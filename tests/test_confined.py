@@ -21,6 +21,7 @@ def record(tmp_path):
     return tmp_path / "run.mat"
 
 
+@pytest.mark.nightly
 def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkeypatch):
     (tmp_path / "crashes.py").write_text("import os\n\n\ndef read(path):\n    os.kill(os.getpid(), 11)\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -47,7 +47,7 @@ def shorten_study(path):
     path.write_text(text.replace('# lf = ["C/B", "C/C"]', few))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_shipped_settings_and_study_run(workplace, monkeypatch):
     shorten_study(workplace / "examples" / "study.toml")
     monkeypatch.chdir(workplace)
@@ -67,6 +67,7 @@ def holding(fmu, folder):
     return folder / fmu.name
 
 
+@pytest.mark.nightly
 def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "shock.json")
     (tmp_path / "ramping").mkdir()
@@ -93,6 +94,7 @@ def test_the_loop_with_fmpy_only_agrees_with_the_master(workplace, shocks, tmp_p
     assert change == pytest.approx(tire[-1] - tire[0], abs=0.5)
 
 
+@pytest.mark.nightly
 def test_the_quarter_car_example_runs(workplace, shocks):
     write_shock(shocks["lpnl2"], workplace / "dist" / "dyno_A.json")
     build([workplace / "dist" / "dyno_A.json", workplace / "examples" / "corner.toml"], workplace / "dist")
@@ -105,6 +107,7 @@ def test_the_quarter_car_example_runs(workplace, shocks):
     assert any("counts twice" in note for note in result.notes), "the test's shock has a gas preload of its own"
 
 
+@pytest.mark.nightly
 def test_the_demo_data_are_the_output_of_their_script(tmp_path):
     """Bytes may differ between versions of numpy and scipy; the samples may not."""
     shutil.copy(ROOT / "examples" / "make_demo_data.py", tmp_path)

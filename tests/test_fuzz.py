@@ -10,6 +10,8 @@ from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
 from benchmarks.fuzz.worker import make_mutant
 
+pytestmark = pytest.mark.nightly
+
 MUTANTS, SEED = 200, 20261122
 
 

@@ -21,6 +21,8 @@ from cosim import Scenario
 from eightpost.shock import Port
 from eightpost.signals import Drivefile, TimeSeries
 
+pytestmark = pytest.mark.nightly
+
 #: The systems that every change is tried on.
 FIXED = range(1000, 1040)
 

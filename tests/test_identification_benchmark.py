@@ -18,6 +18,8 @@ from benchmarks.identification_seeds import over_seeds
 from eightpost.ident.vehicle.port_laws import bristle_force
 from eightpost.vehicle import Bristle
 
+pytestmark = pytest.mark.nightly
+
 RATE = 250.0
 
 

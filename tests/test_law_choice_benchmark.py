@@ -17,6 +17,8 @@ from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
+pytestmark = pytest.mark.nightly
+
 LPNL2_POLYNOMIAL, LPNL2_KNOTS, HYSTERESIS = ("lpnl2", "polynomial"), ("lpnl2", "knots"), ("hysteresis", "knots")
 
 

@@ -32,6 +32,7 @@ def flipped(content):
     return content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :]
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("damage", [lambda content: b"", cut, flipped], ids=["empty", "cut", "flipped"])
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 def test_damaged_machine_code_is_compiled_again_with_a_warning(fresh, tmp_path, caplog, damage, suffix):

@@ -29,6 +29,7 @@ RECORDS = {
 NUMBERS = ("static", "simulation", "reset", "steps", "initial_dependencies", "dependencies", "derivatives", "ports")
 
 
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="EIGHTPOST_DATA does not name the folder of measured records")
 @pytest.mark.parametrize("record", RECORDS)

@@ -62,6 +62,7 @@ def test_the_stars_of_parameters_and_arguments_are_not_multiplications():
     assert len(python_sites("a = b * c\n")) == len(python_sites("a = f(b * c)\n")) == 1
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("area", read_areas(), ids=lambda area: area.name)
 def test_every_area_has_sources_places_to_change_and_tests(area):
     assert len(area.files()) > 0
@@ -92,7 +93,6 @@ def test_a_sample_is_random_repeatable_and_grows_at_its_end():
     assert first != [mutant.key for mutant in mutants(LAG, 2)]
 
 
-@pytest.mark.slow
 def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkeypatch):
     monkeypatch.setattr(compileall, "compile_dir", lambda *_, **__: None)  # two trials do not repay it
     tree, path = copy_tree(tmp_path / "tree", tmp_path / "cache"), "eightpost/shock/lag.py"

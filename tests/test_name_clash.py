@@ -123,6 +123,7 @@ stop = "0.1 s"
 """
 
 
+@pytest.mark.nightly
 def test_an_isolated_fmu_runs_from_a_folder_with_clashing_names(fmus, crowded):
     files = {"car": fmus["quarter_car"].as_posix(), "shock": fmus["lpnl2"].as_posix(), "root": ROOT.as_posix()}
     (crowded / "system.toml").write_text(SYSTEM.format(**files), encoding="utf-8")

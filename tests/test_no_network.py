@@ -78,6 +78,7 @@ def imported(tree: ast.AST) -> set[str]:
     return found
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("package", ["builder", "cosim", "eightpost", "fmus"])
 def test_no_source_imports_a_function_for_connections(package):
     faults = []

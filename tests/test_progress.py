@@ -74,6 +74,7 @@ def test_work_in_threads_is_reported_while_it_goes_on():
     assert len(calls) >= 4
 
 
+@pytest.mark.nightly
 @given(st.lists(st.lists(st.floats(0.0, 10.0), min_size=1, max_size=5).map(sorted), min_size=1, max_size=4))
 def test_work_that_begins_again_is_added(rounds):
     told = []

@@ -18,6 +18,8 @@ from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).resolve().parents[1]
 KEYS = {"record", "law", "fit_percent", "validation_percent", "seconds"}
 WEN = BoucWen(1500.0, 800.0, 4e4, 30.0, reach=2e-3, share=0.7, exponent=1.6, reference=0.0)

@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks.startup import FIRST, HELP, HELPS, LATER, Times, beyond_limits, table
 
+pytestmark = pytest.mark.nightly
+
 SLOW, *OTHERS = HELPS
 
 

@@ -90,6 +90,7 @@ def test_a_unit_with_an_unsupported_dimension_is_refused():
         units.si_unit("count")
 
 
+@pytest.mark.slow
 def test_the_table_of_common_units_agrees_with_pint():
     """To the last bit, in a process of its own: the last bits of pint depend on what it has converted before.
 

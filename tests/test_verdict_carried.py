@@ -112,6 +112,7 @@ def test_a_measurement_lag_and_an_exceeded_range_are_reported_from_the_fit_to_th
         assert reason.statement in html.unescape(page)
 
 
+@pytest.mark.nightly
 def test_an_fmu_without_a_verdict_is_unknown_and_its_coupling_is_still_judged(
     folder: Path,
 ) -> None:
@@ -194,6 +195,7 @@ def test_a_vehicle_file_keeps_its_verdict(tmp_path: Path) -> None:
     assert Validity.from_json(json.loads(members[MEMBER])) == known
 
 
+@pytest.mark.slow
 def test_validation_writes_its_verdict_into_the_shock_when_asked(tmp_path: Path) -> None:
     fitted = fit_shock(read_dyno_test(EXAMPLES / "data" / "dyno_A.csv"), "polylinear", name="A").shock
     write_shock(fitted, tmp_path / "A.json")

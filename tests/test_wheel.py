@@ -66,6 +66,7 @@ def test_the_source_distribution_contains_the_checkout(sdist):
     assert not {name.split("/")[0] for name in names} & {".git", ".venv", "build", "demo", "dist", "out"}
 
 
+@pytest.mark.nightly
 def test_a_wheel_built_from_the_source_distribution_has_the_same_files(wheel, sdist, tmp_path):
     (tmp_path / "wheel").mkdir()
     again = hatchling("wheel", unpacked(sdist, tmp_path), tmp_path / "wheel")
@@ -73,6 +74,7 @@ def test_a_wheel_built_from_the_source_distribution_has_the_same_files(wheel, sd
     assert contents[0] == contents[1]
 
 
+@pytest.mark.nightly
 def test_an_unpacked_wheel_builds_an_fmu_without_the_checkout(wheel, tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     script = (

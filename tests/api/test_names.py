@@ -32,6 +32,7 @@ def test_a_name_loads_no_numerical_library_before_it_is_called():
     assert not {"numpy", "scipy", "numba", "cosim", "builder", "matplotlib", "pandas"} & loaded
 
 
+@pytest.mark.nightly
 def test_no_module_below_loads_the_api():
     loaded = loaded_after(f"import {', '.join(BELOW)}")
     assert set(BELOW) <= loaded

@@ -30,6 +30,7 @@ def fit(test):
     return ep.fit(test, "lpf1", gas="included", order=5)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("file, kind", [
     ("data/dyno_A.csv", "DynoTest"), ("data/track.parquet", "Drivefile"), ("bank/B_B.json", "Shock"),
     ("car.toml", "StructuralVehicle"),

@@ -71,6 +71,8 @@ def in_slave(old, new):
     return alter
 
 
+@pytest.mark.repeated("lpf1-20 groups", "lpnl2-5 groups")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "groups"),
     [
@@ -87,11 +89,13 @@ def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name, groups):
     assert report.done == tuple(GROUPS[group].title for group in groups)
 
 
+@pytest.mark.nightly
 def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
     report = check(fmus["quarter_car"], groups=("rebuild",))
     assert report.findings == ()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "left_out", [SLOW_IN_PYTHON, pytest.param((), marks=pytest.mark.nightly)], ids=["quick groups", "all groups"]
 )
@@ -103,6 +107,7 @@ def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_ne
     assert not report.acceptable
 
 
+@pytest.mark.nightly
 def test_the_standard_scope_leaves_only_errors(python_fmus):
     report = check(python_fmus["lpnl2"], scope=Scope.STANDARD, groups=("static", "state_machine"))
     assert rules(report) == {"stop-time", "guid-checked"}
@@ -153,6 +158,8 @@ NOT_OFFERED = {
 }
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOT_OFFERED)
 def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name, tmp_path):
     """Check FMUs with features that ours lack: integers, strings, enumerations, aliases, one instance per process."""
@@ -168,6 +175,8 @@ def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name,
     }
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["-DENDS_AT=1.5", "-DENDS_AT=6.5", "-DSTOPS_AT=7.5"])
 def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule_of_the_standard(end, tmp_path):
     groups = tuple(group for group in GROUPS if group not in ("tools", "instances"))
@@ -177,6 +186,7 @@ def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule
     assert any(skipped.what.startswith("reset: a reset later than") for skipped in report.skipped)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("fault", ["-DRESET_KEEPS_TIME", "-DRESET_FAILS_AFTER=900"])
 def test_a_reset_that_keeps_the_time_or_fails_late_is_reported(fault, tmp_path):
     """Check two defects: a reset that keeps the time (20-sim), and one that fails after twice the 500 steps."""
@@ -192,6 +202,7 @@ def test_an_undeclared_log_category_of_a_refused_call_is_reported(tmp_path):
     ]
 
 
+@pytest.mark.nightly
 def test_the_full_check_reports_drop_in_findings_but_no_error_for_a_foreign_fmu(tmp_path):
     report = check(foreign_fmu("van_der_pol", tmp_path))
     assert report.of(Level.ERROR) == ()
@@ -216,6 +227,7 @@ def leaving_only(*kept):
     return alter
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("kept", "has"), [(("binaries/win64/",), "win64, sources"), ((), "sources")], ids=["only win64", "only sources"]
 )
@@ -250,6 +262,7 @@ class Plain(Fmi2Slave):
 """
 
 
+@pytest.mark.nightly
 def test_an_fmu_built_only_with_pythonfmu_breaks_the_known_rules(tmp_path):
     (tmp_path / "plain.py").write_text(PLAIN, encoding="utf-8")
     line = [sys.executable, "-m", "pythonfmu", "build", "-f", "plain.py"]
@@ -258,6 +271,7 @@ def test_an_fmu_built_only_with_pythonfmu_breaks_the_known_rules(tmp_path):
     assert rules(report) == {"fmpy-validate", "initial-unknowns", "stop-time", "guid-checked"}
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("alter", "rule", "message"),
     [
@@ -290,6 +304,7 @@ def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monk
         check(fmus["lpf1"], groups=("simulation",))
 
 
+@pytest.mark.slow
 def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
     monkeypatch.setattr(process, "_TIMEOUT", 2.0)
     hang = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        while True: pass")

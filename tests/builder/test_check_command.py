@@ -105,6 +105,7 @@ def test_a_folder_is_rejected(quickly, tmp_path):
     assert "is a folder, not an .fmu file" in " ".join(shown.stderr.split())
 
 
+@pytest.mark.nightly
 def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
     report = check(fmus["lpf1"], groups=("static", "footprint", "surroundings"))
     console = Console(file=io.StringIO(), width=40)

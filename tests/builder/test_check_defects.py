@@ -143,6 +143,7 @@ def test_the_table_has_enough_defects():
     assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= defects.RULES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ON_FILE)
 def test_a_defect_in_the_files_is_found_by_its_rule(name, fmus, tmp_path):
     defect = ON_FILE[name]
@@ -155,6 +156,7 @@ def compiled(tmp_path_factory):
     return defects.recompiler(tmp_path_factory)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bundle", BUNDLES)
 def test_defects_in_the_code_are_found_by_their_rules(bundle, fmus, tmp_path, compiled):
     first, *others = (IN_CODE[name] for name in BUNDLES[bundle])
@@ -171,6 +173,8 @@ def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compile
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)
 
 
+@pytest.mark.repeated("polylinear")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({defect.fmu for defect in IN_CODE.values()}))
 def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
     groups = tuple({group for defect in IN_CODE.values() for group in defect.groups} - {"static"})
@@ -211,6 +215,7 @@ def compressed_otherwise(new: zipfile.ZipFile, entry: zipfile.ZipInfo, content: 
     new.writestr(entry.filename, content, compress_type=zipfile.ZIP_LZMA)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("edit", "rule"),
     [

@@ -75,6 +75,7 @@ def test_undeclared_feedthrough_is_reported_but_no_mixture_of_powers_of_the_step
     assert hidden == (["dependency-hidden"] if has_any else [])
 
 
+@pytest.mark.nightly
 def test_all_declared_dependencies_of_a_python_car_are_observed(python_fmus):
     """Its ride heights depend on roads at once, and the motion of the chassis begins below rounding."""
     report = check(python_fmus["seven_dof"], groups=("dependencies",))

@@ -22,6 +22,7 @@ def found_by_fmpy(names):
     return validate_names(SimpleNamespace(variableNamingConvention="structured", modelVariables=variables))
 
 
+@pytest.mark.nightly
 @settings(max_examples=8)
 @given(st.lists(st.from_regex(tools._PLAIN_NAME, fullmatch=True).filter(lambda name: len(name) < 30), max_size=4))
 def test_fmpy_accepts_every_plain_name(names):
@@ -45,6 +46,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("change", CHANGES)
 def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
     (old, new), word = CHANGES[change]

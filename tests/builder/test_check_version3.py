@@ -52,6 +52,7 @@ def rules(report):
 # ---- Our own FMUs ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_our_fmu_of_fmi_3_for_one_platform_breaks_no_other_rule(fmus3):
     report = check(fmus3["polylinear"], groups=QUICK)
     assert rules(report) == {"platforms"}
@@ -128,6 +129,7 @@ def bank(tmp_path_factory):
     return defects.foreign_fmu("filter_bank", tmp_path_factory.mktemp("bank"))
 
 
+@pytest.mark.nightly
 def test_a_foreign_fmu_with_arrays_and_clocks_breaks_no_rule_of_the_standard(bank):
     groups = ("static", "tools", "simulation", "state_machine", "model_exchange", "version_3")
     report = check(bank, groups=groups)
@@ -146,6 +148,7 @@ def test_a_foreign_fmu_with_arrays_and_clocks_passes_the_standard(bank):
     }  # fmt: skip
 
 
+@pytest.mark.nightly
 def test_an_fmu_of_fmi_3_that_ends_the_simulation_breaks_no_rule(tmp_path):
     report = check(defects.foreign_fmu("filter_bank", tmp_path, "-DENDS_AT=0.1"), groups=("simulation", "version_3"))
     assert (report.of(Level.ERROR), report.groups) == ((), ("simulation", "version_3"))
@@ -162,6 +165,7 @@ def changed(fmu, folder, old, new):
 WITHOUT_STEPS = b'  <CoSimulation modelIdentifier="filter_bank" hasEventMode="true" fixedInternalStepSize="0.01"/>\n'
 
 
+@pytest.mark.nightly
 def test_an_fmu_for_model_exchange_alone_is_checked_for_what_fmi_3_adds(bank, tmp_path):
     report = check(changed(bank, tmp_path, WITHOUT_STEPS, b""), groups=("version_3", "model_exchange"))
     assert [(f.rule.identifier, f.message) for f in report.findings] == [
@@ -349,6 +353,7 @@ def test_an_entry_named_by_a_dot_alone_is_a_finding_and_no_traceback(bank, tmp_p
 HUGE = "9" * 5000
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -114,6 +114,7 @@ def test_a_shock_velocity_has_no_direct_term_in_a_shock_force(fmus):
         assert [d.name for d in unknown.dependencies if d.causality == "input"] == []
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ALL)
 def test_the_same_source_gives_the_same_bytes_and_another_source_another_guid(fmus, shocks, tmp_path, name):
     if name in shocks:

@@ -45,6 +45,7 @@ def test_the_xml_files_are_valid_against_the_schemas_of_fmi_3(fmus3, name):
         etree.XMLSchema(etree.parse(str(folder / schema))).assertValid(etree.fromstring(members[member]))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ALL)
 def test_the_validator_of_fmpy_reports_nothing(fmus3, name):
     assert validate_fmu(str(fmus3[name])) == []
@@ -187,6 +188,7 @@ def versions(folder):
     return {path.name: xml_of(path).get("fmiVersion") for path in Path(folder).glob("*.fmu")}
 
 
+@pytest.mark.slow
 def test_build_writes_the_versions_that_are_asked_for_with_the_same_bytes_each_time(run, shock, fmus3, tmp_path):
     usual = run(shock, "-o", tmp_path / "usual")[0]
     assert run(shock, "--fmi", "3", "-o", tmp_path / "three")[0] == usual
@@ -200,6 +202,7 @@ def test_build_writes_the_versions_that_are_asked_for_with_the_same_bytes_each_t
     assert xml_of(tmp_path / "all" / "lpnl2_fmi3.fmu").find("CoSimulation").get("modelIdentifier") == "lpnl2_fmi3"
 
 
+@pytest.mark.nightly
 def test_a_confidential_fmu_has_no_sources_and_gives_the_same_outputs(run, shock, fmus3, tmp_path):
     run(shock, "--fmi", "3", "--confidential", "-o", tmp_path / "out")
     (path,) = (tmp_path / "out").glob("*.fmu")
@@ -241,6 +244,7 @@ def test_build_refuses_the_same_from_python(shock, tmp_path):
         build([shock], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
 
 
+@pytest.mark.nightly
 def test_an_assembly_is_built_for_fmi_3_from_the_command_line(run, shock, fmus, tmp_path):
     (tmp_path / "corner.toml").write_text(
         f"""

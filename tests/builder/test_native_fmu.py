@@ -56,6 +56,7 @@ def test_the_binary_contains_its_guid_which_is_a_digest_of_the_content(fmus, nam
     assert guid.encode() in members["sources/interface.h"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["lpnl2", pytest.param("seven_dof", marks=pytest.mark.nightly)])
 def test_fmpy_compile_rebuilds_the_fmu_and_the_rebuilt_one_gives_the_same_outputs(fmus, tmp_path, name):
     if shutil.which("cmake") is None or shutil.which("cc") is None:
@@ -85,6 +86,7 @@ def is_disclosed(value, content):
     return any(f"{value:.{digits}g}".encode() in content for digits in (6, 9, 12, 17))
 
 
+@pytest.mark.slow
 def test_a_confidential_fmu_discloses_neither_the_curve_nor_its_sources(shocks, tmp_path):
     law = shocks["lpnl2"].law
     inner = (1812.34567, *law.curve.inner[1:14], 31.4159265)
@@ -105,6 +107,7 @@ def test_a_confidential_fmu_discloses_neither_the_curve_nor_its_sources(shocks, 
                 assert not is_disclosed(value, content), (name, value)
 
 
+@pytest.mark.nightly
 def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path):
     pictures = []
     for law in ("lpf1", "lpnl2"):
@@ -133,6 +136,7 @@ def test_a_python_fmu_cannot_be_confidential(shocks, tmp_path):
         build([tmp_path / "front.json"], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
 
 
+@pytest.mark.slow
 def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path):
     write_shock(shocks["lpf1"], tmp_path / "front.json")
     built = build([tmp_path / "front.json"], tmp_path / "out", target="all")
@@ -143,6 +147,7 @@ def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"front.fmu", "front_python.fmu"}
 
 
+@pytest.mark.nightly
 def test_without_zig_the_build_is_for_this_platform_and_reports_that(shocks, tmp_path, monkeypatch):
     system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
     monkeypatch.setattr("builder.build.find_toolchain", lambda: system)

@@ -52,6 +52,8 @@ def settings_and_moves(count=60):
         yield setting, changed, 10.0 ** random.uniform(-5.0, -2.0), float(random.uniform(-1.3, 1.3))
 
 
+@pytest.mark.repeated(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("temperature_input", [False, True])
 @pytest.mark.parametrize("target", ["native", "python"])
 @pytest.mark.parametrize("name", SHOCKS)
@@ -105,6 +107,7 @@ def test_the_verdict_of_a_run_states_where_the_setting_is(built, fmus, parameter
     assert reasons[0].origin == "component shock"
 
 
+@pytest.mark.nightly
 def test_fmi_3_gives_the_same_forces_as_fmi_2(built):
     forces = []
     for fmi in ("2", "3"):

@@ -85,6 +85,7 @@ def run_fmu(fmu, moves):
     return np.array(rows)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), moves=steps)
@@ -167,6 +168,7 @@ def test_a_restored_state_continues_bit_for_bit_also_when_serialized(python_comp
     assert ahead() == first
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", LAWS)
 def test_reset_restores_every_default(python_component, name):
     fmu = python_component(name, motion_ratio=0.7, **{"curve.inner[1]": 1790.0})

@@ -68,6 +68,7 @@ def test_the_equilibrium_start_can_be_disabled(python_component):
     assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
 
 
+@pytest.mark.nightly
 def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file(tmp_path):
     vehicle = read_vehicle(shipped("seven_dof"))
     static = {"lf.tire_force": 3000.0, "front.ride_height": 0.1}
@@ -113,6 +114,7 @@ def ports_of(name, stepper):
     return suspension.ports_of(stepper, forces, [model.output_names.index(v) for v in at_ports(name, "velocity")])
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", CARS)
 def test_friction_equals_the_librarys_and_is_tunable_during_the_run(python_component, name):
     model, rng = model_of(name), np.random.default_rng(7)
@@ -227,6 +229,7 @@ def test_every_port_has_tunable_friction_with_display_units(python_fmus, name):
             assert (found.displayUnit, float(found.start), float(found.min)) == (display, start, least)
 
 
+@pytest.mark.nightly
 def test_only_ports_with_a_force_and_a_velocity_have_friction(tmp_path):
     model = model_of("seven_dof").select(outputs=("heave", "lf.velocity"))
     write_vehicle(tmp_path / "some.json", IdentifiedVehicle("some", model))

@@ -113,7 +113,7 @@ def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fmus, tmp_path):
     for name, shock in (("a", "lpnl2"), ("b", "lpf1")):
         (tmp_path / f"{name}.toml").write_text(

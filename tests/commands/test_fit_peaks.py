@@ -59,6 +59,7 @@ def test_a_table_together_with_another_file_is_refused(table, tmp_path):
     assert "fit it alone" in shown
 
 
+@pytest.mark.nightly
 def test_the_gas_force_of_a_table_is_kept_left_out_or_part_of_the_curve(tmp_path):
     """150 N of gas: both strokes of a symmetric valve are shifted by it, and the points at rest show it."""
     path = tmp_path / "gas.csv"

@@ -15,6 +15,7 @@ def inspect(*words):
     return shown.exit_code, shown.output
 
 
+@pytest.mark.slow
 def test_a_good_record_is_shown_with_columns_ranges_and_runs():
     code, shown = inspect(DATA / "dyno_C.csv")
     assert code == 0, shown
@@ -23,6 +24,7 @@ def test_a_good_record_is_shown_with_columns_ranges_and_runs():
     assert "warning" not in shown
 
 
+@pytest.mark.nightly
 def test_a_suspicious_sample_is_a_warning_with_exit_code_1(tmp_path):
     lines = (DATA / "dyno_C.csv").read_text().splitlines()
     header = next(i for i, line in enumerate(lines) if "[" in line)

@@ -38,6 +38,7 @@ def run(lines, folder, monkeypatch):
         assert (program, code) == ("eightpost", 0), f"{line}\n{text}"
 
 
+@pytest.mark.nightly
 def test_the_commands_up_to_the_coupled_run_succeed(folder, monkeypatch):
     """Two seconds after settling show what ten show; the study takes longer than all others together."""
     text = (folder / "system.toml").read_text(encoding="utf-8")

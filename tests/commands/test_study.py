@@ -52,6 +52,7 @@ def file(tmp_path, fmus) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file, tmp_path):
     options = ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1", "--trace", "0"]
     done = CliRunner().invoke(main, options)
@@ -68,7 +69,7 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a group of processes as a POSIX terminal does")
 def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resumes(file, tmp_path):
     fmu = re.search(r'stiff = ("[^"]*")', file.read_text())[1]
@@ -113,6 +114,7 @@ def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.nightly
 def test_ctrl_c_while_the_certainty_is_computed_keeps_the_complete_table(file, tmp_path, monkeypatch):
     def interrupted(*_args, **_options):
         raise KeyboardInterrupt

@@ -76,28 +76,25 @@ def column(errors, scheme, quantity):
     return np.array([errors[scheme, step][f"error_{quantity}_percent"] for step in STEPS])
 
 
-@pytest.mark.slow
 def test_gauss_seidel_at_1_ms_has_errors_below_half_a_percent_in_shock_velocity_and_tire_force(errors):
     row = errors["gauss-seidel", 0.001]
     assert row["error_velocity_percent"] < 0.5
     assert row["error_tire_force_percent"] < 0.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["velocity", "tire_force"])
 def test_gauss_seidel_with_ramped_values_is_second_order(errors, quantity):
     slopes = -np.diff(np.log2(column(errors, "gauss-seidel", quantity)))
     assert slopes == pytest.approx(2.0, abs=0.15)
 
 
-@pytest.mark.slow
 def test_jacobi_is_first_order_with_more_than_five_times_the_error_of_gauss_seidel(errors):
     slopes = -np.diff(np.log2(column(errors, "jacobi", "velocity")))
     assert slopes == pytest.approx(1.0, abs=0.15)
     assert (column(errors, "jacobi", "velocity") > 5.0 * column(errors, "gauss-seidel", "velocity")).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(bench, damped):
     """docs/how_to/import.md: at 1 kHz the error of such a host is several percent."""
     host = benchmark("plain_host")
@@ -170,7 +167,7 @@ def test_coupled_fmus_with_linear_shocks_match_the_closed_loop_of_python_control
     check_linear(linear_errors(build_fmus, drive, law, damper, tmp_path, LINEAR_STEPS))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_coupled_fmus_with_linear_lagged_shocks_match_the_closed_loop_of_python_control(build_fmus, drive, tmp_path):
     """30 lbf/(in/s) behind a lag of 1.3 ms."""
     rate, tau = 30.0 * 175.12683524647636, 0.0013
@@ -186,6 +183,7 @@ def check_linear(errors):
         assert -np.diff(np.log2(rows)) == pytest.approx(3.0, abs=0.1)
 
 
+@pytest.mark.nightly
 def test_a_coupled_run_starts_in_the_cars_equilibrium_including_the_gas_force(build_fmus, shocks, tmp_path):
     """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=500.0, gas_stiffness=700.0))

@@ -27,6 +27,7 @@ def test_a_component_error_that_mentions_divergence_is_not_treated_as_a_diverged
     assert sum(entry == ("started",) for entry in mass.log) == 1
 
 
+@pytest.mark.nightly
 def test_a_vehicle_that_refuses_a_step_of_a_diverging_coupling_is_retried(fmus):
     """Its port spring grows with the square of the displacement, so that it refuses before signals are at the limit."""
     components = {

@@ -86,6 +86,8 @@ def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, s
     return compiled
 
 
+@pytest.mark.repeated("[jacobi", "[gauss", "[implicit", "jacobi held")
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [*EXPLICIT, *REPEATING], ids=named)
 def test_the_compiled_and_the_interpreted_loop_give_bit_identical_results(
     seven_dof: Join, track: Drivefile, algorithm: Algorithm
@@ -102,6 +104,7 @@ def linear_damper(make: Any, *, ramps: bool) -> Any:
     return make.component(ports, lambda _, u: {"force": 900.0 * u["velocity"]}, capabilities=capabilities)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("ramps", [False, True], ids=["holds", "ramps"])
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
 def test_python_components_coupled_to_native_ones_give_bit_identical_results_in_both_loops(
@@ -112,6 +115,7 @@ def test_python_components_coupled_to_native_ones_give_bit_identical_results_in_
     assert np.ptp(result.series["rr.force"]) > 10.0
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("engine", ["compiled", "python"])
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=named)
 def test_input_derivatives_are_set_only_if_coupling_values_change_over_a_step(
@@ -153,6 +157,7 @@ assert not {"llvmlite", "numba"} & set(sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_interpreted_runs_load_no_compiler_and_give_bit_identical_results(
     quarter_cars: Join, bumps: Drivefile, fmus: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -209,6 +214,7 @@ def test_runs_in_two_threads_are_bit_identical_to_sequential_runs(quarter_cars: 
             check_equal(one, other)
 
 
+@pytest.mark.nightly
 def test_the_compiled_loop_releases_the_gil(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -234,6 +240,8 @@ def test_the_compiled_loop_releases_the_gil(
     assert max(after - before for before, after in pairwise(seen)) < 0.5 * result.stepping_seconds
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive(relative=1e-9, absolute=NOTHING)], ids=named)
 def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_second(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm
@@ -286,6 +294,7 @@ def shared_parts() -> dict[str, Any]:
     return {}
 
 
+@pytest.mark.nightly
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     algorithm=st.sampled_from([Jacobi("extrapolated"), GaussSeidel(), GaussSeidel(values="held"), Implicit()]),

@@ -46,6 +46,8 @@ def laws(fmus):
         law.close()
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(points=st.lists(POINTS, min_size=2, max_size=6), h=STEPS)
@@ -57,6 +59,7 @@ def test_accepted_points_have_the_forces_of_a_plain_run_with_the_same_ramps_to_t
     assert found == stepped(fmus[name], points, times)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=15)
 @given(data=st.data(), h=STEPS)
@@ -124,6 +127,7 @@ def slopes_beside(force, point, k, distance):
     return np.array(quotients)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", LAWS)
 @given(first=POINTS, second=POINTS, h=st.one_of(st.just(0.0), STEPS))
 @example(first=(1e-8, 0.0), second=(0.0, 0.0), h=0.0078125)  # a kink of the slope, where the time constant has its own

@@ -29,6 +29,7 @@ def refined(join: Join, bumps: Drivefile, algorithm: Algorithm) -> list[Result]:
     return [run(system, scenario, algorithm=algorithm, step=step) for step in STEPS]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("algorithm", "order"),
     [
@@ -67,6 +68,7 @@ def test_local_errors_match_the_exact_ones_of_a_shock_with_a_known_force(make: A
     assert bond.percent == pytest.approx(100.0 * bond.force_error / bond.force_spread)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("algorithm", "order"),
     [(Jacobi(), 1), (GaussSeidel(), 2)],
@@ -133,6 +135,7 @@ def test_an_adaptive_run_that_reaches_its_minimum_step_ends_there_and_reports_it
     assert any("reached its minimum" in note for note in result.notes)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated")], ids=lambda s: str(s.name))
 def test_a_rejected_step_does_not_change_the_result(
     quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi
@@ -161,6 +164,7 @@ def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bump
     assert result.notes == ()
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: str(s.name))
 def test_an_adaptive_run_with_rejected_steps_agrees_with_a_run_at_a_small_fixed_step(
     quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi | Implicit

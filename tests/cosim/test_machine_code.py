@@ -124,6 +124,7 @@ def test_the_cache_key_depends_on_types_processor_and_version(monkeypatch: pytes
     assert len(keys) == 4
 
 
+@pytest.mark.slow
 def test_a_failed_compilation_is_reported() -> None:
 
     with pytest.raises(RuntimeError, match=r"(?s)could not be compiled; engine='python' needs.*TypingError"):
@@ -134,6 +135,7 @@ def _no_integer(number: int) -> int:
     return number.no_such_field  # type: ignore[attr-defined,no-any-return]
 
 
+@pytest.mark.nightly
 def test_the_engine_loads_without_importing_numba() -> None:
     program = "import sys, cosim.engine.loop, cosim.engine.machine_code; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)

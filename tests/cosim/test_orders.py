@@ -131,6 +131,7 @@ def order(rows: Sequence[Any]) -> Any:
     return np.polyfit(np.log2(STEPS), np.log2(np.array(rows)), 1)[0]
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", ORDERS)
 def test_each_scheme_has_its_expected_order_with_linear_shocks(
     linear_car: System, smooth: Drivefile, closed_form: Signals, name: str
@@ -140,6 +141,7 @@ def test_each_scheme_has_its_expected_order_with_linear_shocks(
     assert order(rows) == pytest.approx([expected] * 2, abs=0.15)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [name for name, (_, _, order) in ORDERS.items() if order])
 def test_each_scheme_has_its_expected_order_with_nonlinear_shocks(
     seven_dof: Join, smooth: Drivefile, nonlinear: Signals, name: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import accumulate, pairwise
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -44,6 +45,7 @@ def laid_out(make: Any, wiring: Wiring) -> tuple[Layout, dict[str, str]]:
     return lay_out(Coupling(system, Scenario(1.0), every_step=(), recorded=()), order), takes
 
 
+@pytest.mark.nightly
 @for_any_wiring
 def test_no_component_depends_on_an_earlier_one_of_its_level_and_levels_are_maximal(make: Any, wiring: Wiring) -> None:
     layout, takes = laid_out(make, wiring)

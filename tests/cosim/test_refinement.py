@@ -209,6 +209,7 @@ def true_error(result: Result, damping: float) -> float:
     return 100.0 * float(np.sqrt(np.mean(miss**2)) / np.std(velocity))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("tolerance", [1.0, 0.02, 5e-4])
 def test_the_default_algorithm_halves_its_step_only_until_the_tolerance_is_met(make: Any, tolerance: float) -> None:
     scenario = Scenario(0.4, record_step=0.01)
@@ -256,12 +257,14 @@ def test_the_first_step_divides_the_record_step_and_is_at_most_two_milliseconds(
     assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in notes
 
 
+@pytest.mark.slow
 def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any) -> None:
     result = run(coupled(make, 8000.0), Scenario(0.4), algorithm=Automatic(tolerance=1.0), engine="python")
     assert "comparing runs: 2 ms diverged, 1 ms " in " ".join(result.notes)
     assert result.step < 1e-3
 
 
+@pytest.mark.slow
 def test_gauss_seidel_is_replaced_only_after_two_unstable_runs(parts: Any) -> None:
     """Stable runs never cause a change of scheme, however many of them the tolerance needs."""
 
@@ -336,6 +339,7 @@ def test_fixed_step_components_are_compared_at_half_the_step_if_twice_the_step_d
     assert 0.5 * true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("record_step", "fewest", "every"),
     [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],

@@ -177,6 +177,7 @@ def test_decimated_traces_keep_the_minimum_and_maximum_of_every_interval(monkeyp
     assert kept.values.size <= 200
 
 
+@pytest.mark.nightly
 def test_the_page_of_a_long_run_with_many_channels_is_below_12_mb(make):
     time, rng = np.arange(120_001) * 1e-3, np.random.default_rng(1)
     channels = {f"part.y{k}": ("N", rng.standard_normal(time.size)) for k in range(60)}
@@ -208,6 +209,7 @@ def test_special_characters_in_names_are_escaped(oscillator):
     assert content.count("</script>") == content.count("<script")
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [
@@ -299,6 +301,7 @@ def test_groups_with_different_gains_are_drawn_separately(make):
     assert [group.components for group in drawn] == [("a", "b"), ("c", "d")]
 
 
+@pytest.mark.nightly
 def test_a_component_with_hundreds_of_neighbours_is_drawn_in_part(make):
     hub = make.component(make.table(make.variable("y", "output", "N")), lambda *_: {"y": 0.0})
     components = {"hub": hub} | {f"leaf{k}": make.gain() for k in range(400)}

@@ -132,6 +132,7 @@ def is_marked(result: Result) -> bool:
     return not (result.acceptable and result.is_clean and result.coupling_error <= result.tolerance)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", HARD)
 def test_the_default_algorithm_meets_its_tolerance_or_reports_that_it_does_not(
     hard_run: Callable[..., Result], truths: Any, name: str
@@ -141,6 +142,7 @@ def test_the_default_algorithm_meets_its_tolerance_or_reports_that_it_does_not(
     assert worst <= Automatic().tolerance or is_marked(result)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", HARD)
 def test_the_default_algorithm_states_between_half_and_eight_times_its_true_error(
     hard_run: Callable[..., Result], truths: Any, name: str
@@ -177,6 +179,7 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
             assert 100.0 * np.sqrt(np.mean((one - other) ** 2)) < percent * np.std(other)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
 @pytest.mark.parametrize("algorithm", [Jacobi(), GaussSeidel(), Implicit()], ids=lambda a: str(a.name))
 @pytest.mark.parametrize("step", [0.008, 0.004])

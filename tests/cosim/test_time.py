@@ -65,6 +65,7 @@ def test_steps_and_records_are_at_multiples_of_the_step_and_the_last_step_ends_a
     assert np.abs(result.series["a.y"] - own).max() <= np.spacing(stop)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("algorithm", EXPLICIT, ids=lambda a: f"{a.name} {a.values}")
 def test_recorded_outputs_have_their_values_at_the_recorded_times(make: Any, algorithm: Algorithm) -> None:
     """Both for an output on a connection, read in every step, and for one read only at recorded times."""
@@ -76,6 +77,7 @@ def test_recorded_outputs_have_their_values_at_the_recorded_times(make: Any, alg
         assert series[name] == pytest.approx(series.time, rel=4e-16)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     "algorithm",
     [Jacobi("extrapolated"), GaussSeidel(), Implicit(), Adaptive(relative=1e-3)],
@@ -126,6 +128,7 @@ def integral_errors(make: Any, drive: Drivefile, algorithm: Algorithm, step: flo
     return float(np.abs(series["a.y"] - exact).max())
 
 
+@pytest.mark.nightly
 @same_make
 @given(
     seed=st.integers(0, 1000),
@@ -161,6 +164,7 @@ def test_a_component_that_interpolates_its_inputs_follows_drive_points_within_it
     assert integral_errors(make, rough(0, [0.002] * 84), GaussSeidel(), step, RAMPS) < 1e-14
 
 
+@pytest.mark.nightly
 @same_make
 @given(seed=st.integers(0, 1000), parts=st.floats(0.3, 1.0), algorithm=st.sampled_from(EXPLICIT))
 def test_a_coupled_component_receives_the_exact_mean_of_the_drive_at_steps_up_to_its_interval(

@@ -24,6 +24,7 @@ def script(monkeypatch):
     return module
 
 
+@pytest.mark.nightly
 def test_folders_recipes_and_picture_of_the_page_are_those_of_the_code(script, tmp_path):
     files = script.sources(ROOT)
     script.draw(script.folders(files), tmp_path / "architecture.png")

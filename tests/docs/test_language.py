@@ -10,11 +10,13 @@ from tests import language
 from tests.language import expressions, fragments, python_files, text_files
 
 
+@pytest.mark.slow
 def test_descriptions_of_arguments_begin_with_a_noun_or_verb_phrase() -> None:
     found = [finding for path in python_files() for finding in fragments(path)]
     assert not found, "\n".join(map(str, found))
 
 
+@pytest.mark.slow
 def test_no_text_has_an_expression_that_no_manual_uses() -> None:
     found = [finding for path in text_files() for finding in expressions(path)]
     assert not found, "\n".join(map(str, found))

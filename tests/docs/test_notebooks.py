@@ -36,6 +36,7 @@ def texts(notebook):
                 yield number, text
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("path", [marked(path) for path in sorted(NOTEBOOKS.glob("*.ipynb"))])
 def test_a_notebook_gives_its_kept_outputs(path):
     kept, new = (list(texts(one)) for one in (nbformat.read(path, 4), script().executed(path)))

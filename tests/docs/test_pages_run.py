@@ -144,7 +144,7 @@ def take(shared: Path) -> Callable[..., None]:
     return brought
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_page_of_python_developers_gives_what_it_promises(tmp_path, monkeypatch, take):
     lay_out(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -154,7 +154,7 @@ def test_the_page_of_python_developers_gives_what_it_promises(tmp_path, monkeypa
     assert abs(names["result"].energy["car.lf"].relative) < 1e-2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monkeypatch, take):
     """Three seconds of the run are sufficient.
 

@@ -78,7 +78,6 @@ def parsed(site: Path) -> dict[Path, Parsed]:
     return {page: parse(page) for page in sorted(site.rglob("*.html")) if "_static" not in page.parts}
 
 
-@pytest.mark.slow
 def test_every_page_of_the_folder_is_a_page_of_the_site(site):
     """Pages that no list of contents names are warnings, so that the build fails."""
     sources = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "fmus").glob("*/README.md")]
@@ -86,14 +85,12 @@ def test_every_page_of_the_folder_is_a_page_of_the_site(site):
     assert missing == []
 
 
-@pytest.mark.slow
 def test_no_page_loads_anything_from_a_network(parsed):
     loaded = {url for page in parsed.values() for url in page.loads if urlsplit(url).scheme not in ("", "data")}
     assert loaded == set()
     assert sum(len(page.loads) for page in parsed.values()) > 500
 
 
-@pytest.mark.slow
 def test_no_style_loads_anything_from_a_network(site):
     styles = sorted(site.rglob("*.css"))
     assert styles
@@ -102,7 +99,6 @@ def test_no_style_loads_anything_from_a_network(site):
         assert not re.findall(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", text), style.name
 
 
-@pytest.mark.slow
 def test_every_link_and_anchor_of_the_site_leads_somewhere(site, parsed):
     broken = []
     for page, content in parsed.items():
@@ -118,14 +114,12 @@ def test_every_link_and_anchor_of_the_site_leads_somewhere(site, parsed):
     assert broken == []
 
 
-@pytest.mark.slow
 def test_equations_are_mathml(site):
     text = (site / "fmus" / "shock_lpnl2" / "README.html").read_text(encoding="utf-8")
     assert text.count('<math display="block"') >= 5
     assert "\\frac" not in re.sub(r"<annotation.*?</annotation>", "", text)
 
 
-@pytest.mark.slow
 def test_the_reference_has_the_public_names_with_their_arguments(site):
     text = (site / "docs" / "reference" / "api" / "cosim.html").read_text(encoding="utf-8")
     for name in ("cosim.run", "cosim.System", "cosim.Result.verdict", "cosim.ForceLaw.force"):

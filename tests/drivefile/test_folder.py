@@ -76,6 +76,7 @@ def test_the_exact_car_converges_and_writes_its_files(iteration):
     assert (iteration / "report.html").stat().st_size > 100_000
 
 
+@pytest.mark.slow
 def test_an_interrupted_iteration_resumes_to_the_bit(iteration, tmp_path):
     for passes in (1, 2):
         copy = copy_of(iteration, tmp_path / f"after_{passes}", passes)
@@ -103,6 +104,7 @@ def changed(iteration, path, change):
     return path
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("commands", [True, False])
 def test_a_record_of_a_logger_that_started_earlier_is_synchronised(iteration, tmp_path, commands):
     copy = copy_of(iteration, tmp_path / "copy", 1)
@@ -161,6 +163,7 @@ def test_the_virtual_rig_takes_the_seed_of_the_car(iteration, tmp_path):
     assert "has no random parameters" in shown
 
 
+@pytest.mark.nightly
 def test_an_iteration_that_is_not_accepted_exits_with_1(track, tmp_path):
     """A stroke of 3 mm cannot reproduce the road."""
     start = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", tmp_path / "lap", "--stroke", "3 mm")

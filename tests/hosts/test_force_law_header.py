@@ -99,6 +99,7 @@ def test_a_missing_library_is_named(program, unpacked, tmp_path):
     assert "lpnl2" in line and "cannot be loaded" in line
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("source", [CALLS, HOSTS / "c_host.c", HOSTS / "chrono_style.cpp"], ids=lambda path: path.name)
 def test_the_sources_compile_as_cpp_without_warnings(source, tmp_path):
     compiler = shutil.which("g++") or shutil.which("clang++")
@@ -135,6 +136,7 @@ def test_the_header_runs_clean_under_sanitizers(compiler, unpacked, program, tmp
     assert lines_of(made, unpacked) == lines_of(program, unpacked)
 
 
+@pytest.mark.nightly
 def test_linked_sources_give_the_bits_of_the_library(compiler, unpacked, fmus, tmp_path):
     sources = [str(unpacked / "sources" / name) for name in FmuFile.unpacked(fmus["lpnl2"], unpacked).sources]
     objects = tmp_path / "objects"

@@ -59,6 +59,7 @@ def error(hosts, run):
     return lambda program, loop, step: hosts("reference").errors(run(program, loop, step), SECONDS)
 
 
+@pytest.mark.nightly
 def test_the_reference_is_the_monolithic_solution_of_the_tests(hosts, monolithic):
     reference = hosts("reference")
     law, found = reference.read_shock(reference.SHOCK).law, reference.reference(SECONDS)
@@ -72,6 +73,7 @@ def test_the_reference_is_the_monolithic_solution_of_the_tests(hosts, monolithic
         assert np.abs(ours - true).max() < 2e-5 * true.std()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("loop", "step", "velocity", "tire_force"),
     [
@@ -96,6 +98,8 @@ def test_loop_a_is_about_first_order_and_loop_b_second(error, loop, low, high):
     assert low < math.log2(coarse / fine) < high
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", ["A", "B", "C"])
 @pytest.mark.parametrize("program", ["c_host", "fmpy_host"])
 def test_programs_with_the_same_integrator_have_the_same_motion(run, program, loop):
@@ -104,6 +108,7 @@ def test_programs_with_the_same_integrator_have_the_same_motion(run, program, lo
     np.testing.assert_allclose(other.tire_force, ours.tire_force, atol=1e-4)
 
 
+@pytest.mark.nightly
 def test_an_implicit_host_keeps_its_second_order(error):
     coarse, fine = (error("chrono_host", "C", step)[0] for step in (2e-3, 1e-3))
     assert 1.8 < math.log2(coarse / fine) < 2.3

@@ -231,24 +231,28 @@ def test_fmpy_gives_the_outputs_of_our_component(fmus, tmp_path, name):
     assert_agree(by_fmpy(case, tmp_path), by_our_component(case, tmp_path))
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_c_program_gives_the_outputs_of_our_component(fmus, tmp_path, c_host, name):
     case = case_of(fmus[name])
     assert_agree(by_c_host(case, tmp_path, c_host), by_our_component(case, tmp_path))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", NAMES)
 def test_ecos_gives_the_outputs_of_our_component(fmus, tmp_path, ecos, name):
     case = case_of(fmus[name])
     assert_agree(by_ecos(case, tmp_path, ecos), by_our_component(case, tmp_path))
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_libcosim_gives_the_outputs_of_our_component(fmus, tmp_path, name):
     case = case_of(fmus[name])
     assert_agree(by_libcosim(case, tmp_path), by_our_component(case, tmp_path))
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("start", [0.25, 1234.5])
 def test_a_run_with_a_later_start_time_gives_the_same_outputs(fmus, tmp_path, c_host, name, start):
@@ -266,6 +270,7 @@ def test_a_c_program_loads_from_any_folder(fmus, tmp_path, c_host, folder):
     np.testing.assert_array_equal(found, by_c_host(case, tmp_path, c_host))
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_needs_no_environment_variables_and_writes_no_files_beside_the_library(fmus, tmp_path, c_host, name):
     case, folder = case_of(fmus[name]), tmp_path / "read-only"

@@ -26,6 +26,7 @@ def subjects(fmus, fmus3, request):
     return {(name, 2): Subject(fmus[name], 2, 64), (name, 3): Subject(fmus3[name], 3, 64)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("tool", LIGHT)
 def test_a_tool_gives_the_results_of_the_fmu_stepped_directly(subjects, tool, kind):

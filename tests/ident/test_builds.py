@@ -59,6 +59,7 @@ def tests():
     return [record(law(*scales), 2 * k + i, build) for k, (build, scales) in enumerate(SCALES.items()) for i in (0, 1)]
 
 
+@pytest.mark.nightly
 def test_the_spread_between_builds_is_that_of_their_curves(tests):
     spread = fit_shock(tests, "lpf1", curve="knots").between_builds
     assert spread.builds == tuple(SCALES) and spread.runs == (2, 2, 2, 2)
@@ -114,6 +115,7 @@ def test_one_run_of_each_build_needs_no_fits_of_its_own(tests):
     assert left_out_builds(prepare_runs(tests[::2])) == []
 
 
+@pytest.mark.nightly
 def test_the_choice_of_the_law_states_that_builds_were_left_out(tests):
     choice = choose_law(tests, ("polylinear", "lpf1"), choices=Choices(curve="knots"))
     assert choice.law == "lpf1" and choice.left_out == "builds"
@@ -124,6 +126,7 @@ def test_the_choice_of_the_law_states_that_builds_were_left_out(tests):
     assert document["held_out_runs_percent"] < 2.0
 
 
+@pytest.mark.slow
 def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, tmp_path):
     files = []
     for test in tests[::2][:2]:
@@ -151,6 +154,7 @@ def test_a_build_of_a_file_that_is_not_given_is_refused(tmp_path):
     assert "write FILE=NAME with one of the files: missing.csv" in " ".join(shown.output.split())
 
 
+@pytest.mark.nightly
 def test_the_recipe_of_the_dissertation_states_the_spread_between_builds_fitted_with_it(tests):
     spread = fit_shock(tests[:4], "lpf1", recipe="boggs").between_builds
     assert spread.builds == ("a", "b")

@@ -37,6 +37,7 @@ def test_a_parameter_at_its_bound_is_reported(laggard):
     assert fit.shock.fit["parameters"]["time_constant"]["at_bound"] == "upper"
 
 
+@pytest.mark.nightly
 def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
     record = law_record(Lpf1(curve, 1.3e-3), 1)
     lpf1, lpnl2 = fit_shock(record, "lpf1"), fit_shock(record, "lpnl2")

@@ -86,6 +86,7 @@ def hits(seed, kind=Lpf1):
     return [*inside, *(np.abs(error) <= np.interp(SPEEDS, band.velocity, band.half_width)).tolist()]
 
 
+@pytest.mark.nightly
 def test_the_intervals_of_a_few_random_shocks_hold_the_truth():
     """Four cases of nine intervals; a covariance for white noise would fail here."""
     assert np.mean([hits(seed) for seed in range(4)]) > 0.8

@@ -28,6 +28,7 @@ def fitted(dyno, *words):
     return shown.output, output.read_bytes()
 
 
+@pytest.mark.nightly
 def test_the_default_compares_all_laws_and_the_same_input_gives_the_same_bytes(dyno):
     shown, written = fitted(dyno)
     shock = json.loads(written)

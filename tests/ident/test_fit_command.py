@@ -68,6 +68,7 @@ def test_the_tables_of_a_file_are_fitted_together_and_a_note_names_its_run(fit, 
     assert not any(w.startswith("run 1: ") for w in shock["fit"]["warnings"])
 
 
+@pytest.mark.nightly
 def test_a_record_is_split_into_its_runs_only_on_request(fit):
     time = np.arange(500 * 8) / 500.0
     amplitude = np.select([time < 3.0, time < 5.0], [0.01, 0.0], 0.02)

@@ -108,6 +108,7 @@ def staircase(series):
     return TimeSeries(time, values, series.names, series.units)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("law", LAWS)
 def test_the_native_fmu_reproduces_the_validation_error(law, fitted, built):
     """At full speed the velocity changes by up to 0.03 m/s from sample to sample: three pieces of the curve."""
@@ -120,6 +121,7 @@ def test_the_native_fmu_reproduces_the_validation_error(law, fitted, built):
     assert stated > (0.3 if law == "hysteresis" else 0.5), "an error that is nothing would be reproduced by anything"
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("target", ["native", "python"])
 @pytest.mark.parametrize("law", LAWS)
 def test_with_held_inputs_both_targets_reproduce_the_error_of_the_held_record(law, target, fitted, built):

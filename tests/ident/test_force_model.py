@@ -33,6 +33,7 @@ def case(request, runs):
     return Problem(model), np.append(linear, THETA[request.param])
 
 
+@pytest.mark.repeated
 def test_the_jacobian_is_the_central_difference(case):
     problem, parameters = case
     found = problem.jacobian(parameters)

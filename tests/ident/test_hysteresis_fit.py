@@ -101,6 +101,7 @@ def test_the_intervals_of_the_time_constants_are_narrow_and_close_to_the_truth(f
         assert tau.error < 0.05 * true
 
 
+@pytest.mark.nightly
 def test_the_stated_residual_is_that_of_the_shipped_law_and_that_of_the_search(law_record):
     test = law_record(hysteresis(port=Port()), 1, rate=RATE)
     fit = fit_shock(test, "hysteresis", gas="included", robust="none")
@@ -109,6 +110,7 @@ def test_the_stated_residual_is_that_of_the_shipped_law_and_that_of_the_search(l
     assert fit.rms == pytest.approx(np.sqrt(np.mean(search.error**2)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_known_stop_is_found_and_noted(law_record):
     fit = fit_shock(law_record(hysteresis(stop=STOP), 1, rate=RATE), "hysteresis")
     found = [fit.parameter(name) for name in ("stop_stiffness", "stop_yield", "stop_time")]
@@ -129,12 +131,14 @@ def test_a_test_of_one_speed_gives_no_stop_and_says_why():
     assert any("single speed, at which a stop and a lag cannot be distinguished" in change for change in fit.changes)
 
 
+@pytest.mark.nightly
 def test_two_speeds_give_the_stop_of_the_law():
     law = hysteresis(stop=STOP)
     fit = fit_shock([sine(law, 0.15), sine(law, 0.6)], "hysteresis", segment=(0.5, 5.5))
     assert fit.shock.law.stop_stiffness > 0.0
 
 
+@pytest.mark.nightly
 def test_outliers_are_down_weighted(law_record):
     test = law_record(hysteresis(), 1, rate=RATE)
     force = test.series["force"].copy()
@@ -144,6 +148,7 @@ def test_outliers_are_down_weighted(law_record):
     assert fit.shock.law.time_constant == pytest.approx(TAUS, rel=0.15)
 
 
+@pytest.mark.nightly
 def test_each_run_has_its_own_offset(law_record):
     one, other = (
         law_record(hysteresis(port=replace(PORT, gas_preload=preload)), 1, rate=RATE) for preload in (100.0, 300.0)
@@ -161,11 +166,13 @@ def test_a_fit_is_saved_and_read_back(fit, tmp_path):
 # ---- Choice ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
     choice = choose_law(law_record(hysteresis(stop=STOP), 1, rate=RATE))
     assert choice.law == "hysteresis"
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("law", "name"), [(Polylinear, "polylinear"), (lambda curve: Maxwell(curve, 1.5e6), "maxwell")]
 )
@@ -190,6 +197,7 @@ def test_options_of_polynomials_are_refused_with_the_way_out(options, why, law_r
     assert "omit that, or fit another law" in str(error.value)
 
 
+@pytest.mark.nightly
 def test_auto_compares_the_other_laws_where_an_option_excludes_hysteresis(law_record):
     choice = fit_shock(law_record(hysteresis(), 1, rate=RATE), "auto", order=5).choice
     assert "needs a curve that rises through knots" in choice["hysteresis"].trouble
@@ -198,6 +206,7 @@ def test_auto_compares_the_other_laws_where_an_option_excludes_hysteresis(law_re
 # ---- The search -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("has_stop", [False, True])
 def test_the_step_of_the_search_follows_the_gradient_of_the_cost(has_stop):
     problem, point = projection(has_stop=has_stop)

@@ -58,6 +58,7 @@ def test_an_abrupt_knee_is_fitted_better_than_with_polynomials(knee):
     assert errors["knots"] < 0.8 * errors["polynomial"]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_is_fitted_with_a_curve_through_knots_that_rises(law, digressive_record):
     fit = fit_shock(digressive_record(1), law, curve="knots")
@@ -93,6 +94,7 @@ def test_speeds_without_data_are_bridged_and_not_invented(digressive_record):
     assert np.abs(both[0] - both[1]).max() < 0.1 * np.abs(both[1]).max()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -109,6 +111,7 @@ def test_options_of_polynomials_are_rejected_with_knots(digressive_record, optio
     assert not fit_shock(digressive_record(1), "lpf1", **options).shock.law.curve.has_knots
 
 
+@pytest.mark.nightly
 def test_of_two_equally_good_curves_the_one_with_fewer_parameters_is_taken_and_the_reason_is_stated(rising, law_record):
     fit = fit_shock(law_record(Lpf1(rising, 3e-3), 1, rate=500.0), "auto")
     (score,) = [score for score in fit.choice.scores if score.law == fit.choice.law]

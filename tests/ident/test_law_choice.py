@@ -67,6 +67,7 @@ def chosen(rising, law_record):
     return choose
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", [Lpf1, Lpnl2, Maxwell])
 def test_the_law_that_made_a_record_is_chosen(kind, chosen):
     choice = chosen(kind)
@@ -75,6 +76,7 @@ def test_the_law_that_made_a_record_is_chosen(kind, chosen):
     assert [score.law for score in choice.scores] == list(LAWS)
 
 
+@pytest.mark.nightly
 def test_the_same_law_is_chosen_on_a_part_of_the_record(rising, law_record):
     record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
     assert choose_law(record, segment=(1.0, 5.0)).law == choose_law(record, segment=(5.0, 10.0)).law == "lpf1"
@@ -89,6 +91,7 @@ def test_noise_alone_gives_the_simplest_law_and_is_not_usable(rising, law_record
     assert reasons["chosen law predicts poorly"] is Grade.NOT_USABLE
 
 
+@pytest.mark.nightly
 def test_of_several_runs_whole_ones_are_left_out_and_their_level_does_not_count(rising, law_record):
     one, other = (law_record(made_by(Lpf1, rising), seed, rate=RATE) for seed in (1, 2))
     fit = fit_shock([one, with_force(other, 1.3 * other.series["force"])], "auto")
@@ -102,6 +105,7 @@ def test_of_several_runs_whole_ones_are_left_out_and_their_level_does_not_count(
 # ---- The automatic fit is the fit of the chosen law -----------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_automatic_fit_is_that_of_the_chosen_law_and_states_the_comparison(rising, law_record, chosen):
     record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
     fit = fit_shock(record, "auto")
@@ -235,6 +239,7 @@ def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
 # ---- The verdict ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_a_few_cycles_of_one_slow_sine_leave_open_what_another_test_would_settle():
     fit = fit_shock(sine(speed=0.1, duration=4.0), "auto")
     found = {reason.rule: reason for reason in fit.verdict.about("choice of the law").reasons}
@@ -243,11 +248,13 @@ def test_a_few_cycles_of_one_slow_sine_leave_open_what_another_test_would_settle
     assert found["few cycles"].figure == "8 cycles in all; 16 are needed"
 
 
+@pytest.mark.nightly
 def test_two_speeds_are_not_a_single_speed():
     fit = fit_shock([sine(speed=speed, hertz=4.0, duration=3.0) for speed in (0.1, 0.3)], "auto")
     assert not {"single speed", "few cycles", "low speeds only"} & {reason.rule for reason in fit.verdict.reasons}
 
 
+@pytest.mark.nightly
 def test_a_part_that_differs_from_the_rest_is_named(rising, law_record):
     record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
     later = np.where(record.series.time > 8.0, 1.4, 1.0)

@@ -32,6 +32,7 @@ def fitted(law_record, rising):
     return fit
 
 
+@pytest.mark.nightly
 def test_shocks_with_the_same_test_have_correlated_errors_and_with_another_test_independent_ones(fitted):
     """The records of the same seed also have the same noise here, relative to the force."""
     first, second, other = (left_out_of(fitted(*which).fit) for which in ((0, 1), (1, 1), (0, 2)))
@@ -42,6 +43,7 @@ def test_shocks_with_the_same_test_have_correlated_errors_and_with_another_test_
         np.testing.assert_array_equal(found[2], [0.0, 0.0, 1.0])
 
 
+@pytest.mark.nightly
 def test_the_order_of_the_runs_does_not_matter(fitted):
     first, second = (left_out_of(fitted(0, *seeds).fit) for seeds in ((1, 2), (2, 1)))
     np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-3)

@@ -10,6 +10,7 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import Lpf1, Maxwell
 
 
+@pytest.mark.nightly
 def test_stiffness_and_curve_come_back(curve, law_record):
     fit = fit_shock(law_record(Maxwell(curve, 4e6), 1), "maxwell")
     assert fit.converged
@@ -20,6 +21,7 @@ def test_stiffness_and_curve_come_back(curve, law_record):
     assert np.abs(curve_forces(fit.shock.law.curve, velocity) - true).max() < 0.02 * np.abs(true).max()
 
 
+@pytest.mark.nightly
 def test_the_curve_rises_everywhere_although_the_unconstrained_fit_would_fall(curve, law_record):
     """The record is slow and sampled at 500 Hz, and the shock's force falls a little in the narrow transition."""
     record = falling(law_record(Lpf1(curve, 5e-3), 4, rate=500.0, slower=6.0))

@@ -38,6 +38,8 @@ DAILY = (RECORDS[0], RECORDS[3], RECORDS[6])
 EVERY = [pytest.param(name, marks=() if name in DAILY else pytest.mark.nightly) for name in RECORDS]
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
     record = read(name)
@@ -50,12 +52,14 @@ def test_dynamic_laws_beat_the_static_one_and_the_curve_does_not_fall(name):
         assert not any("not monotone" in warning for warning in fit.warnings)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("law", ["polylinear", "lpf1", "lpnl2"])
 def test_the_dissertation_recipe_runs_too(name, law):
     assert fit_shock(read(name), law, recipe="boggs").percent < 100.0
 
 
+@pytest.mark.nightly
 def test_another_run_is_predicted_better_with_a_lag():
     """ensaio8.2 predicts ensaio.vali.1 (the same damper, another day): 24 % static, 21 % LPF1, 19 % LPNL2."""
     first, other = read("labcontrol/labcontrol_ensaio8.2.csv"), read("labcontrol/labcontrol_ensaio.vali.1.csv")

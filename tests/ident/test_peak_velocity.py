@@ -61,6 +61,7 @@ def test_with_up_to_12_speeds_the_error_is_that_of_pchip_through_the_same_points
                 np.testing.assert_allclose(ours, pchip, atol=1e-9)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("count", [13, 16, 20, 40])
 def test_with_more_speeds_the_error_exceeds_pchips_by_less_than_a_thousandth_of_the_range(count):
     for build in "ABC":

@@ -29,6 +29,7 @@ def test_lpf1_inside_the_class(curve, law_record):
     assert not fit.warnings
 
 
+@pytest.mark.nightly
 def test_lpnl2_inside_the_class(curve, law_record):
     fit = fit_shock(law_record(Lpnl2(curve, 1.3e-3, 400.0, 1600.0), 2), "lpnl2")
     assert curve_error(fit.shock.law.curve, curve) < 0.5
@@ -66,6 +67,7 @@ def test_evaluating_on_the_fitted_record_gives_the_fit_error(curve, law_record):
     assert evaluate(fit.shock, test).rms == pytest.approx(fit.rms, rel=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_fit_is_saved_and_read_back(curve, law_record, tmp_path):
     fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpnl2", name="build 1")
     write_shock(fit.shock, tmp_path / "shock.json")

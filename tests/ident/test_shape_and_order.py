@@ -73,6 +73,7 @@ def test_runs_share_the_curve_and_keep_their_gas_offsets(curve, law_record):
     assert len(fit.measured) == len(fit.predicted) == 2 * 18001
 
 
+@pytest.mark.slow
 def test_a_law_known_by_its_file_alone_is_fitted(curve, law_record):
     truth = LAWS["maxwell"](curve, 4e6)
     fit = fit_shock(law_record(truth, 1), "maxwell")

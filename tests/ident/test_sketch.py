@@ -27,6 +27,8 @@ def faulty(digressive_record):
     return DynoTest(test.series.with_channel("force", "N", force))
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "dynamics", "fault"),
     [

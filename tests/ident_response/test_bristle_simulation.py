@@ -67,6 +67,7 @@ def difference(found, expected):
     return np.sqrt(np.mean((found - expected) ** 2, axis=1)) / expected.std(axis=1)
 
 
+@pytest.mark.nightly
 def test_a_port_without_shock_moves_as_in_the_fmu():
     vehicle, series = car(), drive()
     model = vehicle.state_space  # the linear damper is a part of it
@@ -80,6 +81,7 @@ def test_a_port_without_shock_moves_as_in_the_fmu():
     assert difference(smooth, exact)[model.output_names.index("velocity")] > 2e-2  # the law matters
 
 
+@pytest.mark.nightly
 def test_the_compiled_loop_and_the_loop_over_ports_agree_with_a_shock():
     vehicle, series = car(), drive()
     shock = read_shock(BANK / "C_C.json").law
@@ -92,6 +94,7 @@ def test_the_compiled_loop_and_the_loop_over_ports_agree_with_a_shock():
     assert (difference(without, compiled) > 1e-3).all()
 
 
+@pytest.mark.nightly
 def test_measured_forces_with_the_laws_of_the_ports_give_back_the_motion():
     """The record's force is that of the linear damper; friction and spring come from velocity and displacement."""
     vehicle, series = car(), drive()

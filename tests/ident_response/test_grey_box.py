@@ -75,6 +75,7 @@ def _test(experiment, seed, seconds=20.0, noise=0.003, **changes):
     return TimeSeries.from_channels(np.arange(len(inputs)) / RATE, channels)
 
 
+@pytest.mark.nightly
 def test_the_linear_model_has_the_outputs_of_the_steps_without_friction(experiment):
     car, table = _car(experiment, **{f"{c}.friction": 0.01 for c in CORNERS})
     values = {p.name: p.start for p in table}
@@ -93,6 +94,7 @@ def test_the_linear_model_has_the_outputs_of_the_steps_without_friction(experime
             assert found == pytest.approx(expected, rel=0.05, abs=0.01 * np.abs(expected).max())
 
 
+@pytest.mark.nightly
 def test_a_free_run_of_the_car_is_that_of_its_file_with_the_same_bristle(experiment):
     """The grey-box steps and those of the FMU differ by 0.6 % without friction, and friction adds nothing to that."""
     without, rubbing = (_difference_from_the_file(experiment, force) for force in (0.01, 90.0))
@@ -178,7 +180,6 @@ def explained(experiment, quick):
     return tests, quick.explain(tests, experiment)
 
 
-@pytest.mark.slow
 def test_the_recipe_recovers_a_known_car_down_to_the_noise(explained):
     _, fit = explained
     for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
@@ -193,7 +194,6 @@ def identified(experiment, quick, explained):
     return quick.vehicle_fit(fit, tests, experiment, 0.0)
 
 
-@pytest.mark.slow
 def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(identified, tmp_path):
     assert identified.stable
     write_fit(tmp_path / "car.json", identified)
@@ -205,7 +205,7 @@ def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_la
     assert bristle.reach == pytest.approx(1e-4, rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_car_with_another_mode_is_flagged_and_states_larger_errors_where_it_acts(experiment, quick, identified):
     hidden = quick.identify([_with_hidden_mode(_test(experiment, 41))], experiment)
     known, found = identified.trust, hidden.trust

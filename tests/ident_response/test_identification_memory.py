@@ -9,6 +9,7 @@ import pytest
 from benchmarks.identification_memory import cost_of
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="os.wait4 is not available")
 def test_cost_and_exit_code_are_those_of_the_child_process():
     cost = cost_of(["identify", "nowhere.parquet", "-o", "car.json"])

@@ -96,6 +96,7 @@ def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done
     assert peaks[0] > 3.0 * peaks[1]  # without its damper the car rings
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -116,6 +117,7 @@ def test_unusable_arguments_exit_2_with_the_reason(files: list[Path], tmp_path: 
     assert not (tmp_path / "car.json").exists()
 
 
+@pytest.mark.nightly
 def test_a_model_far_from_its_data_exits_1(quarter_car: Rig, tmp_path: Path) -> None:
     generator = np.random.default_rng(3)
     for name, record in zip(("a", "b"), quarter_car.records, strict=True):

@@ -47,6 +47,7 @@ def chosen(structures: list[Structure]) -> list[FrequencyResponse]:
     return [estimated(one, LocalRational(spacing=0.1)) for one in structures]
 
 
+@pytest.mark.repeated
 def test_the_worst_structure_has_a_quarter_of_the_error_of_a_fixed_polynomial(
     structures: list[Structure], chosen: list[FrequencyResponse]
 ) -> None:
@@ -63,6 +64,7 @@ def test_the_variance_is_honest_after_the_choice(structures: list[Structure], ch
     assert 0.90 < np.mean(inside) < 0.97
 
 
+@pytest.mark.nightly
 def test_it_loses_nothing_on_a_car(seven_dof) -> None:  # type: ignore[no-untyped-def]
     recipes = (LocalPolynomial(spacing=1.5, high=20.0), LocalRational(spacing=1.5, high=20.0))
     fixed, mine = (_errors(seven_dof, _estimate(seven_dof, recipe)) for recipe in recipes)

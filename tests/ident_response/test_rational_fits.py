@@ -124,6 +124,7 @@ def _identified(dt: float | None) -> IdentifiedVehicle:
     return IdentifiedVehicle("identified", fits.model, {"": BASELINE})
 
 
+@pytest.mark.nightly
 def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car() -> None:
     rate = 1000.0
     road = 0.004 * noise(np.random.default_rng(8), 10_000, rate, 20.0)
@@ -139,6 +140,7 @@ def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car
     np.testing.assert_allclose(found["force"], ALTERNATE * found["velocity"], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_discrete_model_with_its_baseline_shock_responds_as_identified() -> None:
     dt = 0.004
     vehicle = _identified(dt)

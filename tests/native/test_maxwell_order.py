@@ -158,6 +158,7 @@ def relative(found, exact):
     return np.sqrt(np.mean((found - exact) ** 2)) / np.std(exact)
 
 
+@pytest.mark.nightly
 def test_ramped_velocities_of_a_smooth_drive_give_second_order_in_the_step(component):
     """Over all cases. A single one may cross its nose within a few ramps: there even an exact integration of the ramps
     has an order of 1.3 only.
@@ -174,6 +175,7 @@ def test_ramped_velocities_of_a_smooth_drive_give_second_order_in_the_step(compo
     assert min(orders) > 1.0
 
 
+@pytest.mark.nightly
 def test_the_error_of_a_step_over_a_ramp_is_small_for_any_number_of_kinks(component):
     """The drive is linear between multiples of the coarsest step, so the error is that of the FMU itself."""
     fmu, times, errors = component("maxwell"), np.arange(31) * COARSEST, []
@@ -224,6 +226,7 @@ def coupled(fmu, curve, stiffness, finer):
     return np.array(forces)[::finer]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("scales", [(1.0, 1.0), (1.8, 0.7)])
 def test_coupling_to_a_quarter_car_keeps_second_order_across_kinks(component, scales):
     curve = Curve(8000.0, 0.2, 0.12, 0.0127, (900.0, 1500.0), (0.8, 0.9), (600.0, 800.0), scales)

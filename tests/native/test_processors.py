@@ -80,6 +80,8 @@ def assert_equals_the_shipped_binary(command, instance):
         time += step
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model", [pytest.param(name, marks=() if name in DAILY else pytest.mark.nightly) for name in MODELS]
 )

@@ -160,6 +160,7 @@ def loaded():
     return []
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -177,6 +178,7 @@ def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(
     np.testing.assert_allclose(run_fmu(fmu, ramps), expected, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -202,6 +204,7 @@ def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     assert run_fmu(fmu, ramps)[:, 1:3].tolist() == [list(row) for row in expected]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [12, pytest.param(40, marks=pytest.mark.nightly)])
 def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_fitted_range(
     count, component, shocks, elementary
@@ -229,6 +232,7 @@ def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_f
         assert run_fmu(fmu, ramps)[:, 2].tolist() == expected
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 def test_the_native_fmu_equals_the_python_one(name, curve, component, python_component):
@@ -257,6 +261,7 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(compon
     assert fmu.get(("lagged_force",)) == pytest.approx([law.valve_force(law.start(0.05), 0.05)], rel=1e-15)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", LAWS)
 def test_ramped_inputs_reduce_the_error_of_a_large_step_at_least_fivefold(component, shocks, name):
     """A smooth velocity, against the law in steps of ten microseconds: the lagged force at the coupling points."""

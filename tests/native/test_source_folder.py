@@ -54,6 +54,7 @@ def names(path, *options):
     return {line.split()[-1] for line in ran.stdout.splitlines()}
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in DAILY else pytest.mark.nightly) for name in ARCHIVES]
 )
@@ -93,6 +94,7 @@ def coupled(cc, unpacked, program, objects, car, shock):
     return subprocess.run([program], capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.nightly
 def test_two_fmus_link_into_one_program_without_options_and_with_prefixes_of_the_host(unpacked, cc, tmp_path):
     own = [o for n in ("quarter_car", "lpnl2") for o in prefixed(cc, unpacked[n], tmp_path / n)]
     first = coupled(cc, unpacked, tmp_path / "first", own, "quarter_car_", "lpnl2_")

@@ -54,11 +54,13 @@ def test_the_sources_compile_without_warnings(objects):
     assert len(objects) >= 9
 
 
+@pytest.mark.repeated
 def test_there_is_no_writable_global(objects, nm):
     for name, path in objects.items():
         assert not symbols(path, "BbCDdGgSs"), name
 
 
+@pytest.mark.repeated
 def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_locales(objects, nm):
     own, needs = set(), {}
     for name, path in objects.items():
@@ -72,6 +74,7 @@ def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_local
         assert found <= PURE, name
 
 
+@pytest.mark.repeated
 def test_every_external_name_carries_the_prefix_that_a_host_sets(objects, nm):
     external = {(name, symbol) for name, path in objects.items() for symbol in symbols(path, "TRBDC")}
     assert len({name for name, _ in external}) > 5
@@ -98,6 +101,7 @@ CONFIGURATIONS = {
 }
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("configuration", "model"),
     [("released", model) for model in MODELS]
@@ -142,6 +146,8 @@ def daily(*names):
     return [pytest.param(name, marks=() if name in names else pytest.mark.nightly) for name in MODELS]
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("model", daily(*ALONE))
 def test_numbers_that_are_not_finite_cause_no_sanitizer_finding(model, sanitized):
     program = sanitized(model, "odd_numbers")
@@ -149,6 +155,7 @@ def test_numbers_that_are_not_finite_cause_no_sanitizer_finding(model, sanitized
     assert ran.returncode == 0, ran.stderr[:2000]
 
 
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.parametrize("model", daily(*ALONE, "assembly"))
 def test_random_call_sequences_cause_no_sanitizer_finding(model, sanitized):

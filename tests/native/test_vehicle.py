@@ -111,6 +111,7 @@ def test_the_native_car_equals_the_python_one(component, python_component, frict
     close(found[0], found[1], 1e-10)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", CARS)
 def test_friction_equals_the_librarys_also_for_ramped_inputs(component, name):
     model = model_of(name)
@@ -161,6 +162,8 @@ def for_every_processor(fmus, tmp_path):
         fmu.finish()
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [{}, {"rr.friction_force": 150.0}], ids=["free", "rubbing"])
 def test_results_with_and_without_avx_are_equal_bit_for_bit(component, for_every_processor, friction):
     model = model_of("seven_dof")
@@ -238,6 +241,8 @@ def random_model(states, seed):
     return StateSpace(turn @ A @ turn.T, turn @ B, C @ turn.T, D, tuple(inputs), tuple(outputs), name="random")
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("states", [1, 9, 150])
 def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
     model = random_model(states, states)
@@ -270,6 +275,7 @@ def test_the_error_on_a_model_without_modal_form_names_the_python_target(tmp_pat
     assert not (tmp_path / "free.fmu").exists()
 
 
+@pytest.mark.nightly
 def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_without_it(tmp_path):
     model = StateSpace(
         np.array([[0.0]]),

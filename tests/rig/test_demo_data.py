@@ -12,6 +12,7 @@ from eightpost.units import convert
 DATA = Path(__file__).parents[2] / "examples" / "data"
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("build", ["A", "B", "C"])
 def test_a_dynamometer_file_reads_without_notes(build):
     path = DATA / f"dyno_{build}.csv"
@@ -23,6 +24,7 @@ def test_a_dynamometer_file_reads_without_notes(build):
     assert test.series.sample_rate == pytest.approx(2000.0)
 
 
+@pytest.mark.nightly
 def test_a_dynamometer_file_equals_its_generators_output_within_rounding():
     made = measure(demo_damper("A"), random_multisine(1, duration=12.0), seed=1)
     read = read_dyno_test(DATA / "dyno_A.csv").series

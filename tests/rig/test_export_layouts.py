@@ -286,6 +286,7 @@ def table(form):
 FORMS = ("{:.4f}", "{:.6E}", "{:.15g}")
 
 
+@pytest.mark.nightly
 @settings(max_examples=60, deadline=None)
 @given(form=st.sampled_from(FORMS), data=st.data())
 def test_a_file_that_ends_within_its_last_number_loses_this_sample_and_no_other(form, data, tmp_path_factory):

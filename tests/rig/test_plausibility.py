@@ -123,6 +123,7 @@ def test_a_good_record_has_no_reason(tmp_path):
     assert rules(tmp_path, good | extra) == []
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("lowest", [0.0, 0.01])
 def test_gas_that_keeps_the_force_positive_does_not_look_rectified(tmp_path, lowest):
     columns = sine()
@@ -155,6 +156,7 @@ def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):
     assert rules(tmp_path, inches, units=UNITS | {"x": "in", "v": "in/s"}) == ["unlikely units"]
 
 
+@pytest.mark.nightly
 def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_down(tmp_path):
     rules(tmp_path, stopping(sine()))
     test = read_dyno_test(tmp_path / "run.csv")
@@ -235,6 +237,7 @@ def force_rules(folder, columns, preamble):
     return [reason.figure for reason in reasons if reason.rule == "unlikely units"]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("columns", "preamble", "words"),
     [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 
-import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
@@ -15,7 +14,6 @@ def rig(*arguments):
     return CliRunner().invoke(main, ["rig", *arguments])
 
 
-@pytest.mark.slow
 def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
     """This includes systems that do not report the usable processors (Windows, macOS)."""
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
@@ -53,7 +51,6 @@ def test_shocks_are_reported_by_their_names(tmp_path):
     assert "shocks demo:A: 4.2 s" in result.output
 
 
-@pytest.mark.slow
 def test_an_identification_has_a_baseline_and_an_alternate_test_for_each_corner(tmp_path):
     folder = tmp_path / "rig"
     result = rig("--program", "identification", "--duration", "5 s", "--shock", "20 lbf.s/in",

@@ -105,6 +105,7 @@ def test_its_engine_and_its_chassis_have_modes_near_11_and_23_hz():
     assert np.abs(frequencies - 23.0).min() < 3.0
 
 
+@pytest.mark.slow
 def test_rms_measures_converge_with_second_order_and_are_accurate_at_the_default_steps():
     car, drive = flexible_truth(2), drive_of(flexible_truth(2), 4.0)
 

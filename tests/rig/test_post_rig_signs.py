@@ -40,6 +40,7 @@ cars = st.sampled_from([make() for make in TRUTHS.values()])
 dampings = st.sampled_from([0.0, 5.0, 9.0, 20.74, 60.0])
 
 
+@pytest.mark.nightly
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     car=cars,
@@ -55,6 +56,7 @@ def test_a_correct_sine_of_any_frequency_amplitude_and_mode_passes(car, mode, fr
     check_rig_record(test.series, test.corners)
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(car=cars, which=st.integers(0, 7), damping=dampings, noise=st.booleans(), seed=st.integers(0, 99))
 def test_a_correct_test_of_one_input_or_of_all_passes(car, which, damping, noise, seed):
@@ -71,6 +73,7 @@ def test_a_correct_bump_passes(truth):
     check_rig_record(test.series, test.corners)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("truth", "damping"), [("quarter_car", 20.74), ("eight_post", 9.0)])
 def test_every_sine_of_tables_4_4_and_6_2_passes_although_tires_lift_off(truth, damping):
     car = TRUTHS[truth]()

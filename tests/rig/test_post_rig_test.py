@@ -77,6 +77,7 @@ def test_a_record_is_read_back_from_its_file_with_conditions_and_digest(record, 
     assert again.series["lf.tire_force"] == pytest.approx(record.series["lf.tire_force"], rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_record_is_read_back_from_csv(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)
@@ -210,6 +211,7 @@ def test_dropped_samples_are_refused(record, tmp_path):
         read_rig_test(changed(record, tmp_path, {}, keep=keep))
 
 
+@pytest.mark.nightly
 def test_a_sample_that_is_not_a_number_is_refused(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)

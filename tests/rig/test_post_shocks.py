@@ -47,6 +47,7 @@ def test_each_corner_has_its_own_shock():
     assert hard[1:] == pytest.approx(2000.0 * SPEED[1:])
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", LAWS)
 def test_a_shock_law_gives_the_same_force_as_outside_the_rig(shocks, name):
     law = shocks[name].law

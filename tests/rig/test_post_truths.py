@@ -185,6 +185,7 @@ def test_the_far_wheel_of_the_solid_axle_moves_a_rear_shock_ten_decibels_less():
     assert car.shock[0, 5] == 0.0  # independent in front
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("kind", ["linear", "demonstration", "physical", "first laws", "last laws"])
 def test_the_compiled_integration_takes_the_reference_steps(kind, shocks):
     setups = {

@@ -156,6 +156,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("layout", LEFT_OUT)
 def test_column_that_is_not_needed_does_not_prevent_reading_and_is_reported(layout, tmp_path):
     write, message = LEFT_OUT[layout]

@@ -55,6 +55,7 @@ def test_the_damper_is_passive(build):
     assert (np.diff(dissipated) > -1e-6 * dissipated.max()).all()
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("build", "slope"), [("A", 20.0), ("B", 28.0), ("C", 10.0)])
 def test_the_builds_have_their_average_slope_and_a_lag_of_one_to_two_milliseconds(build, slope):
     damper = demo_damper(build)

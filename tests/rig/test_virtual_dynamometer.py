@@ -44,6 +44,8 @@ def fit(number, law):
     return fit_shock(seen, law, segment=(1.0, seen.series.duration))
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_lag_halves_the_error_on_another_phase_draw_unless_it_cavitates(number):
     _, unseen, cavitates = records(number)

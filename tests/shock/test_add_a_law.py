@@ -115,10 +115,12 @@ def test_the_page_has_all_files_of_a_law():
     assert {p for p in paths if p != law} == {Path("fmus", f"shock_{law.stem}", name) for name in known}
 
 
+@pytest.mark.nightly
 def test_the_new_law_is_built_for_both_targets_and_both_are_the_law(copy):
     assert run(copy, "-c", USE, *LAWS).strip() == "share"
 
 
+@pytest.mark.nightly
 def test_the_tables_of_the_documentation_include_the_new_law(copy):
     (command,) = (line for block in COMMANDS.findall(PAGE) for line in block.splitlines() if line.startswith("python "))
     run(copy, *command.split()[1:])
@@ -135,6 +137,7 @@ def test_the_frozen_references_of_the_page_are_those_of_its_interface():
     assert rows == {v["name"]: v["reference"] for v in interface["variable"]}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("platforms", ["this", pytest.param("all", marks=pytest.mark.nightly)])
 def test_the_commands_of_the_page_use_it_everywhere(copy, platforms):
     lines = [line for block in COMMANDS.findall(PAGE) for line in block.splitlines() if line.startswith("eightpost ")]

@@ -74,6 +74,7 @@ def test_the_error_under_a_held_velocity_falls_even_faster():
     assert np.diff(np.log2(errors)).max() < -3.0
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("velocity", [0.05, 0.3, -0.9, 1.6])
 def test_one_step_however_large_the_jump_is_accurate(velocity):
     """Within 1e-4 of the force, in parts of 0.01 m/s of w and across kinks of the curve."""

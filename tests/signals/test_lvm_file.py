@@ -247,6 +247,7 @@ INSERTED = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     x_columns=st.sampled_from(["One", "Multi", "No"]),

@@ -34,6 +34,7 @@ def any_series(draw) -> TimeSeries:
     return TimeSeries.from_channels(time, {name: (draw(st.sampled_from(SI_UNITS)), draw(row)) for name in names})
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(max_examples=40, deadline=None)
 @given(series=any_series())

@@ -32,6 +32,7 @@ def run(folder, monkeypatch):
     return lambda *words: CliRunner().invoke(main, ["validate", *words], env={"COLUMNS": "180"})
 
 
+@pytest.mark.slow
 def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
     done = run("lpf1.json", "static.json", "data", "--configuration", "random.csv=1", "--report", "out/page.html")
     assert done.exit_code == 0, done.output
@@ -44,6 +45,7 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
     assert "@media print" in page
 
 
+@pytest.mark.slow
 def test_an_error_over_the_limit_exits_1_and_is_named(run):
     done = run("static.json", "data/random.csv", "--limit", "1")
     assert done.exit_code == 1
@@ -52,6 +54,7 @@ def test_an_error_over_the_limit_exits_1_and_is_named(run):
     assert run("lpf1.json", "data/random.csv", "--limit", "1").exit_code == 0
 
 
+@pytest.mark.nightly
 def test_a_given_kind_is_used(run):
     done = run("lpf1.json", "data", "--kind", "random", "--kind", "bump.csv=bump")
     assert "sine: random, given by the user" in done.output
@@ -82,6 +85,7 @@ def test_wrong_input_exits_2_with_a_message_and_writes_nothing(run, folder, word
     assert sorted(folder.rglob("*")) == before
 
 
+@pytest.mark.nightly
 def test_a_segment_of_random_records_is_judged_and_refused_where_it_does_not_apply(run):
     whole, part = (run("lpf1.json", "data/random.csv", *words) for words in ((), ("--segment", "2 s", "5 s")))
     assert whole.exit_code == part.exit_code == 0, part.output

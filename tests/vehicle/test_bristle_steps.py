@@ -49,6 +49,7 @@ def errors(found, exact):
     return np.sqrt(np.mean((found - exact) ** 2, axis=0)) / exact.std(axis=0)
 
 
+@pytest.mark.nightly
 def test_the_error_falls_with_the_square_of_the_sub_step(monkeypatch):
     """On a rough road with many reversals, against steps 16 times finer than the finest."""
     model, stepper, rubbing = car("quarter_car", 200.0, 1e-4, spring=2e5)
@@ -65,6 +66,7 @@ def test_the_error_falls_with_the_square_of_the_sub_step(monkeypatch):
     assert size[0] < 1.5e-3
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("force, reach", [(50.0, 1e-4), (200.0, 6e-5)])
 def test_a_step_of_1_ms_is_within_a_thousandth(monkeypatch, force, reach):
     model, stepper, rubbing = car("quarter_car", force, reach, spring=2e5)

@@ -98,6 +98,7 @@ def test_the_scheme_is_of_second_order(name, force):
 CASES = [(force, width) for force in (50.0, 200.0, 500.0) for width in (1e-3, 5e-3)]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("name", "force", "width"),
     [("quarter_car with damper", *case) for case in CASES]
@@ -194,6 +195,7 @@ def test_the_energy_loss_of_an_undamped_car_equals_the_work_of_friction():
     np.testing.assert_allclose(energy[0] - energy, work, atol=2e-4 * energy[0])
 
 
+@pytest.mark.slow
 def test_friction_dissipates_energy_in_every_period_of_a_sine():
     stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
     h = 1e-3
@@ -207,6 +209,7 @@ def test_friction_dissipates_energy_in_every_period_of_a_sine():
     assert (power[:500].reshape(2, 250, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
 
 
+@pytest.mark.nightly
 def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
     """A load of F_c / 2 at the port gives v = -v_f atanh(1/2), independent of the rest of the car; 2 F_c slides."""
     force, width, h = 2000.0, 4e-3, 1e-3
@@ -223,6 +226,7 @@ def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
     assert np.abs(free @ displacement).max() > 20.0 * creep * 0.02
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["quarter_car", "seven_dof with damper"])
 def test_very_stiff_friction_stays_bounded(name):
     """With 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times faster than the car."""

@@ -53,6 +53,7 @@ def by_series(A, B, h):
     return total, held - ramp, ramp
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", MODELS)
 @given(step=STEPS)
 def test_discretisation_equals_a_series_in_extended_precision(name, step):

@@ -66,6 +66,7 @@ def steep_shock(monolithic):
     )
 
 
+@pytest.mark.nightly
 def test_nonlinear_run_agrees_with_an_implicit_method_and_a_tighter_tolerance(monolithic, drive):
     t, road, external = (part[..., :60] for part in drive)
     car, shock = monolithic.Car(front_anti_roll_rate=3e4), steep_shock(monolithic)

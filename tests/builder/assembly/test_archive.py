@@ -14,6 +14,7 @@ from eightpost.archive import read_archive
 DAILY = ("static", "tools", "simulation", "state", "initial_dependencies", "dependencies", "reference")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("daily", [True, pytest.param(False, marks=pytest.mark.nightly)], ids=["daily", "all groups"])
 def test_check_reports_no_error_and_no_warning_for_an_assembly(corner, daily):
     not_for_it = {"ports", "model_exchange", "version_3"} | (set() if shutil.which("cmake") else {"rebuild"})
@@ -24,6 +25,7 @@ def test_check_reports_no_error_and_no_warning_for_an_assembly(corner, daily):
     assert report.done == tuple(GROUPS[group].title for group in groups)
 
 
+@pytest.mark.nightly
 def test_the_reference_results_equal_the_fmus_output(car):
     """Compare the results of the whole car; those of the quarter car are compared by the check."""
     report = check(car, groups=("reference",))
@@ -33,6 +35,7 @@ def test_the_reference_results_equal_the_fmus_output(car):
     assert '"coupling_error"' in head and '"car.rf.hub_acceleration"' in head and '"rr.force"' in head
 
 
+@pytest.mark.nightly
 def test_the_same_assembly_gives_the_same_bytes(case, toolchain, tmp_path, car):
     again = assemble(case.wiring, tmp_path / "car_with_shocks.fmu", toolchain=toolchain)
     assert again.path.read_bytes() == car.read_bytes()

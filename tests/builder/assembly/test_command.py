@@ -1,11 +1,13 @@
 """`eightpost build --assemble`."""
 
+import pytest
 from click.testing import CliRunner
 
 from builder.native.platforms import this_platform
 from eightpost.app.build import build as command
 
 
+@pytest.mark.nightly
 def test_the_command_reports_the_assembled_parts(system_file, tmp_path, toolchain, monkeypatch):
     monkeypatch.setattr("builder.assembly.assembled_fmu.find_toolchain", lambda: toolchain)
     output = tmp_path / "dist" / "car_with_shocks.fmu"

@@ -10,6 +10,7 @@ from cosim import FmuComponent
 from .hosts import CORNERS, difference, held_separately, host, master, observed, percent
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("step", [0.0005, 0.001, 0.004, 0.02])
 def test_an_assembly_equals_the_master_for_communication_steps_of_whole_micro_steps(car, case, step):
     outputs = observed(FmuComponent(car, "car"))

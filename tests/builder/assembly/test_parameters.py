@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 
@@ -15,6 +16,7 @@ from eightpost.shock import write_shock
 from .hosts import difference, host, master, observed
 
 
+@pytest.mark.nightly
 def test_setting_the_parameters_of_one_corner_equals_using_another_fmu_there(
     car, made, system_file, shocks, build_here, tmp_path
 ):
@@ -75,6 +77,7 @@ def test_a_restored_state_continues_bit_for_bit(car):
     shutil.rmtree(folder, ignore_errors=True)
 
 
+@pytest.mark.nightly
 def test_a_unit_conversion_on_a_connection_is_a_gain(case, made, toolchain, tmp_path, car):
     wires = tuple(
         replace(wire, gain=0.25 * wire.gain, factor=4.0, offset=0.0) if wire.source == "lf.force" else wire

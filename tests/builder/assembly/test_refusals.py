@@ -11,6 +11,7 @@ from eightpost.errors import FmuError
 from eightpost.wiring import Wire
 
 
+@pytest.mark.nightly
 def test_every_component_that_cannot_be_a_part_is_listed_with_the_remedy(
     fmus, python_fmus, model_files, build_here, tmp_path
 ):
@@ -40,6 +41,7 @@ def _plan(case, **changes):
     return replace(Assembly.of(case.wiring, "car"), **changes)
 
 
+@pytest.mark.nightly
 def test_systems_other_than_a_vehicle_with_its_shocks_are_rejected_with_the_reason(case, fmus):
     plan = Assembly.of(case.wiring, "car")
     vehicle = plan.vehicle

@@ -106,6 +106,7 @@ def test_a_setting_that_changes_during_the_run_changes_the_corner_alone(car):
     assert np.abs(left - same)[1, 1] < 0.01 * np.abs(left - same)[0, 1]
 
 
+@pytest.mark.nightly
 def test_a_temperature_input_of_a_corner_is_an_input_of_the_assembly(folder, fmus, made):
     path = folder / "warm.toml"
     path.write_text(

@@ -41,6 +41,7 @@ def test_the_documented_code_writes_a_package(dist):
     assert written.constants.items() <= read.constants.items()
 
 
+@pytest.mark.nightly
 def test_the_documented_code_assembles_an_fmu(dist, toolchain, monkeypatch):
     monkeypatch.setattr("builder.assembly.assembled_fmu.find_toolchain", lambda: toolchain)
     path = names_after("how_to/assembly.md")["assembled"].path

@@ -16,6 +16,7 @@ from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 from .members import ALL, PICTURE, members_of
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ALL)
 def test_the_pictures_do_not_depend_on_the_users_matplotlib_style(archives, products, name):
     with matplotlib.rc_context({"lines.linewidth": 9.0, "font.size": 30.0, "axes.grid": True, "savefig.dpi": 30}):
@@ -23,6 +24,8 @@ def test_the_pictures_do_not_depend_on_the_users_matplotlib_style(archives, prod
     assert again == archives[name]
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metadata(archives, name):
     for member, size in ((PICTURE, (900, 600)), ("terminalsAndIcons/icon.png", (256, 256))):

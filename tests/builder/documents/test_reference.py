@@ -112,6 +112,7 @@ def test_a_vehicles_reference_equals_scipys_zero_order_hold_simulation(archives,
         assert_close(outputs[channel.name], row)
 
 
+@pytest.mark.nightly
 def test_an_identified_vehicles_reference_includes_friction_at_the_ports():
     """Check that a car with friction moves less than the same car without friction."""
     model = read_vehicle(shipped("quarter_car")).coupled()
@@ -123,6 +124,7 @@ def test_an_identified_vehicles_reference_includes_friction_at_the_ports():
     assert sizes[1] < 0.9 * sizes[0]
 
 
+@pytest.mark.nightly
 def test_a_vehicles_reference_includes_static_values():
     vehicle = read_vehicle(shipped("quarter_car"))
     assert isinstance(vehicle, StructuralVehicle)
@@ -139,6 +141,7 @@ def test_a_vehicle_without_an_equilibrium_has_no_reference_results_and_does_not_
     assert "Reference results" not in page_of(members)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("target", ["python_fmus", "fmus"])
 def test_fmpy_reads_the_reference_files_and_reproduces_the_results_with_the_fmu(request, tmp_path, target, name):

@@ -103,6 +103,8 @@ def law(request):
     return request.param
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", ["polynomials", "knots"])
 def test_the_shock_of_the_page_gives_the_numbers_of_the_native_fmu(fmus, law, curve, knots):
     model = read_models(fmus[law], fmus["quarter_car"]).shock
@@ -113,6 +115,7 @@ def test_the_shock_of_the_page_gives_the_numbers_of_the_native_fmu(fmus, law, cu
     assert all(within(found[name], expected[name]) for name in outputs)
 
 
+@pytest.mark.nightly
 def test_the_car_of_the_page_gives_the_numbers_of_the_assembled_fmu(fmus, tmp_path):
     wires = [(CAR, SHOCK, "velocity"), (CAR, SHOCK, "displacement"), (SHOCK, CAR, "force")]
     wires = tuple(Wire(f"{source}.{name}", f"{target}.{name}") for source, target, name in wires)

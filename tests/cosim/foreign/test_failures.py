@@ -16,6 +16,7 @@ from eightpost.errors import FmuError, InputError, StepError
 STATES = 'canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="true"'
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("manner", "cause"),
     [
@@ -46,6 +47,7 @@ def test_the_message_on_a_failed_step_states_component_time_cause_inputs_and_rem
         system.components["shock"].get(("force",))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_an_fmu_that_ends_the_simulation_ends_the_run_as_the_stop_time_would(odd, engine, pair):
     """fmi2Discard with fmi2Terminated (FMI 2.0.4, 4.2.1)."""
@@ -62,6 +64,7 @@ def test_an_fmu_that_ends_the_simulation_ends_the_run_as_the_stop_time_would(odd
         np.testing.assert_array_equal(whole.series[name], result.series[name])
 
 
+@pytest.mark.repeated
 def test_the_default_algorithm_ends_where_an_fmu_ends_the_simulation(odd, pair):
     result = run(*pair(odd, "end"), engine="python")
     assert result.ended_by == "odd" and result.ended_at == pytest.approx(0.5, abs=2e-3)
@@ -75,6 +78,7 @@ def test_an_adaptive_run_ends_where_an_fmu_ends_the_simulation(foreign, pair):
     assert not result.partial and result.series.time[-1] == pytest.approx(0.5)
 
 
+@pytest.mark.repeated
 def test_an_end_before_the_settling_time_is_an_error(odd, pair):
     system, scenario = pair(odd, "end")
     with pytest.raises(StepError, match=r"ended the simulation \(fmi2Terminated\).*What to do: end the run before"):
@@ -125,6 +129,7 @@ def test_fmi2fatal_disables_all_instances_of_the_fmu_in_the_process(foreign, beg
     march(begun(FmuComponent(path, "loaded again")), 4)
 
 
+@pytest.mark.repeated
 def test_a_component_can_begin_again_after_a_failed_run(odd, begun, march):
     for manner in ("error", "end", "pending", *(["fatal"] if type(odd) is IsolatedComponent else [])):
         part = begun(odd, manner)
@@ -151,6 +156,7 @@ def test_components_can_begin_again_after_a_failed_initialization(foreign, pair)
     assert run(system, scenario, step=1e-2, engine="python").steps == 100
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("manner", "how"),
     [
@@ -201,6 +207,7 @@ def test_a_refused_file_leaves_no_temporary_folder(kind, foreign, source_fmu, te
     assert list(temporary.iterdir()) == []
 
 
+@pytest.mark.repeated
 def test_a_failed_component_leaves_no_temporary_folder(kind, foreign, begun, march, temporary):
     part = begun(kind(foreign(guid="{fatal}"), "odd"), "fatal")
     with pytest.raises(StepError):

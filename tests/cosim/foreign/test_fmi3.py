@@ -122,6 +122,7 @@ def test_directional_derivatives_pass_whole_arrays_and_return_elements(lag):
 # ---- Steps --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("manner", ["", "halves"])
 def test_ramps_by_intermediate_update_give_the_closed_form(three, kind, manner):
     part, x = lag_fmus.begun(kind(three, "lag"), manner=manner), 0.0
@@ -241,6 +242,8 @@ def test_builds_for_both_versions_of_fmi_couple_to_the_same_result(three, two, r
             np.testing.assert_allclose(series[name], expected[name], rtol=0, atol=1e-13, err_msg=name)
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Implicit()], ids=["gauss-seidel", "implicit"])
 def test_the_compiled_loop_the_interpreted_one_and_isolation_give_the_same_bits(three, road, algorithm):
     def values(kind, engine):

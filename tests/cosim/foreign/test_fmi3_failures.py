@@ -25,6 +25,7 @@ def test_an_fmu_that_ends_the_simulation_ends_the_run_there(three, kind):
     part.finish()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("manner", ["stop early", "discard"])
 def test_a_step_that_stops_early_is_a_discarded_step(three, kind, manner):
     part = lag_fmus.begun(kind(three, "lag"), manner=manner)
@@ -40,6 +41,7 @@ def test_an_fmu_may_stay_behind_by_the_internal_step_that_it_declares(build, tmp
     part.finish()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("manner", ["error", "fatal"])
 def test_an_error_names_the_function_of_fmi_3_and_the_message_the_variables(three, kind, manner, caplog):
     part = lag_fmus.begun(kind(three, "lag"), manner=manner)

@@ -59,6 +59,7 @@ def ended():
     return start
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("manner", "engine", "code"),
     [
@@ -83,6 +84,7 @@ def test_the_run_command_names_the_fmu_and_exits_with_1(case, ended, tmp_path):
     assert "component 'odd' (foreign.fmu) was called" in found.stderr and "--isolate" in found.stderr
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_an_fmu_that_was_not_being_called_is_not_blamed_for_the_end_of_the_process(engine, case, ended):
     found = ended("-c", IN_PYTHON + "\nimport os; os._exit(5)", case("polite"), engine)

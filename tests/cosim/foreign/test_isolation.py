@@ -114,6 +114,7 @@ def interrupt_after(seconds):
     return timer
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_run_keeps_the_partial_result_and_leaves_no_process_or_folder(
     foreign, pair, temporary, alive, eventually
 ):
@@ -130,6 +131,7 @@ def test_ctrl_c_in_a_run_keeps_the_partial_result_and_leaves_no_process_or_folde
     assert list(temporary.iterdir()) == []
 
 
+@pytest.mark.nightly
 def test_ctrl_c_while_an_fmu_hangs_at_the_start_ends_its_process(foreign, begun, march, alive):
     part = IsolatedComponent(foreign(), "odd")
     group = part._process._process.pid
@@ -188,6 +190,7 @@ def test_a_child_process_ends_if_its_parent_is_killed_and_leaves_no_folder(
     assert eventually(lambda: list(temporary.iterdir()) == [])
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("ending", ["an exception", "Ctrl-C"])
 def test_a_child_process_ends_if_its_parent_fails(ending, parent, temporary, eventually, alive):
     with parent("polite") as process:
@@ -214,6 +217,7 @@ record = ["odd.angle"]
 """
 
 
+@pytest.mark.slow
 def test_the_run_command_reports_a_crash_and_compiles_missing_libraries(
     source_fmu, tmp_path, monkeypatch, foreign_library
 ):

@@ -36,6 +36,7 @@ def slave(tmp_path_factory):
     return make
 
 
+@pytest.mark.repeated
 def test_the_pythonfmu_example_runs_with_parameters_of_every_type(kind, slave):
     parts = {"slave": kind(slave("pythonslave"), "slave")}
     given = {"intParam": 7, "booleanParameter": True, "stringParameter": "cat", "container.someReal": 1.5}
@@ -108,6 +109,7 @@ def fmpy_container(tmp_path_factory, fmus):
     return folder / "container.fmu"
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("container", ["toolbox_container", "fmpy_container"])
 def test_a_container_fmu_gives_the_same_output_as_in_fmpys_simulation_loop(container, kind, request):
     path = request.getfixturevalue(container)

@@ -138,6 +138,7 @@ def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_accurate_and_repeatable_by
         assert apart < 4e-3, (name, apart)
 
 
+@pytest.mark.nightly
 def test_runs_of_fmus_that_hold_their_inputs_are_repeatable(parts, rough, monolithic_car):
     system = quarter_car(parts(flags=""))
     first, second = (run(system, scenario(rough), engine="python") for _ in range(2))
@@ -153,6 +154,7 @@ def test_static_memory_of_a_library_is_fresh_for_each_run(parts, rough):
     assert_same(first.series, second.series)
 
 
+@pytest.mark.nightly
 def test_a_repeated_run_with_a_different_result_is_an_error_that_names_the_fmu(parts, rough):
     """A library that stays loaded (as many C++ libraries do) keeps its memory; a separate process does not."""
     paths = parts("-DSTATIC_MEMORY", "-Wl,-z,nodelete")

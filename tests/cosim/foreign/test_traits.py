@@ -15,6 +15,7 @@ FIXED_STEPS = 'canHandleVariableCommunicationStepSize="false"'
 ONCE = 'canBeInstantiatedOnlyOncePerProcess="true"'
 
 
+@pytest.mark.repeated
 def test_units_of_mm_per_s_kn_and_deg_are_converted_to_si(odd, pair):
     system, scenario = pair(odd, stop=0.2)
     series = run(system, scenario, step=1e-3, engine="python").series
@@ -47,6 +48,7 @@ def test_a_shock_with_different_names_units_and_sign_is_coupled_as_the_equivalen
     assert odd.energy["b"].transferred == pytest.approx(damper.energy["b"].transferred, rel=1e-9)
 
 
+@pytest.mark.repeated
 def test_parameters_of_every_type_are_set_and_start_values_kept(odd, begun):
     part = begun(odd)
     assert part.get(("seen",)) == [4.0]
@@ -151,6 +153,7 @@ def test_a_foreign_fmu_is_instantiated_again_for_each_run(foreign, begun, march)
         assert instances[0] is not instances[1]
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("manner", ["polite", "no reset"])
 def test_a_second_run_of_a_system_equals_the_first_bit_for_bit(odd, manner, pair):
     system, scenario = pair(odd, manner, stop=0.1)
@@ -205,6 +208,7 @@ def test_resources_are_found_in_paths_with_spaces_and_special_characters(kind, f
     part.finish()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("listed", "sources"),
     [

@@ -19,6 +19,7 @@ from .corner import CAR_ALONE, LBF, LINKS, SHOCK, by_hand, corner, in_swift, rea
 from .document import link
 
 
+@pytest.mark.nightly
 def test_a_package_written_by_the_ssp_command_gives_the_results_of_the_system_file(folder):
     in_swift(folder, 0.8)
     (folder / "corner.toml").write_text(SYSTEM_FILE)

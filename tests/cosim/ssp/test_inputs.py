@@ -27,6 +27,7 @@ def test_a_drive_feeds_inputs_through_a_system_connector_in_its_unit(folder):
         assert result.series[one] == pytest.approx(expected.series[one], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("channel", ["road", "car.road", "body.car.road", "body_car.road"])
 def test_a_drive_channel_is_named_by_input_component_or_path(folder, channel):
     if channel.startswith("body"):

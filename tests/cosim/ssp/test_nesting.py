@@ -27,6 +27,7 @@ def test_duplicate_names_after_flattening_are_numbered(folder):
     assert "component names: axle.damper is axle_damper_2" in case.notes
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("kind", ["description", "package", "package without a type", "variant"])
 def test_a_component_may_be_another_system_description(folder, kind):
     top = description(system("anything", DAMPER, NESTED_LINKS, NESTED_PORTS), experiment="")

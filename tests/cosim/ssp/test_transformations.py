@@ -47,6 +47,7 @@ def test_chained_transformations_multiply(folder):
     assert gains(case)["car.velocity", "axle_damper.velocity"] == (4.0, 3.0)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_an_offset_has_the_effect_of_a_constant_on_the_same_input(folder, engine, factor):

@@ -66,6 +66,7 @@ def test_the_ends_are_those_that_the_vehicle_states():
     assert band_ends(None, "car") == {}
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("share", "rule"), [(0.24, ABOVE_BAND), (0.02, WITHIN_BAND)])
 def test_the_verdict_names_the_measures_and_their_shares(small_study, here, tmp_path, share, rule):
     study = small_study(corners=dict.fromkeys(small_study().corners, ("soft",)))

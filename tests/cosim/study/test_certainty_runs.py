@@ -115,6 +115,7 @@ def test_rig_runs_that_agree_make_the_intervals_narrower_everywhere():
     assert after.contradictions == ()
 
 
+@pytest.mark.nightly
 def test_a_record_that_contradicts_the_prediction_is_named():
     study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
     levels = study.values("a")
@@ -154,6 +155,7 @@ def test_rig_runs_of_unknown_repeatability_are_reported_as_a_gap():
     assert not found.is_known
 
 
+@pytest.mark.nightly
 @settings(max_examples=4, deadline=None)
 @given(st.permutations([0, 1, 2]))
 def test_the_order_of_rig_runs_does_not_matter(order):

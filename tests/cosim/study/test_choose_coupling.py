@@ -25,6 +25,7 @@ def found_error():
     return find
 
 
+@pytest.mark.nightly
 def test_the_chosen_step_is_the_largest_that_meets_the_accuracy_in_every_setup(small_study, found_error):
     evaluator = Evaluator(small_study())
     coupling = choose_coupling(evaluator)
@@ -35,6 +36,7 @@ def test_the_chosen_step_is_the_largest_that_meets_the_accuracy_in_every_setup(s
     assert max(found_error(evaluator, setup, larger) for setup in setups) > 0.8 * evaluator.study.accuracy
 
 
+@pytest.mark.nightly
 def test_the_coupling_error_of_a_row_has_the_size_of_the_actual_error(small_study, found_error):
     evaluator = Evaluator(small_study())
     coupling = choose_coupling(evaluator)
@@ -44,11 +46,13 @@ def test_the_coupling_error_of_a_row_has_the_size_of_the_actual_error(small_stud
         assert 0.5 * stated < found_error(evaluator, setup, coupling) < 2.0 * stated
 
 
+@pytest.mark.nightly
 def test_a_higher_accuracy_needs_a_smaller_step(small_study):
     steps = [choose_coupling(Evaluator(small_study(accuracy=a))).step for a in (2.0, 0.2, 0.06)]
     assert steps == sorted(steps, reverse=True) and steps[0] > steps[2]
 
 
+@pytest.mark.nightly
 def test_the_step_needed_by_stiff_shocks_is_also_used_for_soft_ones(small_study, fmus, found_error):
     stiff = {"compression_scale": 10.0, "rebound_scale": 10.0, "time_constant": 5e-5}
     bank = {"soft": Build(fmus["lpnl2"]), "stiff": Build(fmus["lpnl2"], stiff)}

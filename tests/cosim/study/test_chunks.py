@@ -169,7 +169,7 @@ run_study(Study.from_json(Path(sys.argv[1]).read_text()), sys.argv[2], WorkersHe
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_a_study_that_is_killed_loses_nothing_and_runs_nothing_twice(small_study, here, tmp_path: Path) -> None:
     bank = {f"{name} {k}": build for name, build in small_study().bank.items() for k in range(2)}
@@ -188,6 +188,7 @@ def test_a_study_that_is_killed_loses_nothing_and_runs_nothing_twice(small_study
     assert found.table.drop_columns(["seconds"]).equals(again.table.drop_columns(["seconds"]))
 
 
+@pytest.mark.nightly
 def test_a_study_larger_than_the_memory_limit_has_the_same_rows(small_study, here, tmp_path, monkeypatch):
     small = run_study(small_study(), tmp_path / "small", here)
     monkeypatch.setattr(stored_table, "IN_MEMORY", 0)

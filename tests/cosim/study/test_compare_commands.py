@@ -88,6 +88,7 @@ def _fields(port: Port) -> dict[str, float]:
     return {name: getattr(port, name) for name in Port.__slots__}
 
 
+@pytest.mark.slow
 def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     shown = eightpost("select", folder, "--measure", "total tire force=2")
     assert shown.exit_code == 0, shown.output
@@ -122,6 +123,7 @@ def test_sensitivity_prints_shares_and_writes_every_term(folder):
     )
 
 
+@pytest.mark.slow
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
@@ -150,6 +152,7 @@ def tires_only(folder, measured, tmp_path) -> Path:
     return path
 
 
+@pytest.mark.nightly
 def test_records_need_only_the_channels_of_the_measures(folder, sure, tires_only, pages):
     compared = eightpost("compare", sure, "--measured", tires_only)
     confirmed = eightpost("confirm", sure, tires_only)
@@ -171,6 +174,7 @@ def test_records_without_the_channels_of_any_measure_are_refused_with_what_they_
     assert "the records lack front.ride_height" in " ".join(shown.stderr.split())
 
 
+@pytest.mark.nightly
 def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp_path):
     words = ["compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
     text = CliRunner(env={"COLUMNS": "80"}).invoke(main, words).output
@@ -180,6 +184,7 @@ def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp
         assert heading in text
 
 
+@pytest.mark.nightly
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 1e-4)
     assert shown.exit_code == 1
@@ -242,6 +247,7 @@ def sure(folder, tmp_path) -> Path:
     return tmp_path
 
 
+@pytest.mark.nightly
 def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder, measured, sure, pages):
     """Setups whose runs the intervals already contain are not counted."""
     judged = []
@@ -256,6 +262,7 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
     assert "4 of 4" in shown.output
 
 
+@pytest.mark.nightly
 def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured, sure, pages):
     assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
     assert eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
@@ -268,6 +275,7 @@ def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_p
     assert "unknown" in shown.output
 
 
+@pytest.mark.slow
 def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, measured, sure, pages):
     before = read_certainty(sure / "certainty.parquet")
     assert before.is_known

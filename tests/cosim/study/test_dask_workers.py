@@ -108,7 +108,7 @@ def test_workers_that_are_killed_at_any_moment_lose_no_setup(eight_setups, here,
     assert without_seconds(together).equals(without_seconds(alone))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("cluster", [0], indirect=True)
 def test_only_the_setup_that_kills_its_worker_fails(eight_setups, here, cluster, tmp_path):
     size = Measure("size", ("car.lf.tire_force",), "rms", "N")
@@ -149,6 +149,7 @@ def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here
         workers.close()
 
 
+@pytest.mark.nightly
 def test_without_workers_the_study_says_so_and_ends_with_its_partial_table(eight_setups, tmp_path, cluster, here):
     heard = []
     workers = dask_workers.DaskWorkers(cluster.scheduler_address, waiting=0.5, report=heard.append)

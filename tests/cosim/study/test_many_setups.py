@@ -66,6 +66,7 @@ def test_each_setup_of_a_bank_of_all_laws_responds_as_its_fmus(shocks: dict[str,
             assert found.std() == pytest.approx(wanted.std(), rel=2e-4)
 
 
+@pytest.mark.nightly
 def test_setups_of_a_car_with_bristle_and_port_spring_respond_as_its_fmu(
     shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -88,6 +89,7 @@ def test_setups_of_a_car_with_bristle_and_port_spring_respond_as_its_fmu(
         assert found[row].std() == pytest.approx(wanted.std(), rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_a_study_of_a_car_with_bristles_and_port_springs_has_the_measures_of_its_setups(
     shocks: dict[str, Shock], fmus: dict[str, Path], tmp_path: Path
 ) -> None:

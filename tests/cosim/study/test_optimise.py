@@ -42,6 +42,7 @@ class Bank:
         return Scores(self.objectives[indices], self.violations[indices])
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_the_best_of_2401_setups_is_found_within_400(seed):
     bank = Bank(responses(seed, 1))

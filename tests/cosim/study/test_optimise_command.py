@@ -49,7 +49,7 @@ def optimise(fmus, folder, *words: str, limit: float = 1.0):
     return CliRunner(env={"COLUMNS": "160"}).invoke(main, options)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp_path, monkeypatch):
     pages = []  # the page takes longer than the search, and is tested elsewhere
     monkeypatch.setattr("eightpost.app.show.write_page", lambda *given: pages.append(given))

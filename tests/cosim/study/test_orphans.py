@@ -23,7 +23,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_worker_outlives_a_study_that_is_killed(small_study, tmp_path: Path) -> None:
     (tmp_path / "study.json").write_text(small_study().to_json())
     (tmp_path / "main.py").write_text(MAIN)

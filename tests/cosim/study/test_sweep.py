@@ -84,6 +84,7 @@ def test_the_coupling_error_of_rows_bounds_the_error_found_at_an_eighth_of_the_s
             assert abs(found / fine[measure.name] - 1.0) < 0.01 * study.accuracy
 
 
+@pytest.mark.slow
 def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here, finished, tmp_path):
     sweep = Sweep(small_study(), tmp_path / "killed")
     coupling = sweep.coupling(here)
@@ -101,6 +102,7 @@ def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here,
     assert table(again).equals(table(finished))
 
 
+@pytest.mark.nightly
 def test_ctrl_c_leaves_a_partial_result(small_study, here, finished, tmp_path):
     def press(done, _total):
         if done == 8:
@@ -131,12 +133,14 @@ def test_objective_and_constraints_may_change_without_a_new_run(small_study, her
     assert (np.diff(result.objective[ranked]) >= 0.0).all()
 
 
+@pytest.mark.nightly
 def test_a_changed_study_is_run_again(small_study, here, tmp_path, finished):
     here.ran.clear()
     run_study(small_study(settling=1.5), tmp_path / "whole", here)
     assert len(here.ran) == 16
 
 
+@pytest.mark.slow
 def test_setups_that_fail_are_listed_and_the_rest_is_kept(small_study, here, fmus, tmp_path, finished):
     study = small_study()
     bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
@@ -158,7 +162,7 @@ def test_setups_beyond_a_shocks_fitted_range_are_marked(small_study, here, fmus,
     assert "lf beyond its fitted velocities" in marked and "lf beyond" not in plain
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_several_processes_and_one_that_is_killed_give_the_same_table(small_study, here, tmp_path):
     """A measure kills the worker, as an FMU that crashes would."""
     (tmp_path / "mine.py").write_text(
@@ -186,7 +190,7 @@ def test_several_processes_and_one_that_is_killed_give_the_same_table(small_stud
     assert several.done.all() and table(several).equals(table(alone))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study, here, tmp_path, monkeypatch):
     """A measure hangs the worker, as an FMU that hangs would.
 

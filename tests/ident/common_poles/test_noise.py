@@ -52,6 +52,7 @@ def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_the_sta
     assert all(0.9 < excess < 1.1 for excess in found.excess.values())
 
 
+@pytest.mark.slow
 def test_errors_agree_with_the_reported_uncertainty(quarter_car: StateSpace) -> None:
     found = [FIT.fit(noisy(quarter_car, 0.02, seed)) for seed in range(24)]
     at = np.array([1.0, 3.0, 8.0, 16.0])
@@ -65,6 +66,7 @@ def test_errors_agree_with_the_reported_uncertainty(quarter_car: StateSpace) -> 
     assert ratio.max() < 2.5
 
 
+@pytest.mark.nightly
 def test_four_times_the_frequencies_halve_the_errors(quarter_car: StateSpace) -> None:
     dense = np.arange(0.1, 20.0, 0.025)
     errors = []

@@ -28,6 +28,7 @@ def _close(found: StateSpace, model: StateSpace, tolerance: float) -> None:
     assert (wrong * points.input_size[:, None] / points.output_size[:, None, None]).max() < tolerance
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("name", "states"), [("quarter_car", 4), ("seven_dof", 14)])
 def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
     name: str, states: int, request: pytest.FixtureRequest
@@ -39,6 +40,7 @@ def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
 
 
+@pytest.mark.nightly
 def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof: StateSpace) -> None:
     """A car with a lag of 200 Hz in its accelerometers: in the band of 20 Hz, a fast pole would explain it."""
     response = noisy(seven_dof, 2e-3, 5)
@@ -57,6 +59,7 @@ def test_the_faster_pole_of_a_block_is_limited_too(w: float, zeta: float) -> Non
     assert blocks.zeta[0] >= np.clip(0.5 * (w / fastest - 1.0), 2e-3, 0.7)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_any_stable_model_is_recovered(seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -75,6 +78,7 @@ def test_any_stable_model_is_recovered(seed: int) -> None:
     assert wrong < 1e-7 * np.abs(H).max()
 
 
+@pytest.mark.nightly
 def test_paths_of_inputs_without_power_over_most_of_the_band_are_recovered_over_the_whole_band(
     seven_dof: StateSpace,
 ) -> None:

@@ -142,6 +142,7 @@ def test_a_law_without_lag_has_no_time_constant_and_a_file_without_estimates_no_
     assert entry_of_shock(shock, "s", "s").lag == shock.law.time_constant
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("band", [None, 3, {"velocity [m/s]": "x"}, {"velocity [m/s]": [0, 1], "force [N]": [0, 1]}])
 def test_a_band_of_another_form_is_left_out(band):
     shock = read_shock(BANK[0])
@@ -251,6 +252,7 @@ def test_a_corner_needs_positive_values(values):
         CarCorner("lf", *values)
 
 
+@pytest.mark.slow
 def test_the_verdict_has_the_findings_of_records_and_shocks():
     good = entry_of_test(read_dyno_test(DATA / "dyno_A.csv"), "a", "A")
     table = entry_of_table(PeakVelocityTable([0.1, 0.2], [10.0, 20.0], [-10.0, -20.0]), "t", "T")

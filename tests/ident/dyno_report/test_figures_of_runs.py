@@ -58,6 +58,7 @@ def test_the_width_at_zero_velocity_is_that_of_lag_and_gas_spring(rate, lag, sti
     assert cycles.offset == pytest.approx(90.0, abs=0.001 * rate * amplitude * w)
 
 
+@pytest.mark.slow
 @settings(QUICK, max_examples=25)
 @given(RATES, RATES, st.floats(0.0, 0.02), st.floats(0.03, 0.2))
 def test_the_lag_is_the_delay_of_the_force_for_every_curve(compression, rebound, lag, knee):
@@ -101,6 +102,7 @@ def motion_of(drive, force=None, lag=0.0):
     })  # fmt: skip
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("compression", "rebound"), [(1500.0, 6000.0), (6000.0, 1500.0)])
 def test_the_force_at_rest_of_a_random_motion_has_little_of_the_bias_of_the_lag(compression, rebound):
     force = valve(viscous(compression), viscous(rebound), gas=200.0, stiffness=700.0)
@@ -129,6 +131,7 @@ def test_the_force_at_rest_of_a_sine_is_the_mean_of_both_ends():
 # ---- Curves, knees, ratios ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @settings(QUICK, max_examples=40)
 @given(
     st.floats(2000.0, 12_000.0), st.floats(0.1, 0.6), st.floats(2000.0, 12_000.0), st.floats(0.1, 0.6),
@@ -285,6 +288,7 @@ def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, 
 # ---- Gas force of a slow run ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @settings(QUICK, max_examples=15)
 @given(st.floats(50.0, 400.0), st.floats(0.0, 2000.0), st.floats(0.0, 120.0))
 def test_a_fast_run_has_the_gas_force_of_the_slow_run_of_its_setting_subtracted(gas, stiffness, held):

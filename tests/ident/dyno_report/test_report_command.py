@@ -87,6 +87,7 @@ def test_a_page_of_one_shock_without_records_is_complete(tmp_path):
     assert 'id="warming"' not in html and 'id="differences"' not in html
 
 
+@pytest.mark.nightly
 def test_a_record_that_is_not_usable_exits_1_and_the_page_is_written(tmp_path):
     lines = (DATA / "dyno_A.csv").read_text(encoding="utf-8").splitlines()
     cells = [line.split(",") for line in lines[4:]]
@@ -150,6 +151,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.nightly
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**6), st.sampled_from(sorted(MOTIONS)), st.booleans(), st.integers(200, 2000))
 def test_every_motion_has_a_page_whose_figures_are_finite_or_unknown(seed, motion, has_displacement, count):

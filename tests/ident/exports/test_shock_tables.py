@@ -247,6 +247,7 @@ def test_every_format_states_signs_units_parameters_and_what_it_omits(shock: Pat
     assert "motion ratio 0.7 is not" in text
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("law", LAWS)
 def test_the_shock_of_every_law_is_exported_in_every_format_with_all_its_own_parameters(
     shocks: dict[str, Shock], tmp_path: Path, law: str

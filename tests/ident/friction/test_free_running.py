@@ -66,6 +66,7 @@ def test_a_port_spring_that_tips_the_car_over_is_a_fault(car: IdentifiedVehicle,
     assert "baseline damping" in fault
 
 
+@pytest.mark.nightly
 def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
     rubbing: list[TimeSeries], experiment: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,6 +80,7 @@ def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
     assert any("friction that sticks up to" in note and "rejected: it failed" in note for note in found.notes)
 
 
+@pytest.mark.nightly
 def test_springs_of_the_tests_are_springs_of_the_car(experiment: Experiment) -> None:
     tests = rig_tests(0.0, 40, progression=2.0)
     found = CommonPoles(samples=0).identify(tests, experiment)

@@ -57,6 +57,7 @@ def test_a_friction_velocity_of_zero_and_a_negative_force_are_refused() -> None:
         _quarter_car(Friction(-1.0, 0.01))
 
 
+@pytest.mark.slow
 def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
     rubbing: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -68,6 +69,7 @@ def test_the_friction_of_the_rig_is_found_within_its_uncertainty(
     assert "N" in found.summary()
 
 
+@pytest.mark.nightly
 def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
     rubbing: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -81,6 +83,7 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
     assert costs["bristle"] < 0.85 * costs["tanh"]  # 0.73 to 0.80 on five drives
 
 
+@pytest.mark.slow
 def test_friction_that_creeps_is_recognised(smooth: list[TimeSeries], experiment: Experiment) -> None:
     law = Friction(-80.0, 0.012)  # subtracting 80 N from the measured forces makes a friction of 80 N
     creeping = [with_friction(test, {"": law}) for test in smooth]
@@ -89,6 +92,7 @@ def test_friction_that_creeps_is_recognised(smooth: list[TimeSeries], experiment
     assert found.acts
 
 
+@pytest.mark.nightly
 def test_friction_is_not_significant_on_a_car_without_friction(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -109,6 +113,7 @@ def test_friction_that_follows_the_law_is_found_within_its_deviation(
     assert found.friction[""].velocity == pytest.approx(0.006)
 
 
+@pytest.mark.nightly
 def test_the_car_behind_the_friction_is_found(
     rubbing: list[TimeSeries], smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -156,6 +161,7 @@ def test_the_file_keeps_the_friction(tmp_path: Path) -> None:
     assert again.friction == vehicle.friction
 
 
+@pytest.mark.nightly
 def test_the_fit_reports_its_friction_and_stores_it_in_its_files(
     rubbing: list[TimeSeries], experiment: Experiment, tmp_path: Path
 ) -> None:

@@ -57,6 +57,7 @@ def _explained(tests: list[TimeSeries], experiment: Experiment, samples: int = 6
     return trust
 
 
+@pytest.mark.nightly
 def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_records(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -67,6 +68,7 @@ def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_record
     assert "lift-off" not in _explained(smooth, experiment, samples=0).flags
 
 
+@pytest.mark.nightly
 def test_friction_is_reported_with_its_deviation_and_what_it_explains(
     rubbing: list[TimeSeries], experiment: Experiment
 ) -> None:
@@ -81,6 +83,7 @@ def test_friction_is_reported_with_its_deviation_and_what_it_explains(
     assert Trust.of_json(trust.as_json()) == trust
 
 
+@pytest.mark.nightly
 def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(
     smooth: list[TimeSeries], experiment: Experiment
 ) -> None:

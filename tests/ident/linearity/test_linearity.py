@@ -58,6 +58,7 @@ def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> N
     assert verdict.level < -12.0
 
 
+@pytest.mark.slow
 def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> None:
     found = judged(*singles)
     (path,) = [p for p in found.paths if (p.output.name, p.input.name) == NEAR]
@@ -68,6 +69,7 @@ def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> N
     assert path.energy == pytest.approx(below, rel=0.01)
 
 
+@pytest.mark.nightly
 def test_a_response_that_no_input_explains_is_under_condition_iii(singles: tuple[RigTest, ...]) -> None:
     force = singles[0].series["lf.tire_force"]
     squared = force**2 / force.std()
@@ -77,6 +79,7 @@ def test_a_response_that_no_input_explains_is_under_condition_iii(singles: tuple
     assert verdict.shares[Condition.III] > 0.5
 
 
+@pytest.mark.nightly
 def test_a_low_response_in_noise_is_under_condition_iv(singles: tuple[RigTest, ...]) -> None:
     generator, near = np.random.default_rng(1), singles[0].series["lf.tire_force"]
     drowned = 0.05 * singles[1].series["lf.tire_force"] + 0.3 * near.std() * generator.standard_normal(near.size)
@@ -84,6 +87,7 @@ def test_a_low_response_in_noise_is_under_condition_iv(singles: tuple[RigTest, .
     assert found.verdict("lf.tire_force", "rr.road").condition is Condition.IV
 
 
+@pytest.mark.nightly
 def test_the_response_of_a_linear_car_does_not_depend_on_the_amplitude() -> None:
     found = judged(single("lf.road"), single("lf.road", seed=3, size=0.25), outputs=["lf.velocity", "lf.tire_force"])
     assert [effect.input for effect in found.effects] == ["lf.road", "lf.road"]
@@ -91,6 +95,7 @@ def test_the_response_of_a_linear_car_does_not_depend_on_the_amplitude() -> None
     assert not any(effect.is_notable for effect in found.effects)
 
 
+@pytest.mark.nightly
 def test_a_coherent_response_that_changes_with_the_amplitude_is_reported() -> None:
     small = single("lf.road", seed=3, size=0.25)
     stiff = with_channel(small, "lf.displacement", 0.8 * small.series["lf.displacement"])
@@ -110,6 +115,7 @@ def test_an_actuator_with_only_noise_is_at_rest() -> None:
     assert judged(test, outputs=["lf.velocity"]).inputs == ("lf.road",)
 
 
+@pytest.mark.nightly
 def test_changing_one_shock_gives_the_response_to_its_force() -> None:
     first = record("seven_dof", seconds=40.0, noise=1e-5)
     other = record("seven_dof", seconds=40.0, noise=1e-5, damping={"rf": 0.45 * DAMPING})
@@ -123,6 +129,7 @@ def test_changing_one_shock_gives_the_response_to_its_force() -> None:
     assert found.verdict("rf.velocity", "rf.force").condition is Condition.I
 
 
+@pytest.mark.nightly
 def test_unusable_tests_are_omitted_and_reported() -> None:
     first, other = record("seven_dof"), record("seven_dof", seed=5)
     both = record("seven_dof", damping={"lf": 0.4 * DAMPING, "rr": 0.4 * DAMPING})
@@ -146,6 +153,7 @@ def test_tests_without_an_input_that_moves_alone_are_rejected_with_a_remedy() ->
         judged(record("seven_dof"))
 
 
+@pytest.mark.nightly
 def test_short_records_and_invalid_thresholds_are_rejected(singles: tuple[RigTest, ...]) -> None:
     with pytest.raises(TooShortError, match="noise has a coherence of"):
         judged(*singles, recipe=LocalPolynomial(half_width=0.01, spare=1.1))
@@ -170,6 +178,7 @@ def quarter_files(folder: Path, **changes: float) -> list[str]:
     return ["linearity", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
 
 
+@pytest.mark.nightly
 def test_the_command_prints_the_table_and_writes_plots(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*quarter_files(tmp_path), *KEY], env={"COLUMNS": "200"})
     assert done.exit_code == 0, done.output
@@ -182,6 +191,7 @@ def test_the_command_prints_the_table_and_writes_plots(tmp_path: Path) -> None:
         assert (tmp_path / "out" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_the_command_exits_1_if_a_response_is_under_condition_iii(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*quarter_files(tmp_path, large=1.5), *KEY], env={"COLUMNS": "200"})
     assert done.exit_code == 1, done.output

@@ -76,6 +76,7 @@ def test_a_mode_of_four_bins_is_too_narrow_for_the_record(response: FrequencyRes
     assert (predicted > 2.0 * repeated).all()
 
 
+@pytest.mark.nightly
 def test_equal_inputs_cannot_be_separated() -> None:
     with pytest.raises(InputError, match="depend linearly on each other"):
         estimated("symexc_1", "symexc_2")
@@ -97,6 +98,7 @@ def test_with_a_local_denominator_the_narrow_mode_is_predicted(
     assert (predicted < 2.0 * repeated).all()
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("kind", ["symexc", "asymexc"])
 def test_a_local_denominator_loses_nothing_where_polynomials_suffice(
     response: FrequencyResponse, validated: FrequencyResponse, kind: str

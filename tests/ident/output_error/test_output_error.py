@@ -69,6 +69,7 @@ def _random_record(model, seed, second_gain, *, noise=0.05, seconds=30.0):
     return Record(u, y + noise * y.std() * coloured / coloured.std(), RATE), true
 
 
+@pytest.mark.nightly
 def test_known_parameters_are_within_their_intervals_as_often_as_stated_in_coloured_noise(model):
     inside, shares = [], []
     for seed in range(30):
@@ -81,6 +82,7 @@ def test_known_parameters_are_within_their_intervals_as_often_as_stated_in_colou
     assert np.std(shares) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.nightly
 def test_the_gate_accepts_the_true_structure_and_never_one_without_a_mode(model):
     complete, lacking = [], []
     for seed in range(100, 115):
@@ -99,6 +101,7 @@ def test_the_gate_names_the_frequency_of_the_missing_mode(model):
     assert gate.outputs["y1"].frequency == pytest.approx(true["w2"] / (2.0 * np.pi), rel=0.15)
 
 
+@pytest.mark.nightly
 def test_the_probability_of_the_gate_is_uniform_at_most_where_only_noise_is_left(model):
     found = []
     for seed in range(200, 230):
@@ -133,6 +136,8 @@ def _wells(start):
     return ParameterTable(tuple(Parameter(name, unit, s, 1e-4, 100.0, "logarithmic") for name, unit, s in pairs))
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.5, 2.0, 3.0])
 def test_multiple_shooting_converges_on_a_chaotic_oscillator_where_single_shooting_does_not(start):
     model = SteppedModel(

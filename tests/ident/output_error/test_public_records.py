@@ -13,6 +13,7 @@ FOLDER = Path(os.environ.get("EIGHTPOST_DATA", "/nowhere")) / "nonlinear"
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="EIGHTPOST_DATA does not name the folder of public records")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("case", "limit"), [pytest.param("silverbox", 0.6, marks=pytest.mark.nightly), ("cascaded_tanks", 0.3)]
 )

@@ -56,6 +56,7 @@ def test_a_sound_record_has_no_finding(name: str) -> None:
     assert record_findings(test.series, test.corners) == ()
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), size=st.floats(0.26, 1.6), up=st.booleans())
 def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
@@ -81,6 +82,7 @@ def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound: TimeSeries) -> Non
     assert found == {(WRONG_SIGN, ("lr.chassis_acceleration",)), (WRONG_SCALE, ("rf.tire_force",))}
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
 def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: str, delay: float, late: bool) -> None:
@@ -90,6 +92,7 @@ def test_a_delay_of_any_channel_is_named_with_its_size(sound: TimeSeries, name: 
     assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
 
 
+@pytest.mark.nightly
 @settings(max_examples=4, deadline=None)
 @given(corner=st.sampled_from(CORNERS), delay=st.floats(15.0, 60.0), with_velocity=st.booleans())
 def test_a_potentiometer_that_is_tens_of_milliseconds_late_is_named_and_nothing_else(
@@ -103,6 +106,7 @@ def test_a_potentiometer_that_is_tens_of_milliseconds_late_is_named_and_nothing_
         assert float(one.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(1e-3 * delay, abs=3e-3)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", CHANNELS[::3])
 def test_a_channel_that_carries_noise_is_named(sound: TimeSeries, name: str) -> None:
     noise = sound[name].std() * np.random.default_rng(0).standard_normal(len(sound))
@@ -121,6 +125,7 @@ def test_a_command_that_carries_noise_is_named(sound: TimeSeries) -> None:
     assert (found.rule, found.channels) == (DISCONNECTED, (name,))
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", ["lf.tire_force", "rr.displacement", "lr.chassis_acceleration"])
 def test_a_spike_of_8_standard_deviations_is_named_with_its_time(sound: TimeSeries, name: str) -> None:
     values = sound[name].copy()
@@ -153,6 +158,7 @@ def test_friction_that_reverses_is_a_kink_of_an_acceleration_and_no_spike(sound:
     assert spikes(kinked) == ()
 
 
+@pytest.mark.nightly
 def test_friction_in_an_anti_roll_bar_is_not_a_wrong_load_cell_of_a_soft_shock() -> None:
     """A soft shock in front beside a stiff one, on a lap of a car with 31 N of friction in its front bar."""
     car, shocks = flexible_truth(1010), [LinearDamper(rate) for rate in (3600.0, 1000.0, 3600.0, 3600.0)]
@@ -213,6 +219,7 @@ def test_a_test_of_one_actuator_is_not_checked_against_mechanics() -> None:
     assert record_findings(test.series, CORNERS) == ()
 
 
+@pytest.mark.nightly
 def test_a_delay_that_was_given_is_no_longer_reported(sound: TimeSeries) -> None:
     late = RigTest(advance_channels(sound, {"lf.tire_force": -5e-3}))
     (reason,) = prepare([late]).reasons
@@ -221,6 +228,7 @@ def test_a_delay_that_was_given_is_no_longer_reported(sound: TimeSeries) -> None
     assert prepare([late], Preparation(delays={"lf.tire_force": 5e-3})).reasons == ()
 
 
+@pytest.mark.nightly
 def test_a_fault_of_several_records_is_one_reason(sound: TimeSeries) -> None:
     bad = RigTest(with_row(sound, "rf.force", 1.5 * sound["rf.force"]))
     (reason,) = prepare([bad, RigTest(sound), bad]).reasons
@@ -235,6 +243,7 @@ def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: 
     assert "check its calibration" in said
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["lf.displacement", "rr.force", "lr.tire_force"])
 def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name: str) -> None:
     late = advance_channels(sound, {name: -0.012})
@@ -246,6 +255,7 @@ def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name
     assert f"warning {name} is " in said
 
 
+@pytest.mark.slow
 def test_inspect_checks_all_forces_by_the_mass_of_the_car(sound: TimeSeries, tmp_path: Path) -> None:
     path = written(sound, tmp_path / "rig.parquet")
     assert run("inspect", path)[0] == 0
@@ -257,6 +267,7 @@ def test_inspect_checks_all_forces_by_the_mass_of_the_car(sound: TimeSeries, tmp
     assert run("inspect", path, "--mass", "1360 kg")[0] == 0
 
 
+@pytest.mark.nightly
 def test_identify_marks_a_vehicle_from_wrong_forces_as_not_usable(tmp_path: Path) -> None:
     files = []
     for seed, damping in ((1, DAMPING), (2, 1.6 * DAMPING)):

@@ -128,6 +128,7 @@ def test_a_stop_is_common_unless_left_out_parts_need_others(with_stop):
     assert any("stiffnesses of the stop are the same at all settings" in note for note in with_stop.joint.notes)
 
 
+@pytest.mark.nightly
 def test_a_stop_that_fades_with_the_clicks_is_found_and_interpolated(tmp_path):
     fit = fit_settings(table((0.0, 14.0, 28.0), stop=True, fading=0.8))
     assert fit.settings.parameters == ("lagged_slope", "stop_stiffness")
@@ -157,6 +158,7 @@ def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(
         assert slope == pytest.approx(-2.0 * right[number], rel=0.02, abs=1e-3 * problem.at(at).cost)
 
 
+@pytest.mark.nightly
 def test_time_constants_that_grow_with_the_clicks_are_found_and_interpolated():
     fit = fit_settings(table((0.0, 14.0, 28.0), growth=1.0))
     assert fit.settings.parameters == ("lagged_slope", "time_constant")

@@ -102,6 +102,7 @@ def test_every_inner_file_is_predicted_by_the_others_almost_as_well_as_it_is_fit
     assert all(p < one.percent + 0.5 for p, one in zip(inner, rebound.fits[1:-1], strict=True))
 
 
+@pytest.mark.nightly
 def test_the_bands_cover_the_true_curves_of_random_systems_between_the_measured_settings():
     covered = []
     for seed in range(8):
@@ -185,6 +186,7 @@ def test_scattered_settings_are_reproduced_or_refused_by_name(places, seed):
         assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value, abs=1e-8)
 
 
+@pytest.mark.nightly
 def test_maxwell_is_fitted_over_settings():
     fit = fit_settings(rebound_table((0.0, 14.0, 28.0)), law="maxwell")
     assert fit.shock.law_name == "maxwell"
@@ -275,6 +277,7 @@ def test_temperatures_within_three_kelvin_are_one_setting():
     assert joined_temperatures([313.0, 300.0, 314.0, 301.0]) == pytest.approx([313.5, 300.5, 313.5, 300.5])
 
 
+@pytest.mark.slow
 def test_clicks_counted_the_wrong_way_are_a_doubt():
     wrong = rebound_table()
     wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))
@@ -282,6 +285,7 @@ def test_clicks_counted_the_wrong_way_are_a_doubt():
     assert any("rebound acts against its counting, from full soft" in reason.statement for reason in reasons)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -303,6 +307,7 @@ def test_a_wrong_entry_of_a_table_is_reported_with_the_file(tmp_path, change, me
         read_settings_table(tmp_path / "table.toml")
 
 
+@pytest.mark.nightly
 def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_path):
     text = (EXAMPLES / "rebound.toml").read_text().replace('path = "rebound', f'path = "{EXAMPLES.as_posix()}/rebound')
     text = text.replace("[[file]]", "[temperature]\n\n[[file]]", 1)
@@ -316,6 +321,7 @@ def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_
     assert 310.0 < warm.nodes[0] < 325.0
 
 
+@pytest.mark.slow
 def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_path):
     output = tmp_path / "shock.json"
     shown = CliRunner().invoke(main, ["settings", str(EXAMPLES / "rebound.toml"), "-o", str(output)])

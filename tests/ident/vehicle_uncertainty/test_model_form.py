@@ -102,6 +102,7 @@ def test_the_residual_is_split_at_the_upper_limit_of_the_band(car, tests):
     assert low.above[1] == pytest.approx(0.2 * low.share[1] ** 0.5, rel=0.05)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",), ("force", "velocity"), (*OUTPUTS, "road", "force")])
 def test_white_noise_of_outputs_and_of_inputs_is_not_a_residual_of_the_model(car, tests, channels):
     left, plain = [], []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.model_form import ModelForm
@@ -20,6 +22,7 @@ def titles(fit):
     return {reason.rule.name for reason in fit_verdict(fit).reasons}
 
 
+@pytest.mark.nightly
 def test_a_vehicle_of_which_every_model_was_rejected_is_not_usable(monkeypatch):
     monkeypatch.setattr(common_poles, "fault_in_simulation", lambda _vehicle, _tests: "it diverges")
     fit = with_validity(QUICK.identify(rig_tests(0.0, 20), EXPERIMENT))
@@ -29,6 +32,7 @@ def test_a_vehicle_of_which_every_model_was_rejected_is_not_usable(monkeypatch):
     assert fit.vehicle.validity.verdict.grade is Grade.NOT_USABLE
 
 
+@pytest.mark.nightly
 def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usable(monkeypatch):
     monkeypatch.setattr(ModelForm, "uncertainty", lambda *_arguments, **_options: {})
     fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
@@ -37,6 +41,7 @@ def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usa
     assert fit_verdict(fit).grade is Grade.NOT_USABLE
 
 
+@pytest.mark.nightly
 def test_a_vehicle_that_can_be_simulated_states_its_uncertainty_and_has_no_such_flag():
     fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
     assert set(fit.trust.measures) == {"velocity", "tire_force"}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import pytest
+
 from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
 from eightpost.ident.validation.vehicle_verdict import vehicle_verdict
@@ -42,6 +44,7 @@ def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
     assert not port_table(corner).rows
 
 
+@pytest.mark.nightly
 def test_a_flag_of_the_fit_limits_the_verdict_and_is_on_the_page(
     corner: VehicleFit, setups: list[RigTest], tmp_path: Path
 ) -> None:

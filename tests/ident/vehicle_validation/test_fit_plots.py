@@ -31,6 +31,7 @@ def differ(one: Image.Image, other: Image.Image) -> bool:
     return one.size != other.size or ImageChops.difference(one, other).getbbox() is not None
 
 
+@pytest.mark.nightly
 def test_a_plot_does_not_depend_on_the_plots_before_it(fit: VehicleFit, tmp_path: Path) -> None:
     together = drawn(fit, tmp_path / "together", *OUTPUTS)
     alone = [drawn(fit, tmp_path / name, name)[0] for name in OUTPUTS]
@@ -38,6 +39,8 @@ def test_a_plot_does_not_depend_on_the_plots_before_it(fit: VehicleFit, tmp_path
     assert differ(together[0], together[1])
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["coherence", "partial_coherence", "H"])
 def test_estimate_and_coherences_are_in_the_plot(fit: VehicleFit, tmp_path: Path, kind: str) -> None:
     estimate = fit.response

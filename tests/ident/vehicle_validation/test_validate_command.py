@@ -71,6 +71,7 @@ def test_the_page_begins_with_the_verdict_and_is_self_contained(done: tuple[Resu
         assert f'<section id="{section}">' in text, section
 
 
+@pytest.mark.slow
 def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     result = run("slow.json")
     assert result.exit_code == 1, result.output
@@ -78,11 +79,13 @@ def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     assert "the RMS of an output is wrong" in result.output
 
 
+@pytest.mark.slow
 def test_the_user_can_set_the_limits(run: Run) -> None:
     assert run("slow.json", "--level", "500", "--limit", "500").exit_code == 0
     assert run("corner.json", "--limit", "0.01").exit_code == 1
 
 
+@pytest.mark.nightly
 def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
     result = run("own.json")
     assert re.search(r"the car was fitted to a record.*\(soft[.)]", result.output)

@@ -82,6 +82,7 @@ def test_the_95_percent_band_contains_the_true_response_95_percent_of_the_time(g
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
 
 
+@pytest.mark.nightly
 def test_a_car_that_responds_too_slowly_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
     wrong = softer(corner)
     study = validate_vehicle(wrong, records_of(wrong, *setups))
@@ -101,6 +102,7 @@ def louder(corner: VehicleFit, gain: float) -> VehicleFit:
     return fit_of(replace(corner.vehicle, state_space=loud))
 
 
+@pytest.mark.nightly
 def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
     fit = louder(corner, 1.1)
     study = validate_vehicle(fit, records_of(fit, *setups))
@@ -112,6 +114,8 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.88, 1.14])
 def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     corner: VehicleFit, setups: list[RigTest], gain: float
@@ -127,6 +131,8 @@ def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     assert float(stated[2]) < 0.3
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (0.75, 4), (1.1, 3)])
 def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
     corner: VehicleFit, setups: list[RigTest], gain: float, records: int
@@ -137,12 +143,14 @@ def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
     assert "level of an output wrong" in {reason.rule for reason in found.reasons}
 
 
+@pytest.mark.nightly
 def test_equal_setups_do_not_show_that_a_wrong_level_is_harmless(corner: VehicleFit, setups: list[RigTest]) -> None:
     fit = louder(corner, 1.1)
     found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *[setups[0]] * 4)))
     assert found.grade is Grade.NOT_USABLE
 
 
+@pytest.mark.nightly
 def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:
     fit = truth_fit("quarter_car", friction=COULOMB)
     (case,) = validate_vehicle(fit, records_of(fit, quarter_test(friction=COULOMB, seed=4))).cases
@@ -152,6 +160,7 @@ def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:
         assert one.error < 0.25 * smooth[one.name].error, one.name
 
 
+@pytest.mark.nightly
 def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> None:
     fit = truth_fit("seven_dof", ranges={})
     law = shocks["lpf1"].law
@@ -164,6 +173,7 @@ def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> Non
         assert one.error < 0.02, one.name
 
 
+@pytest.mark.nightly
 def test_the_general_loop_agrees_with_the_compiled_loop(
     corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
 ) -> None:
@@ -225,6 +235,7 @@ def test_a_record_beyond_the_fits_tests_is_reported_and_limits_the_verdict(
     assert vehicle_verdict(study).grade is Grade.LIMITED
 
 
+@pytest.mark.slow
 def test_a_car_that_ranks_setups_differently_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
     # With the sign of the shock force inverted, more damping acts like less.
     model = corner.vehicle.state_space

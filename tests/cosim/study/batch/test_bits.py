@@ -41,6 +41,8 @@ def at_corners(values, corners=("lf", "rf", "lr", "rr")):
     return {f"{corner}.{n}": v * (1.0 + 0.1 * k) for k, corner in enumerate(corners) for n, v in values.items()}
 
 
+@pytest.mark.repeated
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_has_the_bits_of_its_fmu(fmus, law):
     study = study_of(fmus, random_builds(fmus, [law], 8, seed=LAWS.index(law)))
@@ -52,6 +54,7 @@ def test_laws_can_be_mixed_in_a_batch(fmus):
     assert differing(study, random_setups(study, 8)) == []
 
 
+@pytest.mark.nightly
 def test_curves_through_knots_and_polynomials_can_be_mixed(fmus):
     knots = knots_of(FmuComponent(fmus["hysteresis"], "shock"))
     builds = random_builds(fmus, ["lpnl2", "polylinear"], 6, seed=21)
@@ -62,6 +65,7 @@ def test_curves_through_knots_and_polynomials_can_be_mixed(fmus):
     assert differing(study, random_setups(study, 8)) == []
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("kind", FRICTION)
 def test_every_friction_has_the_bits_of_the_vehicle(fmus, kind):
     vehicle = Vehicle(fmus["seven_dof"], parameters=at_corners(FRICTION[kind]))
@@ -69,6 +73,7 @@ def test_every_friction_has_the_bits_of_the_vehicle(fmus, kind):
     assert differing(study, random_setups(study, 8)) == []
 
 
+@pytest.mark.nightly
 def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, tmp_path):
     """The other cars have pairs of modes only; this one decays alone, in 0.04 s."""
     car, rng = json.loads(IDENTIFIED.read_text()), np.random.default_rng(3)
@@ -85,6 +90,7 @@ def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, tmp_path):
     assert differing(study, random_setups(study, 4), channels) == []
 
 
+@pytest.mark.nightly
 def test_a_quarter_car_has_the_bits_of_its_fmu(fmus):
     channels = ("car.velocity", "car.tire_force", "corner.force", "corner.lagged_force")
     builds = random_builds(fmus, ["lpnl2", "hysteresis"], 4, seed=41)
@@ -106,6 +112,7 @@ def test_a_step_longer_than_the_drives_follows_its_points(fmus):
 NARROWER = {"avx512dq": ("avx2", ""), "avx2": ("",)}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.nightly)], ids=["narrowest", "all widths"])
 def test_the_bits_of_a_setup_do_not_depend_on_its_lane_its_neighbours_or_the_width_of_the_processor(fmus, count):
     study = study_of(fmus, random_builds(fmus, LAWS, 10, seed=51))
@@ -123,6 +130,7 @@ def test_the_bits_of_a_setup_do_not_depend_on_its_lane_its_neighbours_or_the_wid
     assert all(bits(range(8), width) == whole for width in widths)
 
 
+@pytest.mark.nightly
 def test_fused_operations_change_the_last_bits_only(fmus):
     study = study_of(fmus, random_builds(fmus, ["lpnl2", "lpf1"], 6, seed=61))
     setups = random_setups(study, 8)

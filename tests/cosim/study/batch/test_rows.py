@@ -54,6 +54,7 @@ def evaluator(study):
     return Evaluator(study)
 
 
+@pytest.mark.slow
 def test_rows_have_the_columns_marks_and_values_of_the_fmus(study, evaluator):
     setups = random_setups(study, 11, seed=3)
     coupling = replace(COUPLING, errors=errors(study))
@@ -103,6 +104,7 @@ DEFECTS = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "defect", ["lag", *(pytest.param(d, marks=pytest.mark.nightly) for d in DEFECTS if d != "lag")]
 )

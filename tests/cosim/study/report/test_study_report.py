@@ -240,6 +240,7 @@ def test_the_workbook_contains_ranking_units_and_provenance(few, tmp_path):
     assert (cell.value, cell.data_type) == ("=1+1", "s")  # text, no formula
 
 
+@pytest.mark.nightly
 def test_figures_for_papers_are_png_and_svg_and_the_same_every_time(surrogate, tmp_path):
     sheet = sheet_of(surrogate(("AA/AA", "C/C", "B/B"), objective=(Term(FRONT, 1.0, "in"),)))
     sheet = replace(sheet, measures=sheet.measures[:2])
@@ -272,6 +273,7 @@ def test_every_build_of_a_large_bank_has_a_colour_of_its_own():
     assert len(set(build_colors(40))) == 40
 
 
+@pytest.mark.slow
 def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
     whole = surrogate(("AA/AA", "C/C", "B/B"))
     result = StudyResult(
