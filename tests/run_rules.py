@@ -138,7 +138,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def mark_repetitions(items: Sequence[pytest.Item]) -> None:
-    """Mark the cases that repeat a claim as nightly: `repeated(2)` keeps the first two, `repeated("knots")` those ids."""
+    """Mark the cases that repeat a claim as nightly: `repeated(2)` keeps two daily, `repeated("knots")` those ids."""
     seen: Counter[str] = Counter()
     for item in items:
         for marker in item.iter_markers("repeated"):
@@ -150,6 +150,7 @@ def mark_repetitions(items: Sequence[pytest.Item]) -> None:
                 item.add_marker("nightly")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out nightly tests, unless `-m` says something about them."""
     mark_repetitions(items)

@@ -139,11 +139,13 @@ def container_report(container):
         return check(container)
 
 
+@pytest.mark.nightly
 def test_a_foreign_native_fmu_breaks_no_more_rules_of_the_standard_than_are_known(container_report):
     """Check the known defects: fmu-manipulation-toolbox 2.0 ignores the stop time (2.1.6) and the GUID (2.1.5)."""
     assert {finding.rule.identifier for finding in container_report.of(Level.ERROR)} == {"stop-time", "guid-checked"}
 
 
+@pytest.mark.nightly
 def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container_report):
     crashes = [finding.message for finding in container_report.findings if finding.rule.identifier == "crash-misuse"]
     assert any("did not end within 5 s in or after fmi2DoStep" in message for message in crashes)

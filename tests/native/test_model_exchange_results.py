@@ -139,30 +139,23 @@ def random_car(seed):
     return StateSpace(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T), D, inputs, outputs, name=f"random_{seed}")
 
 
-@pytest.fixture(scope="module")
-def random_cars(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("random_cars")
-    for seed in range(4):
-        write_vehicle(folder / f"random_{seed}.json", IdentifiedVehicle(f"random_{seed}", random_car(seed)))
-    built = build(sorted(folder.glob("*.json")), folder)
-    for item in built:
-        extract_archive(item.path, folder / item.path.stem)
-    return [folder / item.path.stem for item in built]
-
-
+@pytest.mark.repeated("0-150.0", "0-0.0")
 @pytest.mark.parametrize("friction", [0.0, 150.0])
-def test_random_cars_have_the_results_of_co_simulation_with_and_without_friction(random_cars, c_level, friction):
+@pytest.mark.parametrize("seed", range(4))
+def test_random_cars_have_the_results_of_co_simulation_with_and_without_friction(tmp_path, c_level, friction, seed):
     """Friction in co-simulation is of second order in its sub-steps."""
-    for seed, folder in enumerate(random_cars):
-        fmus = [c_level.Host(folder, kind=kind) for kind in (c_level.CO_SIMULATION, c_level.MODEL_EXCHANGE)]
-        for fmu in fmus:
-            assert fmu.set_named({"friction_force": friction, "friction_velocity": 0.05}) == OK
-        u = drive(fmus[0], seed)
-        expected = by_co_simulation(fmus[0], u, True)
-        found = by_model_exchange(fmus[1], u, True, method="DOP853", rtol=1e-10, atol=1e-12)
-        assert differences(found, expected).max() < (1e-8 if friction == 0.0 else 1e-3)
-        for fmu in fmus:
-            fmu.free()
+    write_vehicle(tmp_path / "car.json", IdentifiedVehicle("car", random_car(seed)))
+    (built,) = build([tmp_path / "car.json"], tmp_path)
+    extract_archive(built.path, tmp_path / "car")
+    fmus = [c_level.Host(tmp_path / "car", kind=kind) for kind in (c_level.CO_SIMULATION, c_level.MODEL_EXCHANGE)]
+    for fmu in fmus:
+        assert fmu.set_named({"friction_force": friction, "friction_velocity": 0.05}) == OK
+    u = drive(fmus[0], seed)
+    expected = by_co_simulation(fmus[0], u, True)
+    found = by_model_exchange(fmus[1], u, True, method="DOP853", rtol=1e-10, atol=1e-12)
+    assert differences(found, expected).max() < (1e-8 if friction == 0.0 else 1e-3)
+    for fmu in fmus:
+        fmu.free()
 
 
 # ---- Directional derivatives ----------------------------------------------------------------------------------------

@@ -116,6 +116,7 @@ def with_stop():
     return fit_settings(table((0.0, 28.0), stop=True))
 
 
+@pytest.mark.nightly
 def test_all_settings_share_a_stop_that_the_records_show(with_stop):
     for clicks in (0.0, 28.0):
         law = with_stop.shock.at(clicks={"rebound": clicks}).law
@@ -123,6 +124,7 @@ def test_all_settings_share_a_stop_that_the_records_show(with_stop):
         assert law.stop_time == pytest.approx(2e-2, rel=0.02)  # six noises: within 0.7 %
 
 
+@pytest.mark.nightly
 def test_a_stop_is_common_unless_left_out_parts_need_others(with_stop):
     assert with_stop.settings.parameters == ("lagged_slope",)
     assert any("stiffnesses of the stop are the same at all settings" in note for note in with_stop.joint.notes)
@@ -147,6 +149,7 @@ def test_a_stop_that_fades_with_the_clicks_is_found_and_interpolated(tmp_path):
     assert errors[0] < 0.7 < errors[1]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("has_own_stop", [False, True])
 def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(with_stop, has_own_stop):
     problem = JointProjection.of(with_stop.joint.model, is_thin=True, has_own_stop=has_own_stop)
