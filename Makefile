@@ -17,7 +17,7 @@ QUICK := tests/signals tests/shock/test_laws.py tests/shock/test_file.py tests/s
   tests/test_archive.py tests/test_cells.py tests/test_files.py tests/test_release.py tests/test_units.py \
   tests/test_verdict.py
 
-.PHONY: help demo test quick lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
+.PHONY: help demo test quick area lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
   licences clean
 
 help: ## List the targets.
@@ -33,6 +33,9 @@ test: lint ## Install, check style, types and imports, and run the tests: about 
 
 quick: $(INSTALLED) ## Run the fast tests: under a minute.
 	$(BIN)/pytest -q -m 'not slow and not nightly' $(QUICK)
+
+area: $(INSTALLED) ## Run the tests of a source or folder: make area FILE=eightpost/signals/filters.py (SLOW=1: all).
+	$(BIN)/python -m benchmarks.mutants.area_tests $(if $(SLOW),--slow) $(FILE)
 
 lint: $(INSTALLED) ## Check style and format.
 	$(BIN)/ruff check .
