@@ -80,6 +80,17 @@ def test_every_source_belongs_to_one_area_and_every_area_has_tests_and_existing_
         assert area.tests
         for plugin in area.plugins:
             assert (ROOT / "benchmarks" / "mutants" / "plugins" / f"{plugin}.py").is_file()
+        for test in area.tests + area.quick:
+            file, _, name = test.partition("::")
+            assert not name or f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), test
+
+
+def test_make_quick_has_tests_of_every_area():
+    for area in read_areas():
+        named = [Path(test.partition("::")[0]) for test in area.tests]
+        assert area.quick, area.name
+        for test in area.quick:
+            assert any(Path(test.partition("::")[0]).is_relative_to(path) for path in named), test
 
 
 def test_an_area_names_every_test_file_but_those_of_the_documentation_benchmarks_and_the_release():
@@ -185,6 +196,12 @@ def test_make_area_of_something_without_tests_says_what_has_some(ran, capsys, fi
     assert capsys.readouterr().err.startswith(
         f"{file}: no source (.py, .c, .h) of eightpost, builder, cosim, fmus and no"
     )
+
+
+def test_make_quick_runs_its_tests_of_every_area_for_one_platform(ran):
+    main(["--quick"])
+    tests = dict.fromkeys(test for area in read_areas() for test in area.quick)
+    assert ran == [[*DAILY, *TWO, "-p", "benchmarks.mutants.plugins.one_platform", *tests]]
 
 
 def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():

@@ -62,7 +62,7 @@ def read_areas(root: Path = ROOT) -> list[Area]:
         sources = _sources(name, area["sources"], left, root)
         left -= sources
         paths = tuple(path.relative_to(root) for path in sorted(sources))
-        tests, quick = (_tests(name, area.get(key, ()), root) for key in ("tests", "quick"))
+        tests, quick = (_tests(name, area[key], root) for key in ("tests", "quick"))
         areas.append(Area(name, paths, tests, quick, tuple(area.get("plugins", ()))))
     if left:
         raise ValueError(f"areas.toml: {min(left).relative_to(root)} belongs to no area: add its folder to one")
