@@ -9,15 +9,7 @@ INSTALLED := $(VENV)/.installed
 # Many targets start hundreds of Python processes, each of which would otherwise compile the sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Tests of make quick: files, units, laws, vehicles, the coupling without FMUs, the installation.
-QUICK := tests/signals tests/shock/test_laws.py tests/shock/test_file.py tests/shock/test_settings.py \
-  tests/shock/test_maxwell_parts.py tests/vehicle/test_statespace.py tests/vehicle/test_modal.py \
-  tests/vehicle/test_kernel.py tests/vehicle/test_quarter_car.py tests/vehicle/test_seven_dof.py \
-  tests/vehicle/test_storage.py tests/cosim/test_schemes.py tests/cosim/test_planning.py tests/commands/test_doctor.py \
-  tests/test_archive.py tests/test_cells.py tests/test_files.py tests/test_release.py tests/test_units.py \
-  tests/test_verdict.py
-
-.PHONY: help demo test quick lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
+.PHONY: help demo test quick area lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
   licences clean
 
 help: ## List the targets.
@@ -31,8 +23,11 @@ test: lint ## Install, check style, types and imports, and run the tests: about 
 	$(MAKE) -j 2 types contracts loops
 	$(MAKE) unit
 
-quick: $(INSTALLED) ## Run the fast tests: under a minute.
-	$(BIN)/pytest -q -m 'not slow and not nightly' $(QUICK)
+quick: $(INSTALLED) ## Run a few fast tests of every area, the C core included: under a minute.
+	$(BIN)/python -m benchmarks.mutants.area_tests --quick
+
+area: $(INSTALLED) ## Run the tests of a source or folder: make area FILE=eightpost/signals/filters.py (SLOW=1: all).
+	$(BIN)/python -m benchmarks.mutants.area_tests $(if $(SLOW),--slow) $(FILE)
 
 lint: $(INSTALLED) ## Check style and format.
 	$(BIN)/ruff check .

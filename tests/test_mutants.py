@@ -1,10 +1,14 @@
-"""The mutation testing of benchmarks/mutants: its changes, its trials, and the agreement of its lists with sources."""
+"""The areas of benchmarks/mutants and their tests, and mutation testing: its changes, its trials and its lists."""
 
 import compileall
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.mutants.areas import ROOT, Area, Equivalent, read_areas, read_equivalents
+from benchmarks.mutants.area_tests import main
+from benchmarks.mutants.areas import PRODUCT, ROOT, Area, Equivalent, read_areas, read_equivalents
 from benchmarks.mutants.c_sites import c_sites
 from benchmarks.mutants.campaign import Campaign
 from benchmarks.mutants.mutant import Mutant, mutants
@@ -62,17 +66,142 @@ def test_the_stars_of_parameters_and_arguments_are_not_multiplications():
     assert len(python_sites("a = b * c\n")) == len(python_sites("a = f(b * c)\n")) == 1
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize("area", read_areas(), ids=lambda area: area.name)
-def test_every_area_has_sources_places_to_change_and_tests(area):
-    assert len(area.files()) > 0
-    mutant = next(mutants(area, seed=3))
-    assert mutant.lines[0] != mutant.lines[1]
-    paths = [test.partition("::")[0] for test in area.tests if test.startswith("tests/")]
-    assert paths
-    assert [path for path in paths if not (ROOT / path).exists()] == []
-    for plugin in area.plugins:
-        assert (ROOT / "benchmarks" / "mutants" / "plugins" / f"{plugin}.py").is_file()
+def files(*folders):
+    """Return the sources in folders, relative to the root of the checkout."""
+    found = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".c", ".h"))
+    return [path.relative_to(ROOT) for path in found]
+
+
+def test_every_source_belongs_to_one_area_and_every_area_has_tests_and_existing_plugins():
+    areas = read_areas()
+    assert sorted(source for area in areas for source in area.sources) == sorted(files(*PRODUCT))
+    assert len({area.name for area in areas}) == len(areas)
+    for area in areas:
+        assert area.tests
+        for plugin in area.plugins:
+            assert (ROOT / "benchmarks" / "mutants" / "plugins" / f"{plugin}.py").is_file()
+        for test in area.tests + area.quick:
+            file, _, name = test.partition("::")
+            assert not name or f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), test
+
+
+def test_make_quick_has_tests_of_every_area():
+    for area in read_areas():
+        named = [Path(test.partition("::")[0]) for test in area.tests]
+        assert area.quick, area.name
+        for test in area.quick:
+            assert any(Path(test.partition("::")[0]).is_relative_to(path) for path in named), test
+
+
+def test_an_area_names_every_test_file_but_those_of_the_documentation_benchmarks_and_the_release():
+    named = {Path(test) for area in read_areas() for test in area.tests}
+    other = ("tests/docs/*", "tests/*benchmark*.py", "tests/cosim/study/test_study_benchmark.py",
+             "tests/test_fuzz.py", "tests/test_mutants.py", "tests/test_release.py", "tests/test_wheel.py")  # fmt: skip
+    left = [file for file in files("tests") if file.name.startswith("test_") and not any(map(file.match, other))]
+    assert [file for file in left if named.isdisjoint((file, *file.parents))] == []
+
+
+AREAS = """
+[engine]
+sources = ["cosim/engine/march.py"]
+tests = ["tests/engine/test_m*.py", "tests/engine/test_time.py::test_time"]
+quick = ["tests/engine/test_time.py"]
+
+[cosim]
+sources = ["cosim", "fmus/*/*.c"]
+tests = ["tests/engine"]
+quick = []
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A checkout with two areas."""
+    names = ("cosim/engine/march.py", "cosim/engine/plan.py", "cosim/page.css", "fmus/law/model.c")
+    for name in (*names, "tests/engine/test_master.py", "tests/engine/test_march.py", "tests/engine/test_time.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    (tmp_path / "benchmarks" / "mutants").mkdir(parents=True)
+    return tmp_path
+
+
+def areas_of(checkout, text):
+    (checkout / "benchmarks" / "mutants" / "areas.toml").write_text(text)
+    return read_areas(checkout)
+
+
+def test_a_source_belongs_to_the_first_area_that_matches_and_globs_of_tests_are_expanded(checkout):
+    march, plan, model = map(Path, ("cosim/engine/march.py", "cosim/engine/plan.py", "fmus/law/model.c"))
+    tests = tuple(f"tests/engine/test_{name}" for name in ("march.py", "master.py", "time.py::test_time"))
+    assert areas_of(checkout, AREAS) == [
+        Area("engine", (march,), tests, ("tests/engine/test_time.py",)),
+        Area("cosim", (plan, model), ("tests/engine",)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((', "fmus/*/*.c"', ""), "fmus/law/model.c belongs to no area: add its folder to one"),
+        (('"fmus/*/*.c"', '"fmus", "fmus/law"'), "cosim: 'fmus/law' matches no source that is left: move it up"),
+        (("test_m*", "test_sweep*"), "engine: no test matches 'tests/engine/test_sweep[*].py': write where it is now"),
+        (('k = ["tests/engine/test_time', 'k = ["tests/test_time'), "engine: no test matches 'tests/test_time.py'"),
+    ],
+)
+def test_areas_that_do_not_fit_the_checkout_are_refused(checkout, change, message):
+    with pytest.raises(ValueError, match=message):
+        areas_of(checkout, AREAS.replace(*change))
+
+
+@pytest.fixture
+def ran(monkeypatch):
+    """The commands that would run, which end with exit code 1."""
+    commands = []
+    monkeypatch.setattr(
+        subprocess, "run", lambda command, **_: commands.append(command[3:]) or SimpleNamespace(returncode=1)
+    )
+    return commands
+
+
+DAILY = ["-q", "-m", "not slow and not nightly"]
+TWO = ["-n", "2", "--dist", "loadscope"]
+
+
+def test_make_area_runs_the_tests_of_a_source_and_slow_ones_on_request(ran, capsys):
+    assert main(["eightpost/reproduce/verdict.py"]) == main(["--slow", "eightpost/reproduce/verdict.py"]) == 1
+    assert ran == [[*DAILY, "tests/reproduce"], ["-q", "-m", "not nightly", "tests/reproduce"]]
+    assert "eightpost/reproduce/verdict.py: dissertation\n" in capsys.readouterr().out
+
+
+def test_make_area_of_a_folder_runs_the_tests_of_all_its_areas_with_the_plugins_that_they_share(ran):
+    main(["cosim/engine"])
+    areas = [area for area in read_areas() if area.name in ("schemes", "engine")]
+    assert [set(area.plugins) for area in areas] == [{"one_platform", "interpreted"}, set()]
+    assert ran == [[*DAILY, *TWO, *dict.fromkeys(areas[0].tests + areas[1].tests)]]
+    main(["cosim/engine/sweep.py"])
+    plugins = ["-p", "benchmarks.mutants.plugins.interpreted", "-p", "benchmarks.mutants.plugins.one_platform"]
+    assert ran[1][len(DAILY + TWO) :] == [*plugins, *areas[0].tests]
+
+
+def test_make_area_of_a_test_runs_it(ran):
+    main(["tests/test_units.py"])
+    main(["tests/signals"])
+    assert ran == [[*DAILY, "tests/test_units.py"], [*DAILY, *TWO, "tests/signals"]]
+
+
+@pytest.mark.parametrize("file", ["docs/index.md", "tests/test_absent.py", "cosim/absent.py"])
+def test_make_area_of_something_without_tests_says_what_has_some(ran, capsys, file):
+    assert main([file]) == 2
+    assert ran == []
+    assert capsys.readouterr().err.startswith(
+        f"{file}: no source (.py, .c, .h) of eightpost, builder, cosim, fmus and no"
+    )
+
+
+def test_make_quick_runs_its_tests_of_every_area_for_one_platform(ran):
+    main(["--quick"])
+    tests = dict.fromkeys(test for area in read_areas() for test in area.quick)
+    assert ran == [[*DAILY, *TWO, "-p", "benchmarks.mutants.plugins.one_platform", *tests]]
 
 
 def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():
@@ -83,14 +212,23 @@ def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():
         assert len(item.reason.split()) > 3
 
 
-LAG = Area("lag", ("eightpost/shock/lag.py",), ("tests/shock/test_laws.py",))
+LAG = Area("lag", (Path("eightpost/shock/lag.py"),), ("tests/shock/test_laws.py",))
 
 
 def test_a_sample_is_random_repeatable_and_grows_at_its_end():
-    first, again = ([mutant.key for mutant in mutants(LAG, seed)] for seed in (1, 1))
+    first, again = ([mutant.key for mutant in mutants([LAG], seed)] for seed in (1, 1))
     assert first == again
     assert len(set(first)) == len(first) > 5
-    assert first != [mutant.key for mutant in mutants(LAG, 2)]
+    assert first != [mutant.key for mutant in mutants([LAG], 2)]
+
+
+def test_a_sample_of_several_areas_has_the_shares_that_their_places_have():
+    areas = [Area(name, (Path(f"fmus/common/{name}.c"),), LAG.tests) for name in ("step", "elementary")]
+    found = [mutant.area for mutant in mutants(areas, 1)]
+    places = [len(c_sites((ROOT / area.sources[0]).read_text(encoding="utf-8"))) for area in areas]
+    assert [found.count(area.name) for area in areas] == places
+    half = found[: len(found) // 2]
+    assert half.count("step") / len(half) == pytest.approx(places[0] / sum(places), abs=0.05)
 
 
 def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkeypatch):
@@ -106,7 +244,7 @@ def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkey
 
 
 def test_records_are_kept_survivors_tried_again_when_tests_change_and_equivalents_never(tmp_path, monkeypatch):
-    sample = list(mutants(LAG, 1))[:4]
+    sample = list(mutants([LAG], 1))[:4]
     known = {sample[0].key: Outcome.KILLED, sample[1].key: Outcome.SURVIVED}
     listed = [Equivalent(sample[2].file, *sample[2].lines, "a reason")]
     campaign = Campaign([LAG], listed, tmp_path, seed=1, workers=1, report=lambda line: None)

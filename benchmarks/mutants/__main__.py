@@ -1,9 +1,9 @@
-"""Mutation testing of the laws, the C core, the engine, the error estimate, the measures and the statistics.
+"""Mutation testing of the product.
 
     python -m benchmarks.mutants [--count N] [--seed S] [--areas NAMES] [--workers N] [--folder FOLDER] [--least SHARE]
 
-A mutant is a source with one operator, sign, bound or constant changed. Mutants are sampled at random in every area of
-areas.toml, and the tests assigned to the area are run on a copy of the checkout: a mutant is killed if one of them
+A mutant is a source with one operator, sign, bound or constant changed. Mutants are sampled at random in the sources of
+all areas, and the tests of the area (areas.toml) are run on a copy of the checkout: a mutant is killed if one of them
 fails. Mutants of equivalent.toml give the same results as the source, so no test can detect them; they are counted
 separately. Records are kept in the folder: the same command resumes the campaign, and tries survivors again if the
 tests have changed. Prints Markdown, which is also written to FOLDER/report.md. The exit code is 1 if fewer than SHARE

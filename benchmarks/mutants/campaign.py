@@ -1,4 +1,4 @@
-"""A mutation campaign: a random sample of mutants of every area, each tried on a copy of the checkout."""
+"""A mutation campaign: a random sample of the mutants of all areas, each tried on a copy of the checkout."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Campaign:
     report: Callable[[str], None]
 
     def run(self, count: int) -> list[Record]:
-        """Try a sample of `count` mutants, distributed over the areas by their shares; return the records in order.
+        """Try a random sample of `count` mutants; return the records, ordered by area.
 
         Killed mutants of an earlier run are not tried again; survivors are tried again if the tests have changed.
 
@@ -51,22 +51,21 @@ class Campaign:
             RuntimeError: The tests of an area fail without a change.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        total = sum(area.share for area in self.areas)
         with ExitStack() as stack:
             trees: SimpleQueue[Tree] = SimpleQueue()
             for _ in range(self.workers):
                 copy = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mutants-")))
                 trees.put(copy_tree(copy, self.folder.resolve() / "cache"))
+            # Sources and tests are read in a copy, because the checkout may change meanwhile.
+            sample = list(islice(mutants(self.areas, self.seed, copy), count))
             return [
                 record
                 for area in self.areas
-                for record in self._run_area(area, round(count * area.share / total), copy, trees)
+                for record in self._run_area(area, [one for one in sample if one.area == area.name], copy, trees)
             ]
 
-    def _run_area(self, area: Area, count: int, root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
-        """Try the mutants of an area; `root` is one of the copies, because the checkout may change meanwhile."""
+    def _run_area(self, area: Area, sample: list[Mutant], root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
         known, tests = read_records(self._file), digest_of_tests(area, root)
-        sample = list(islice(mutants(area, self.seed, root), count))
         missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
         if missing:
             limit = self._limit(area, trees)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import unified_diff
 from pathlib import Path
@@ -50,19 +50,21 @@ class Mutant:
         return "\n".join(unified_diff(*texts, f"a/{self.file}", f"b/{self.file}", n=1, lineterm=""))
 
 
-def mutants(area: Area, seed: int, root: Path = ROOT) -> Iterator[Mutant]:
-    """Yield mutants of an area in random order, one for each place of its sources.
+def mutants(areas: Sequence[Area], seed: int, root: Path = ROOT) -> Iterator[Mutant]:
+    """Yield mutants of areas in random order, one for each place of their sources.
 
     A longer sample with the same seed starts with the shorter one.
     """
-    places: list[tuple[Path, Site]] = []
-    for path in area.files(root):
-        find = python_sites if path.suffix == ".py" else c_sites
-        places += [(path, site) for site in find(path.read_text(encoding="utf-8"))]
-    chance = random.Random(f"{seed} {area.name}")
+    places = [(area, path, site) for area in areas for path in area.sources for site in _sites(root / path)]
+    chance = random.Random(seed)
     chance.shuffle(places)
-    for path, site in places:
-        before = path.read_text(encoding="utf-8")
+    for area, path, site in places:
+        before = (root / path).read_text(encoding="utf-8")
         after = chance.choice(site.changes)(before)
         if after is not None and after != before:
-            yield Mutant(area.name, path.relative_to(root).as_posix(), site.line, before, after)
+            yield Mutant(area.name, path.as_posix(), site.line, before, after)
+
+
+def _sites(path: Path) -> list[Site]:
+    find = python_sites if path.suffix == ".py" else c_sites
+    return find(path.read_text(encoding="utf-8"))

@@ -48,6 +48,12 @@ def test_the_stated_bias_is_that_of_noise_in_the_force_only() -> None:
     assert stated["road"] < 1e-3
 
 
+def test_frequencies_without_drive_do_not_count() -> None:
+    noisy = records(0.02)
+    driven, all_of_them = (input_noise(noisy, (1.0, high)).bias for high in (28.0, 0.5 * RATE))
+    assert all_of_them == pytest.approx(driven, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("recipe", "text"),
     [(LocalPolynomial(), "too small"), (H1(None), "too small"), (H2(None), "too large"), (Hv(None), "between")],

@@ -106,6 +106,14 @@ def test_the_flat_top_of_a_coarsely_rounded_slow_sine_is_not_clipped(resolution)
     faults.check_not_clipped(resolution * np.round(SINE / resolution), channel="force")
 
 
+@pytest.mark.parametrize(("samples", "is_clipped"), [(faults.CLIP_RUN, True), (faults.CLIP_RUN - 1, False)])
+def test_a_channel_is_clipped_from_as_many_equal_samples_in_sequence_as_stated(samples, is_clipped):
+    values, top = np.linspace(0.0, 0.9, SINE.size), np.arange(samples)
+    for start in (100, 600, 1100, 1600):
+        values[start + top] = 1.0
+    assert faults.clipped_samples(values, np.ones(values.size, dtype=bool)).size == 4 * samples * is_clipped
+
+
 def test_a_computed_hold_with_constant_velocity_is_not_clipped():
     velocity = np.clip(2.0 * SINE, -1.0, 1.0)
     faults.check_not_clipped(100.0 * velocity, channel="force", against=velocity)

@@ -39,3 +39,14 @@ def test_a_velocity_is_recovered_from_a_noisy_displacement():
     velocity = velocity_from_displacement(0.01 * np.sin(2 * np.pi * 3.0 * TIME) + noise, RATE, 50.0)
     exact = 0.01 * 2 * np.pi * 3.0 * np.cos(2 * np.pi * 3.0 * TIME)
     assert np.sqrt(np.mean((velocity - exact)[MIDDLE] ** 2)) < 1e-3 * np.std(exact)
+
+
+def test_the_velocity_is_right_to_the_ends_of_a_record():
+    """The record begins and ends where a sine passes zero, so that its reflection continues it exactly."""
+    velocity = velocity_from_displacement(0.01 * np.sin(2 * np.pi * 3.0 * TIME), RATE, 50.0)
+    exact = 0.01 * 2 * np.pi * 3.0 * np.cos(2 * np.pi * 3.0 * TIME)
+    assert np.abs(velocity - exact).max() < 1e-3 * np.abs(exact).max()
+
+
+def test_a_record_that_is_shorter_than_the_filter_rings_can_be_filtered():
+    np.testing.assert_allclose(lowpass(np.full(20, 3.0), RATE, 50.0), 3.0)

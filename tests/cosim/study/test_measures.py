@@ -204,6 +204,13 @@ def test_a_measure_that_does_not_fit_the_run_is_refused(two_tones):
         Measure("m", ("y",)).of(two_tones)
 
 
+def test_the_percentile_of_the_tires_is_the_one_of_its_name():
+    car = Car("car", CORNERS, tuple(f"car.{corner}.tire_force" for corner in CORNERS))
+    (measure,) = (m for m in family("tires", car) if m.name == "lf tire force, 1st percentile")
+    ramp = TimeSeries.from_channels(np.arange(1001.0), {"car.lf.tire_force": ("N", np.arange(1001.0))})
+    assert measure.of(ramp) == pytest.approx(10.0)
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
     with pytest.raises(InputError, match="has none of its channels; families with channels of car: none"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from eightpost.errors import ParameterError
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import direction, with_friction
-from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.friction_search import FrictionSearch, _estimate
+from eightpost.ident.vehicle.projection import ForceSolution
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
@@ -100,6 +102,14 @@ def test_friction_is_not_significant_on_a_car_without_friction(
     assert not found.acts
     assert abs(found.forces[""].value) < 4.0 * found.forces[""].deviation
     assert "No significant friction" in found.summary()
+
+
+def test_only_positive_forces_above_four_standard_deviations_are_friction() -> None:
+    tested = SimpleNamespace(ports=("lf", "rf", "lr"), outputs=("lf.velocity",))
+    forces = ForceSolution(np.array([7.9, 8.1, -20.0]), 4.0 * np.eye(3), np.array([0.5]))
+    found = _estimate(tested, forces, Friction(1.0, 0.006), ())
+    assert {port: law.force for port, law in found.friction.items()} == {"lf": 0.0, "rf": 8.1, "lr": 0.0}
+    assert {port: law.velocity for port, law in found.friction.items()} == dict.fromkeys(tested.ports, 0.006)
 
 
 def test_friction_that_follows_the_law_is_found_within_its_deviation(

@@ -9,7 +9,7 @@ from cosim.study import Build, Measure, Vehicle
 from cosim.study.batch import library
 from cosim.study.running.batch_check import LARGEST_DIFFERENCE, with_batch
 from cosim.study.running.batch_check import random_setups as random_setups_of_study
-from cosim.study.running.batches import Batches
+from cosim.study.running.batches import Batches, BatchRun
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.statistics import STATISTICS
@@ -82,8 +82,16 @@ def test_a_study_states_the_largest_difference_on_random_setups(evaluator):
     assert Coupling.from_json(asdict(found)) == found
 
 
-def test_a_difference_that_is_not_a_number_is_a_difference(evaluator, monkeypatch):
-    monkeypatch.setattr("cosim.study.running.batch_check._apart", lambda *_: float("nan"))
+@pytest.mark.parametrize("which", [0, -1])
+def test_a_measure_that_is_not_a_number_is_a_difference(evaluator, monkeypatch, which):
+    runs, name = Batches.runs, list(evaluator.study.measures)[which].name
+
+    def without_a_value(batches, setups):
+        for setup, found, seconds in runs(batches, setups):
+            changed = {d: BatchRun({**run.values, name: float("nan")}, run.summary) for d, run in found.items()}
+            yield setup, changed, seconds
+
+    monkeypatch.setattr(Batches, "runs", without_a_value)
     found = with_batch(evaluator, COUPLING)
     assert found.batch == "" and "the batch does not agree with them" in found.notes[-1]
     assert found.batch_difference is None

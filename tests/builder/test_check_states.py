@@ -1,0 +1,47 @@
+"""The probe of freed states names what an FMU does wrong: it refuses, keeps its pointer, or refuses NULL."""
+
+import ctypes
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import pytest
+
+from builder.check.probes.states import _freed
+
+OK, WARNING, ERROR = 0, 1, 3
+KEPT, NULL = "the pointer is not NULL after fmi2FreeFMUstate", "fmi2FreeFMUstate of NULL is rejected"
+
+
+class Fmu:
+    """An FMU that frees a state with a status, keeps the pointer or not, and frees NULL with a status."""
+
+    def __init__(self, status, keeps, status_of_null):
+        self.status, self.keeps, self.status_of_null = status, keeps, status_of_null
+
+    def state(self):
+        self.pointer = ctypes.c_void_p(1)
+        return self.pointer
+
+    def call(self, function, _, note=""):
+        if self.pointer.value is None:
+            return self.status_of_null
+        self.pointer.value = 1 if self.keeps else None
+        return self.status
+
+
+@pytest.mark.parametrize(
+    ("fmu", "messages"),
+    [
+        (Fmu(OK, False, OK), []),
+        (Fmu(WARNING, False, WARNING), []),
+        (Fmu(OK, True, OK), [KEPT]),
+        (Fmu(ERROR, False, OK), [KEPT]),
+        (Fmu(ERROR, True, OK), [KEPT]),
+        (Fmu(OK, False, ERROR), [NULL]),
+    ],
+)
+def test_a_state_must_be_freed_with_its_pointer_and_null_be_ignored(fmu, messages):
+    bench = SimpleNamespace(running=lambda: nullcontext(fmu))
+    found = list(_freed(bench))
+    assert [finding.message for finding in found] == messages
+    assert {finding.rule.identifier for finding in found} <= {"state-freed"}
