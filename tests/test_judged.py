@@ -24,7 +24,7 @@ from eightpost.judged import digest_of
 from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
-from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
+from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
 from eightpost.vehicle.bristle import Bristle
 from eightpost.verdict import Grade, Reason, Verdict
 
@@ -72,10 +72,9 @@ def identified() -> IdentifiedVehicle:
     friction = {"": Friction(30.0, 0.01, Bristle(force=20.0), spring=200.0)}
     ranges = (Range("velocity", "frequency", 0.1, 16.0, "Hz"), Range("displacement", "amplitude", -0.02, 0.03, "m"))
     reason = Reason("r", "fit of the vehicle", Grade.USABLE, "s", "misfit 2 %", "run.csv", "nothing")
-    car = IdentifiedVehicle(
-        "car", read_vehicle(shipped("quarter_car")).coupled(), {"": 1500.0}, {"tire_force": 3000.0},
-        {"run.csv": "0" * 64}, friction,
-    )  # fmt: skip
+    damping = {"": 1500.0}
+    model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), damping)
+    car = IdentifiedVehicle("car", model, damping, {"tire_force": 3000.0}, {"run.csv": "0" * 64}, friction)
     return judged(car, validity=Validity(Verdict([reason]), ranges))
 
 
@@ -281,7 +280,7 @@ def test_an_fmu_of_an_intact_file_has_its_verdict_without_a_digest() -> None:
 
 @pytest.mark.parametrize("disclosure", Disclosure)
 @pytest.mark.parametrize(
-    ("kind", "place", "factor"), [("shock", ("curve", "inner", 1), -1e9), ("car", ("C", 0, 0), 3.0)]
+    ("kind", "place", "factor"), [("shock", ("curve", "inner", 1), -1e9), ("car", ("C", 2, 1), 3.0)]
 )
 def test_an_fmu_of_an_edited_file_says_that_it_is_unknown(kind, place, factor, disclosure, files, read, folder) -> None:
     """The case that was found: a coefficient times -1e9 was built and stayed usable."""
