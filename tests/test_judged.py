@@ -289,7 +289,7 @@ def test_an_fmu_of_an_edited_file_says_that_it_is_unknown(kind, place, factor, d
     stated = Validity.from_json(json.loads(members[MEMBER]))
     assert [reason.rule for reason in stated.verdict.reasons] == [EDITED]
     assert stated.uncertainty is None
-    assert b"Unknown: edited after the fit" in members["documentation/index.html"]
+    assert b"Unknown: edited after the fit or run" in members["documentation/index.html"]
     assert disclosure is Disclosure.FULL or b"edited.json" not in b"".join(members.values())
     (content,) = combined_member({"part": members[MEMBER]}, {}, frozenset()).values()
     assert Validity.from_json(json.loads(content)).edits

@@ -71,7 +71,7 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
 
 
 def aim_so_far(result: StudyResult, folder: Path) -> AimPage | None:
-    """Return the page of the curves to aim at in a study's folder; None if it has none of this study, or an edited one."""
+    """Return the page of the curves to aim at in a study's folder; None if it has none of this study, unedited."""
     if not (folder / AIM_PAGE).is_file():
         return None
     try:
