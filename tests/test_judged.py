@@ -20,6 +20,7 @@ from builder.native.native_fmu import without_binaries
 from eightpost.errors import InputError
 from eightpost.ident.exports.export import export
 from eightpost.ident.exports.matlab import read_vehicle_mat
+from eightpost.ident.exports.shock_table import shock_table
 from eightpost.judged import digest_of
 from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
@@ -265,6 +266,13 @@ def test_an_exported_car_keeps_its_verdict_although_its_inputs_have_another_mean
     exported = read_vehicle_mat(folder / "car.mat")
     assert is_usable(exported)
     assert exported.validity.judged not in (None, identified().validity.judged)
+
+
+def test_a_table_of_an_edited_shock_says_that_it_is_unknown(files, read, folder: Path) -> None:
+    said = "unknown: edited after the fit or run"
+    read("shock", edited(files["shock"], ("curve", "inner", 1), 1.1 * files["shock"]["curve"]["inner"][1]))
+    assert any(remark.startswith(said) for remark in shock_table([folder / "edited.json"]).remarks)
+    assert not any(said in remark for remark in shock_table([folder / "shock.json"]).remarks)
 
 
 # ---- FMUs -----------------------------------------------------------------------------------------------------------
