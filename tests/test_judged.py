@@ -29,7 +29,8 @@ from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, rea
 from eightpost.vehicle.bristle import Bristle
 from eightpost.verdict import Grade, Reason, Verdict
 
-FITTED = Path(__file__).parents[1] / "examples" / "hosts" / "shock.json"
+SHIPPED = Path(__file__).parents[1] / "examples"
+FITTED, CAR = SHIPPED / "hosts" / "shock.json", Path("identified") / "car.json"
 EDITED = "edited after it was judged"
 
 #: A place in a JSON document: keys and indices.
@@ -86,7 +87,7 @@ READ: dict[str, Callable[[Path], Shock | IdentifiedVehicle]] = {"shock": read_sh
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a fitted shock and an identified car."""
     folder = tmp_path_factory.mktemp("judged")
-    write_shock(judged(read_shock(FITTED)), folder / "shock.json")
+    write_shock(read_shock(FITTED), folder / "shock.json")
     write_vehicle(folder / "car.json", identified())
     return folder
 
@@ -219,6 +220,17 @@ def test_reading_and_writing_keeps_what_was_judged_and_what_was_edited(kind, fil
     assert once_more.validity == changed.validity  # the first file in which it was found
 
 
+@pytest.mark.parametrize(
+    "path",
+    [*SHIPPED.glob("hosts/shock*.json"), *SHIPPED.glob("bank/*.json"), SHIPPED / CAR],
+    ids=lambda path: path.stem,
+)
+def test_shipped_models_are_as_they_were_judged(path: Path) -> None:
+    validity = (read_vehicle if path.name == "car.json" else read_shock)(path).validity
+    assert validity.judged is not None
+    assert not validity.edits
+
+
 # ---- Python ---------------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +263,7 @@ def test_code_that_judges_ties_the_verdict_to_the_changed_numbers() -> None:
 
 
 def test_a_validation_of_an_edited_shock_is_added_to_what_is_unknown() -> None:
-    shock = judged(read_shock(FITTED))
+    shock = read_shock(FITTED)
     edited_one = replace(shock, law=replace(shock.law, port=Port(gas_stiffness=500.0)))
     good = Verdict([Reason("r", "validation of the shock", Grade.USABLE, "s", "1 %", "b.csv", "nothing")])
     validated = judged(edited_one, validity=Validity.with_verdict(edited_one.validity, good))
@@ -281,7 +293,7 @@ def test_a_table_of_an_edited_shock_says_that_it_is_unknown(files, read, folder:
 def test_an_fmu_of_an_intact_file_has_its_verdict_without_a_digest() -> None:
     (content,) = validity_member(identified(), "car", Disclosure.FULL).values()
     assert Validity.from_json(json.loads(content)) == replace(identified().validity, judged=None)
-    (content,) = validity_member(judged(read_shock(FITTED)), "shock", Disclosure.FULL).values()
+    (content,) = validity_member(read_shock(FITTED), "shock", Disclosure.FULL).values()
     stated = Validity.from_json(json.loads(content))
     assert (stated.verdict.grade, stated.judged) == (Grade.USABLE, None)
 
