@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import isfinite
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from eightpost.errors import InputError
 from eightpost.files import check_schema
+from eightpost.judged import KEY, digest_of, edited, edits_in
 from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.verdict import Verdict
+from eightpost.verdict import Reason, Verdict
 
 #: Schema version of the JSON document that is written, and the only one that is read.
 SCHEMA = 1
@@ -61,11 +62,13 @@ class Validity:
         verdict: Verdict on the model itself, from its fit and its validation.
         ranges: Ranges covered by the records of the fit.
         uncertainty: Uncertainty of the model's measures or parameters; None if it is not known.
+        judged: Digest of the model's numbers and of the above; None if they are from a version without digests.
     """
 
     verdict: Verdict
     ranges: tuple[Range, ...] = ()
     uncertainty: ModelUncertainty | None = None
+    judged: str | None = None
 
     @classmethod
     def with_verdict(cls, known: Validity | None, verdict: Verdict) -> Validity:
@@ -73,7 +76,32 @@ class Validity:
         if known is None:
             return cls(verdict)
         kept = [reason for reason in known.verdict.reasons if reason.about not in verdict.grades]
-        return replace(known, verdict=Verdict((*kept, *verdict.reasons)))
+        return replace(known, verdict=Verdict((*kept, *verdict.reasons)), judged=None)
+
+    def tied_to(self, numbers: Mapping[str, Any]) -> Validity:
+        """Return the validity with its digest, which ties it to the numbers of a model."""
+        return replace(self, judged=self._digest(numbers))
+
+    def checked(self, numbers: Mapping[str, Any], origin: str) -> Validity:
+        """Return what is known about a model with these numbers: nothing if they are not those that were judged.
+
+        Args:
+            numbers: Numbers of the model.
+            origin: Name of the model or of its file.
+        """
+        is_known = bool(self.edits) and self.edits == self.verdict.reasons
+        if self.judged is None or is_known or self.judged == self._digest(numbers):
+            return self
+        return Validity(edited(origin), judged=self.judged)
+
+    @property
+    def edits(self) -> tuple[Reason, ...]:
+        """Reasons that say that the model's numbers are not those that were judged."""
+        return edits_in(self.verdict)
+
+    def _digest(self, numbers: Mapping[str, Any]) -> str:
+        stated = {name: value for name, value in self.to_json().items() if name not in ("schema", "verdict", KEY)}
+        return digest_of({"numbers": numbers, "reasons": self.verdict.to_json()["reasons"], **stated})
 
     def to_json(self) -> dict[str, Any]:
         """Return the validity as a JSON document."""
@@ -82,6 +110,7 @@ class Validity:
             "verdict": self.verdict.to_json(),
             "ranges": [asdict(covered) for covered in self.ranges],
             **({} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_json()}),
+            **({} if self.judged is None else {KEY: self.judged}),
         }
 
     @classmethod
@@ -97,9 +126,34 @@ class Validity:
         ranges = document.get("ranges", [])
         if not isinstance(ranges, Sequence) or not all(isinstance(entry, Mapping) for entry in ranges):
             raise InputError("a model's validity: ranges must be a list of objects")
-        stated = document.get("uncertainty")
+        stated, judged = document.get("uncertainty"), document.get(KEY)
         uncertainty = None if stated is None else ModelUncertainty.from_json(stated)
         try:
-            return cls(Verdict.from_json(document.get("verdict")), tuple(Range(**e) for e in ranges), uncertainty)
+            verdict, covered = Verdict.from_json(document.get("verdict")), tuple(Range(**entry) for entry in ranges)
+            return cls(verdict, covered, uncertainty, None if judged is None else str(judged))
         except TypeError as error:
             raise InputError(f"a model's validity: {error}") from error
+
+
+class _Model(Protocol):
+    """Model whose numbers a verdict is about."""
+
+    @property
+    def validity(self) -> Validity | None: ...
+
+    @property
+    def numbers(self) -> Mapping[str, Any]: ...
+
+
+_M = TypeVar("_M", bound=_Model)
+
+
+def judged(model: _M, **changes: Any) -> _M:
+    """Return a model with changes, and with its verdict tied to the numbers as they then are.
+
+    For code that judges a model, or that writes the same model in another form. Any other change of the numbers leaves
+    the verdict unknown.
+    """
+    validity = changes.pop("validity", model.validity)
+    bare: _M = replace(model, validity=None, **changes)  # type: ignore[type-var]
+    return bare if validity is None else replace(bare, validity=validity.tied_to(bare.numbers))  # type: ignore[type-var]

@@ -17,13 +17,15 @@ from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu
 from cosim import FmuComponent
+from cosim.results.result import SavedRun
+from cosim.study.choice.run_comparison import compare_runs
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.ident import fit_shock
 from eightpost.rig import DynoTest, read_dyno_test
 from eightpost.rig.dyno_notes import notes_of
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries, read_series, write_series
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 from eightpost.verdict import Grade, Reason, Verdict
@@ -112,7 +114,54 @@ def test_a_measurement_lag_and_an_exceeded_range_are_reported_from_the_fit_to_th
         assert reason.statement in html.unescape(page)
 
 
-@pytest.mark.nightly
+def test_a_shock_that_was_edited_is_unknown_where_it_is_built_and_where_it_runs(
+    bad: Shock, folder: Path, tmp_path: Path
+) -> None:
+    write_shock(bad, tmp_path / "stiff.json")
+    content = json.loads((tmp_path / "stiff.json").read_text())
+    content["curve"]["knot_force" if "knot_force" in content["curve"] else "inner"][1] *= 1.1
+    (tmp_path / "stiff.json").write_text(json.dumps(content))
+    built = CliRunner().invoke(main, ["build", str(tmp_path / "stiff.json"), "-o", str(folder)])
+    assert built.exit_code == 0, built.output
+    said = "edited after the fit or run: its numbers are not those that were judged"
+    assert f"Unknown: {said}" in built.output and "stiff.fmu: stiff.json" in built.output
+    done, document, page = run(folder, "stiff.fmu")
+    assert said in done.output and said in page
+    reasons = Verdict.from_json(document["verdict"]).reasons
+    assert not any(reason.about == "fit of the shock" for reason in reasons)
+
+
+def test_a_run_whose_result_was_edited_is_unknown_in_comparisons(folder: Path, tmp_path: Path) -> None:
+    run(folder, "late.fmu")
+    original = SavedRun.load(folder / "out")
+    assert original.verdict.grade is Grade.NOT_USABLE
+    content = json.loads((folder / "out" / "result.json").read_text())
+    better = {
+        **content["verdict"],
+        "grade": "usable",
+        "summary": "Usable",
+        "reasons": content["verdict"]["reasons"][-1:],
+    }
+    series = read_series(folder / "out" / "series.parquet")
+    quieter = series.with_channel("shock.force", "N", 0.9 * series["shock.force"])
+    for number, (document, samples, grade) in enumerate((
+        (content, series, Grade.NOT_USABLE),
+        (content | {"tool": "eightpost 99.0.0"}, series, Grade.NOT_USABLE),
+        (content | {"verdict": better}, series, Grade.UNKNOWN),
+        (content | {"steps": content["steps"] + 1}, series, Grade.UNKNOWN),
+        (content, quieter, Grade.UNKNOWN),
+        ({name: value for name, value in content.items() if name not in ("judged", "series_sha256")}, quieter,
+         Grade.NOT_USABLE),
+    )):  # fmt: skip
+        place = tmp_path / str(number)
+        write_series(samples, place / "series.parquet")
+        (place / "result.json").write_text(json.dumps(document))
+        found = SavedRun.load(place)
+        assert found.verdict.grade is grade, number
+        assert compare_runs({"a": found, "b": found}).verdict.grade is grade
+    assert "edited after" in repr(SavedRun.load(tmp_path / "2"))
+
+
 def test_an_fmu_without_a_verdict_is_unknown_and_its_coupling_is_still_judged(
     folder: Path,
 ) -> None:
@@ -141,6 +190,7 @@ def test_the_fit_reports_its_verdict_and_its_file_contains_it(bad: Shock, tmp_pa
     rules = {reason.rule for reason in bad.validity.verdict.reasons}
     assert {"lag of the instrument", "parameter at its bound"} <= rules
     write_shock(bad, tmp_path / "shock.json")
+    assert bad.validity.judged is not None
     assert read_shock(tmp_path / "shock.json").validity == bad.validity
     kinds = {(covered.variable, covered.kind) for covered in bad.validity.ranges}
     assert {("displacement", "amplitude"), ("velocity", "frequency")} <= kinds
@@ -160,7 +210,7 @@ def test_every_type_of_fmu_contains_it(bad: Shock) -> None:
     python, native = python_fmu(product), without_binaries(product, Disclosure.FULL).members
     assert python[MEMBER] == native[MEMBER]
     found = Validity.from_json(json.loads(native[MEMBER]))
-    assert replace(found, uncertainty=None) == bad.validity
+    assert replace(found, uncertainty=None) == replace(bad.validity, judged=None)
     assert found.uncertainty is not None and found.uncertainty.parameters  # from the fit in the shock file
 
 
@@ -209,6 +259,7 @@ def test_validation_writes_its_verdict_into_the_shock_when_asked(tmp_path: Path)
     assert kept.validity is not None
     assert kept.validity.verdict.grade is Grade.NOT_USABLE
     assert kept.validity.ranges == fitted.validity.ranges
+    assert kept.validity.judged not in (None, fitted.validity.judged)
     CliRunner().invoke(main, [*words[:-1], "1000", "--keep"])
     again = read_shock(tmp_path / "A.json").validity.verdict
     assert again.grade is not Grade.NOT_USABLE  # it took the place of the earlier one

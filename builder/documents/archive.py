@@ -84,7 +84,7 @@ _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
 
 def _shock_origin(shock: Shock) -> list[Section]:
     """Return all information about a shock's measurement and fit."""
-    sections = [Section("Conditions of the measurement", _quantities(shock.conditions))]
+    sections = [Section("Conditions of the measurement", _quantities(shock.conditions)), *_edits(shock)]
     if shock.fit:
         sections.append(Section("Fit", _fit(shock.fit)))
     if shock.inputs:
@@ -100,6 +100,13 @@ def open_shock_origin(shock: Shock) -> list[Section]:
     return [Section("Range of validity", _quantities(known))]
 
 
+def _edits(source: Shock | IdentifiedVehicle) -> list[Section]:
+    """Return a section that says that the numbers are not those that were judged; empty if they are."""
+    known = source.validity.edits if source.validity else ()
+    text = (f"{reason.grade.capitalize()}: {reason.statement}. To do: {reason.remedy}." for reason in known)
+    return [Section("Verdict", bullets(text))] if known else []
+
+
 def _vehicle_origin(vehicle: Vehicle) -> list[Section]:
     """Return a vehicle's parameters, if it has any, and its modes."""
     if isinstance(vehicle, StructuralVehicle):
@@ -113,6 +120,7 @@ def _identified(vehicle: IdentifiedVehicle) -> list[Section]:
     text = "Identified model. Its baseline damping was removed, so that the ports take the whole shock force."
     damping = {f"baseline damping, {port or 'port'} [N.s/m]": c for port, c in vehicle.baseline_damping.items()}
     sections = [Section("Vehicle", paragraph(text) + (_quantities(damping) if damping else ""))]
+    sections += _edits(vehicle)
     if vehicle.sources:
         sections.append(Section("Source files", table(_FILES, list(vehicle.sources.items()))))
     return sections
@@ -253,7 +261,9 @@ def _full(subject: Subject) -> _Disclosed:
 def _confidential(subject: Subject) -> _Disclosed:
     interface = subject.interface
     shown = replace(interface, variables=tuple(v for v in interface.variables if not v.name.startswith(SECRET)))
-    origin = open_shock_origin(subject.source) if isinstance(subject.source, Shock) else []
+    source = subject.source
+    origin = open_shock_origin(source) if isinstance(source, Shock) else []
+    origin += [] if isinstance(source, StructuralVehicle) else _edits(source)
     return _Disclosed(
         replace(subject, text=interface.description, interface=shown),
         Picture(icon(subject.source), "A confidential build: its sources are not in this archive.", "icon"),

@@ -37,13 +37,13 @@ def validity_of(source: Shock | Vehicle) -> Validity:
     """Return the validity of a shock or vehicle; that of a shock contains the uncertainty of its fit."""
     if isinstance(source, Shock):
         known = source.validity or _unknown(SHOCK_UNKNOWN, source.name)
-        return replace(known, uncertainty=shock_uncertainty(source))
+        return replace(known, uncertainty=shock_uncertainty(source), judged=None)
     if isinstance(source, StructuralVehicle):
         figure = f"{len(fields(source.parameters))} parameters"
         summary = "the car's parameters were stated, not identified"
         return Validity(Verdict([PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)]))
     if source.validity is not None:
-        return source.validity
+        return replace(source.validity, judged=None)
     return _unknown(VEHICLE_UNKNOWN, source.name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ from eightpost.array_types import Array
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
+from eightpost.judged import edited, is_intact, sealed
 from eightpost.signals import Recording, TimeSeries, read_series, write_series
 from eightpost.verdict import Verdict
 
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
 SCHEMA = 1
+
+#: Entry of result.json with the digest of the recorded channels.
+_SERIES = "series_sha256"
 
 
 class RunChannels(Recording):
@@ -96,7 +101,7 @@ class Result(RunData, RunChannels):
         write_series(self.series, paths[0])
         write_series(self.series, paths[1])
         with atomic_path(paths[2]) as temporary:
-            temporary.write_text(json.dumps(self._document(), indent=2) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(sealed(self._document()), indent=2) + "\n", encoding="utf-8")
         return paths
 
     def _document(self) -> dict[str, object]:
@@ -109,7 +114,8 @@ class Result(RunData, RunChannels):
         energy = {name: asdict(e) | {"relative": e.relative} for name, e in self.energy.items()}
         heading = {"schema": SCHEMA, "kind": "result", "tool": f"eightpost {__version__}"}
         extra = {"decisive": sorted(self.decisive), "energy": energy, "coupled": coupled}
-        return heading | {"verdict": self.verdict.to_json()} | document | extra | {"channels": list(self.series.names)}
+        extra |= {"channels": list(self.series.names), _SERIES: _digest_of(self.series)}
+        return heading | {"verdict": self.verdict.to_json()} | document | extra
 
 
 # ---- A run in a folder -----------------------------------------------------------------------------------------------
@@ -121,7 +127,7 @@ class SavedRun(RunChannels):
 
     Attributes:
         series: Recorded channels without the settling time.
-        document: Content of result.json.
+        document: Content of result.json. Its verdict is "unknown" if it or the series were edited after the run.
         sources: FMUs and parameters of the run in words.
     """
 
@@ -170,12 +176,22 @@ class SavedRun(RunChannels):
         document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
         if not isinstance(document, dict) or document.get("kind") != "result":
             raise FileFormatError("is not the result of a run", path=path)
+        if not (is_intact(document) and document.get(_SERIES) in (None, _digest_of(series))):
+            document |= {"verdict": edited(path.name).to_json()}
         settling = document.get("settling", 0.0)
         if type(settling) not in (int, float) or not 0.0 <= settling < series.duration:
             message = f"settling is {settling!r}, but must be a time [s] within the run of {series.duration:g} s"
             raise FileFormatError(message, path=path)
         settled = series.window(settling, float(series.time[-1])) if settling else series
         return cls(settled, document, _sources(document, path))
+
+
+def _digest_of(series: TimeSeries) -> str:
+    """Return the SHA-256 of the names, units and samples of a series."""
+    found = hashlib.sha256(json.dumps([series.names, series.units]).encode())
+    for samples in (series.time, *series.values):
+        found.update(samples.tobytes())
+    return found.hexdigest()
 
 
 def _sources(document: Mapping[str, Any], path: Path) -> str:

@@ -16,6 +16,7 @@ from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, json_content
+from eightpost.judged import is_intact
 
 #: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
@@ -70,12 +71,12 @@ def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:
 
 
 def aim_so_far(result: StudyResult, folder: Path) -> AimPage | None:
-    """Return the page of the curves to aim at in a study's folder; None if it has none of this study."""
+    """Return the page of the curves to aim at in a study's folder; None if it has none of this study, unedited."""
     if not (folder / AIM_PAGE).is_file():
         return None
     try:
         found = json_content(folder / AIM, advice="run eightpost shapes again")
-        if found["digest"] != result.provenance.digest:
+        if found["digest"] != result.provenance.digest or not is_intact(found):
             return None
         gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
         return AimPage(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, bool(gain["includes_car"]))

@@ -50,7 +50,7 @@ def measured_noise(folder: Path) -> Mapping[str, float]:
     path = folder / "compared" / "comparison.json"
     try:
         return read_run_to_run(path) if path.is_file() else {}
-    except FileFormatError:  # no setup was run twice
+    except FileFormatError:  # no setup was run twice, or the file was edited
         return {}
 
 

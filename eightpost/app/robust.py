@@ -100,7 +100,8 @@ def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     for build, path in known.fits.items():
         fit = fitted_parameters(read_shock(path))
         if fit is None:
-            raise FileFormatError("states no uncertainty of the shock; fit it with `eightpost fit`", path=path)
+            what = "states no uncertainty of the shock, or was edited after the fit; fit it with `eightpost fit`"
+            raise FileFormatError(what, path=path)
         parts.append(Uncertain(build, fit.names, fit.values, fit.covariance, fit.lowest, fit.highest, fit.left_out))
         for note in fit.held:
             console.print(f"[yellow]note[/] {escape(f'{build}: {note}')}", highlight=False, soft_wrap=True)

@@ -15,6 +15,7 @@ from cosim.study.choice.continuous import ASSURED
 from eightpost.app.shape_search import VERIFIED, Aim
 from eightpost.app.shape_target import Target
 from eightpost.files import atomic_path
+from eightpost.judged import sealed
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
@@ -195,7 +196,7 @@ def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
     """Write shapes.json and shapes.html into a folder; return their paths."""
     data, page = folder / "shapes.json", folder / "shapes.html"
     with atomic_path(data) as temporary:
-        temporary.write_text(json.dumps(_content(found), indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(sealed(_content(found)), indent=2) + "\n", encoding="utf-8")
     title = f"Curves to aim at: {found.study.name}"
     return data, write_page(
         page,

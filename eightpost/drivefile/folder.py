@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,10 @@ from eightpost.drivefile.target import Target
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_output_folder, check_schema, json_content, sha256_of
 from eightpost.ident.response import read_response, write_response
+from eightpost.judged import edited, is_intact, sealed
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.formats import read_series, write_series
+from eightpost.verdict import Verdict
 
 #: Newest schema of iteration.json that can be read; it is also the one that is written.
 SCHEMA = 1
@@ -42,12 +44,14 @@ class IterationFolder:
         problem: Target, response and settings.
         sources: SHA-256 digests of the files of track record and car, by name.
         suffix: Format of the drive files for the rig, one of `FORMATS`.
+        edits: Reason if iteration.json was edited.
     """
 
     path: Path
     problem: Problem
     sources: Mapping[str, str]
     suffix: str
+    edits: Verdict = field(default_factory=Verdict)
 
     @classmethod
     def start(
@@ -83,7 +87,7 @@ class IterationFolder:
             "sources": dict(sources or {}),
             "format": suffix,
         }
-        _write_json(path / _STATE, content)
+        _write_json(path / _STATE, sealed(content))
         folder = cls.read(path)
         folder.write_next()
         return folder
@@ -108,7 +112,8 @@ class IterationFolder:
                 tuple(content["notes"]),
             )
             target = Target(read_series(path / "target.parquet"), float(content["high"]))
-            return cls(path, Problem(target, start, settings), dict(content["sources"]), str(content["format"]))
+            edits = Verdict() if is_intact(content) else edited(_STATE)
+            return cls(path, Problem(target, start, settings), dict(content["sources"]), str(content["format"]), edits)
         except InputError:
             raise
         except MALFORMED as error:

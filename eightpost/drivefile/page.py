@@ -43,7 +43,8 @@ def write_iteration_page(folder: IterationFolder) -> Path:
 def verdict_of(folder: IterationFolder) -> Verdict:
     """Return the verdict on the iteration in a folder, with the limits that changed its best drive."""
     outcome = folder.outcome()
-    return iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    own = iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    return Verdict.combined([own, folder.edits])
 
 
 def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:

@@ -20,7 +20,7 @@ from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import LAWS, law_name, law_title, own_parameters, parameter_units
 from eightpost.shock.port import Port
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, setting_of
-from eightpost.validity import Validity
+from eightpost.validity import Validity, judged
 from eightpost.verdict import Verdict
 
 SCHEMA = 1
@@ -35,9 +35,11 @@ class Shock(Summarized):
         law: Law with its parameters, in SI units.
         conditions: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range,
             offset, fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
-        fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values.
+        fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values. Left out if the verdict says that the
+            shock was edited after it.
         inputs: Name and SHA-256 of each file that the shock was made from.
-        validity: Verdict on the fit and the ranges that it covers; None if not stated.
+        validity: Verdict on the fit and the ranges that it covers; None if not stated. It is "unknown" if `numbers` are
+            not those that were judged.
         settings: Effect of the adjusters and of the temperature; `law` is then the law at the reference setting. None:
             the shock was measured at one setting.
     """
@@ -53,6 +55,25 @@ class Shock(Summarized):
     def __post_init__(self) -> None:
         if self.settings is not None and not self.law.curve.has_knots:
             raise ValueError("settings: the curve must have knots, because a setting changes the slopes at them")
+        if self.validity is not None:
+            object.__setattr__(self, "validity", self.validity.checked(self.numbers, self.name))
+            if self.validity.edits:
+                object.__setattr__(self, "fit", {})
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """All that the verdict is about: law, conditions that are quantities, report of the fit, records, settings."""
+        own = own_parameters(type(self.law))
+        return {
+            "law": self.law_name,
+            "parameters": {name: value for name, value in _stated(self.law).items() if name in own},
+            "curve": _stated(self.law.curve),
+            "port": _stated(self.law.port),
+            "conditions": {name: value for name, value in self.conditions.items() if name.endswith("]")},
+            "fit": self.fit,
+            "records": sorted(entry.get("sha256", "") for entry in self.inputs),
+            "settings": dataclasses.asdict(self.settings) if self.settings else None,
+        }
 
     def _summary(self) -> Summary:
         verdict = self.validity.verdict if self.validity else None
@@ -96,15 +117,15 @@ class Shock(Summarized):
         law = self.settings.law_at(self.law, setting)
         half_width = force_half_width(self.settings, self.law, setting)
         where = setting_text(self.settings, setting)
-        judged = Verdict(setting_reasons(self.settings, setting, f"the settings of {self.name}"))
+        reasons = Verdict(setting_reasons(self.settings, setting, f"the settings of {self.name}"))
         level = self.fit.get("curve_band", {}).get("level", 0.95)
-        return replace(
+        return judged(
             self,
             name=f"{self.name}, {where}",
             law=law,
             conditions=dict(self.conditions) | {"clicks": where},
             fit=dict(self.fit) | {"curve_band": band_section(law, half_width, level)},
-            validity=Validity.with_verdict(self.validity, judged),
+            validity=Validity.with_verdict(self.validity, reasons),
             settings=None,
         )
 
@@ -115,6 +136,11 @@ class Shock(Summarized):
                 raise ParameterError(
                     f"shock {self.name!r}: {axis.name} = {value:g} is beyond the adjuster's stops, {low:g} to {high:g}"
                 )
+
+
+def _stated(values: ShockLaw | StaticCurve | Port) -> dict[str, Any]:
+    """Return the values that are not the defaults of their fields: a later version may have further fields."""
+    return {f.name: value for f in dataclasses.fields(values) if (value := getattr(values, f.name)) != f.default}
 
 
 def _own_texts(law: ShockLaw) -> Iterator[str]:
@@ -186,15 +212,15 @@ def read_shock(path: str | Path) -> Shock:
             settings.law_at(law, settings.reference)
     except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
-    return Shock(
+    shock = Shock(
         name=str(document.get("name") or Path(path).stem),
         law=law,
         conditions=_table(document, "conditions", Path(path)),
         fit=_table(document, "fit", Path(path)),
         inputs=_inputs(document, Path(path)),
-        validity=validity,
         settings=settings,
     )
+    return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, Path(path).name))
 
 
 def _settings(document: dict[str, Any]) -> Settings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -95,7 +95,7 @@ def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
     check_schema(content, SCHEMA, path)
     _check_keys(path, content)
     try:
-        return _vehicle(content)
+        return _vehicle(content, path.name)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     except MALFORMED as error:
@@ -169,7 +169,7 @@ def _check_keys(path: Path, content: dict[str, Any]) -> None:
             raise ParameterError(f"{path}: unknown key {key!r}; the known keys are {', '.join((*_NEEDED, *_OPTIONAL))}")
 
 
-def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
+def _vehicle(content: dict[str, Any], origin: str) -> IdentifiedVehicle:
     inputs, outputs = (
         tuple(Channel(channel["name"], channel["unit"]) for channel in content[side]) for side in ("inputs", "outputs")
     )
@@ -185,15 +185,17 @@ def _vehicle(content: dict[str, Any]) -> IdentifiedVehicle:
         content.get("dt"),
         str(content.get("model_name", name)),
     )
-    return IdentifiedVehicle(
+    vehicle = IdentifiedVehicle(
         name,
         model,
         content.get("baseline_damping", {}),
         content.get("static", {}),
         content.get("sources", {}),
         {port: _law(entry) for port, entry in content.get("friction", {}).items()},
-        Validity.from_json(content["validity"]) if "validity" in content else None,
     )
+    if "validity" not in content:
+        return vehicle
+    return replace(vehicle, validity=Validity.from_json(content["validity"]).checked(vehicle.numbers, origin))
 
 
 def _matrix(rows: Any, shape: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from eightpost.corners import channel
 from eightpost.display import Summarized, Summary, some
@@ -118,6 +118,13 @@ class Friction(NamedTuple):
         return None
 
 
+def _stated(law: Friction) -> dict[str, Any]:
+    """Return the values that are not the defaults of their fields: a later version may have further fields."""
+    known = {**law._asdict(), "bristle": asdict(law.bristle)}
+    usual = {**Friction()._asdict(), "bristle": asdict(Bristle())}
+    return {name: value for name, value in known.items() if value != usual[name]}
+
+
 def _plain(law: Friction) -> Friction:
     """Return the same law with Python's numbers."""
     own = Bristle(*(float(value) for value in astuple(law.bristle)))
@@ -137,7 +144,8 @@ class IdentifiedVehicle(Summarized):
         sources: SHA-256 digests of the files that the vehicle was identified from, by name.
         friction: Friction and springs by port; the shock forces of the identification included them. Missing ports have
             none.
-        validity: Verdict on the model and the ranges that it covers; None if they are not known.
+        validity: Verdict on the model and the ranges that it covers; None if they are not known. It is "unknown" if
+            `numbers` are not those that were judged.
     """
 
     name: str
@@ -166,6 +174,22 @@ class IdentifiedVehicle(Summarized):
                     f"{self.name}: the port {port!r} has a spring of {law.spring!r} N/m2, but the model has no output "
                     f"{channel(port, 'displacement')}; identify that output, or remove the spring"
                 )
+        if self.validity is not None:
+            object.__setattr__(self, "validity", self.validity.checked(self.numbers, self.name))
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """All that the verdict is about: model, channels, damping, static state, friction, records."""
+        model = self.state_space
+        return {
+            **{name: getattr(model, name).tolist() for name in ("A", "B", "C", "D")},
+            "dt": model.dt,
+            "channels": [(known.name, known.unit) for known in (*model.inputs, *model.outputs)],
+            "baseline_damping": self.baseline_damping,
+            "static": self.static,
+            "friction": {port: _stated(law) for port, law in self.friction.items()},
+            "records": sorted(self.sources.values()),
+        }
 
     def _summary(self) -> Summary:
         verdict = self.validity.verdict if self.validity else None

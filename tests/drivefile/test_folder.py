@@ -11,12 +11,14 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
+from eightpost.drivefile.page import verdict_of
 from eightpost.rig.post import RigSensors, quarter_truth, run_test
 from eightpost.rig.post.shocks import LinearDamper
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series
 from eightpost.units import convert
 from eightpost.vehicle import shipped
+from eightpost.verdict import Grade
 
 #: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
 DAMPER = "16.67 lbf.s/in"
@@ -155,6 +157,19 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
     assert "start an iteration" in eightpost("drivefile", "next", tmp_path, code=2)
     (copy / "iteration.json").write_text('{"kind": "drivefile_iteration", "schema": 1}')
     assert "does not contain the state" in eightpost("drivefile", "next", copy, code=2)
+
+
+def test_an_iteration_whose_state_was_edited_is_unknown(iteration, tmp_path):
+    copy = copy_of(iteration, tmp_path / "copy", 3)
+    assert verdict_of(IterationFolder.read(copy)).grade is Grade.USABLE
+    content = json.loads((copy / "iteration.json").read_text())
+    content["settings"]["acceleration"] *= 2.0
+    (copy / "iteration.json").write_text(json.dumps(content))
+    verdict = verdict_of(IterationFolder.read(copy))
+    assert verdict.grade is Grade.UNKNOWN and verdict.reasons[0].origin == "iteration.json"
+    del content["judged"]
+    (copy / "iteration.json").write_text(json.dumps(content))
+    assert verdict_of(IterationFolder.read(copy)).grade is Grade.USABLE
 
 
 def test_the_virtual_rig_takes_the_seed_of_the_car(iteration, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,7 +14,7 @@ from eightpost.ident import fit_shock
 from eightpost.left_out_blocks import FittedParameter, correlation_of, left_out_of
 from eightpost.shock import Lpf1
 from eightpost.shock.fit_uncertainty import shock_uncertainty
-from eightpost.validity import MEMBER, Validity
+from eightpost.validity import MEMBER, Validity, judged
 
 NAMES = ("compression_scale", "rebound_scale", "time_constant")
 
@@ -58,4 +57,4 @@ def test_the_fmu_states_what_the_shock_file_does_and_nothing_for_a_band_without_
     document = json.loads(validity_member(shock, "shock", Disclosure.FULL)[MEMBER])
     assert Validity.from_json(document).uncertainty.left_out == left_out_of(shock.fit)
     band = {name: value for name, value in shock.fit["curve_band"].items() if name != "factor_half_width"}
-    assert shock_uncertainty(replace(shock, fit={**shock.fit, "curve_band": band})).left_out is None
+    assert shock_uncertainty(judged(shock, fit={**shock.fit, "curve_band": band})).left_out is None

@@ -15,6 +15,7 @@ from cosim.study.result import StudyResult
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.judged import is_intact, sealed
 from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.verdict import Verdict
 
@@ -35,13 +36,13 @@ def write_comparisons(
         path: The file.
         verdict: Verdict on all comparisons.
     """
-    document = {
+    document = sealed({
         "schema": SCHEMA,
         "kind": "comparison",
         "tool": f"eightpost {__version__}",
         "verdict": verdict.to_json(),
         "measures": [_entry(one, units[one.measure]) for one in comparisons],
-    }
+    })  # fmt: skip
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -79,7 +80,7 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     It is increased for the number of repeats; see `usable_deviation`.
 
     Raises:
-        FileFormatError: The file is not a comparison, or no setup was run twice.
+        FileFormatError: The file is not a comparison, was edited after it, or no setup was run twice.
     """
     document = json_content(path, advice="`eightpost compare --measured` writes it")
     try:
@@ -90,6 +91,8 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
         }
     except MALFORMED as error:
         raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
+    if not is_intact(document):
+        raise FileFormatError("was edited after the comparison; run `eightpost compare --measured` again", path=path)
     if not any(deviations.values()):
         raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
     return deviations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +15,7 @@ from eightpost.ident.exports.shock_formats import table_format, write_shock_tabl
 from eightpost.ident.exports.shock_table import shock_table
 from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, read_response, response_of
+from eightpost.validity import judged
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, read_vehicle
 
 
@@ -98,7 +98,7 @@ def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:
     model: StateSpace = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
     if not isinstance(vehicle, IdentifiedVehicle):
         return IdentifiedVehicle(vehicle.name, model, static=vehicle.static)
-    return replace(vehicle, state_space=model, baseline_damping={}) if ports == "whole" else vehicle
+    return judged(vehicle, state_space=model, baseline_damping={}) if ports == "whole" else vehicle
 
 
 def _write_model(vehicle: IdentifiedVehicle, output: Path) -> str:

@@ -296,7 +296,8 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
         f"motion ratio {port.motion_ratio:.6g} is not",
     ]
     if shock.validity is not None:
-        lines += [f"{reason.grade.value}: {reason}" for reason in shock.validity.verdict.about(SETTING).reasons]
+        reasons = (*shock.validity.edits, *shock.validity.verdict.about(SETTING).reasons)
+        lines += [f"{reason.grade.value}: {reason}" for reason in reasons]
     if shock.settings is not None:
         at = setting_text(shock.settings, shock.settings.reference)
         lines.append(f"the curve is that of the reference setting, {at}; choose others with --over")

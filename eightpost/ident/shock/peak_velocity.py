@@ -23,6 +23,7 @@ from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS
 from eightpost.signals import read_records
+from eightpost.validity import judged
 
 #: Suffixes of files that may be a peak-velocity table.
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
@@ -77,7 +78,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         **({"clicks": table.clicks} if table.clicks else {}),
         "velocity_range [m/s]": [-float(table.speed[-1]), float(table.speed[-1])],
     }
-    return Shock(
+    shock = Shock(
         name=name or (table.source.stem if table.source else table.clicks or "shock"),
         law=Polylinear(curve, port=Port(gas_preload=preload)),
         conditions=conditions,
@@ -91,6 +92,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
             origin=table.source.name if table.source else "a table in memory",
         ),
     )
+    return judged(shock)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from eightpost.ident.shock.peak_velocity import fit_peak_velocity, is_table
 from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Shock
+from eightpost.validity import judged
 
 
 def builds_in(
@@ -83,7 +84,7 @@ def fit_builds(
     )
     inputs = tuple({"name": t.source.name, "sha256": t.sha256} for own in tables.values() for t in own if t.source)
     fit = dict(shock.fit) | {"between_builds": spread.to_json()}
-    return replace(shock, fit=fit, inputs=inputs), spread
+    return judged(shock, fit=fit, inputs=inputs), spread
 
 
 def mean_table(tables: Sequence[PeakVelocityTable]) -> PeakVelocityTable:

@@ -29,6 +29,7 @@ from eightpost.labelled import data_frame, dataset
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.validity import judged
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -338,7 +339,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         ),
     )
     return ShockFit(
-        shock=shock,
+        shock=judged(shock),
         recipe=story.recipe,
         rms=rms,
         deviation=runs.deviation,

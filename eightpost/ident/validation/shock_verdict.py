@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from eightpost.ident.validation.evaluation import RandomValidation
@@ -11,7 +10,7 @@ from eightpost.ident.validation.shocks import MOST_BEYOND, ShockCase, ShockValid
 from eightpost.ident.validation.static import SETTLING, StaticValidation
 from eightpost.shock import write_shock
 from eightpost.units import convert
-from eightpost.validity import Validity
+from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
 
 ABOUT = "validation of the shock"
@@ -83,7 +82,8 @@ MISSING_DYNAMICS = RULES.add("dynamics missing in the law", ABOUT, Grade.LIMITED
 
 def shock_verdict(study: ShockValidation, limit: float | None = None) -> Verdict:
     """Return the verdict on a study with a limit [percent of standard deviation]; None: the default limits."""
-    return Verdict((*_errors(study, limit), *_pairing(study), *_beyond(study), *_doubts(study)))
+    edits = [reason for shock in study.shocks.values() if shock.validity for reason in shock.validity.edits]
+    return Verdict((*edits, *_errors(study, limit), *_pairing(study), *_beyond(study), *_doubts(study)))
 
 
 def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
@@ -169,7 +169,7 @@ def keep_verdicts(study: ShockValidation, paths: Sequence[Path], limit: float | 
         part = study.of_shock(label)
         if part.cases:
             validity = Validity.with_verdict(shock.validity, shock_verdict(part, limit))
-            write_shock(replace(shock, validity=validity), path)
+            write_shock(judged(shock, validity=validity), path)
             yield path
 
 

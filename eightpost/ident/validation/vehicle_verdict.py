@@ -12,7 +12,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import Comparison, Trend
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.ident.vehicle import VehicleFit, write_fit
-from eightpost.validity import Validity
+from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
 
 ABOUT = "validation of the vehicle"
@@ -157,8 +157,9 @@ NO_LEVELS = RULES.add("levels not validated", ABOUT, Grade.LIMITED,
 
 def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
     """Return the verdict on a vehicle that was compared with records."""
-    limits = limits or Limits()
-    reasons = [*_faults(study, limits), *_common_levels(study, limits), *_doubts(study)]
+    limits, known = limits or Limits(), study.fit.vehicle.validity
+    edits = known.edits if known else ()
+    reasons = [*edits, *_faults(study, limits), *_common_levels(study, limits), *_doubts(study)]
     if study.independent and not any(reason.grade is Grade.NOT_USABLE for reason in reasons):
         places = listed(case.record.name for case in study.independent)
         reasons.append(PREDICTS.reason("the car predicts its records", figure=_best(study), origin=places))
@@ -168,7 +169,7 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
 def keep_verdict(path: Path, fit: VehicleFit, verdict: Verdict) -> None:
     """Write a verdict into the file of a vehicle, in place of an earlier one."""
     validity = Validity.with_verdict(fit.vehicle.validity, verdict)
-    write_fit(path, replace(fit, vehicle=replace(fit.vehicle, validity=validity)))
+    write_fit(path, replace(fit, vehicle=judged(fit.vehicle, validity=validity)))
 
 
 def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.ident.vehicle.verdict import fit_verdict
 from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.validity import Range, Validity
+from eightpost.validity import Range, Validity, judged
 from eightpost.vehicle.statespace import StateSpace
 from eightpost.verdict import Reason, Verdict
 
@@ -19,7 +19,7 @@ def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit
     stated = fit.trust.measures if fit.trust is not None else {}
     uncertainty = ModelUncertainty(measures=stated) if stated else None
     validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
-    return replace(fit, vehicle=replace(fit.vehicle, validity=validity))
+    return replace(fit, vehicle=judged(fit.vehicle, validity=validity))
 
 
 def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:

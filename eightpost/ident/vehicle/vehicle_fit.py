@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +18,9 @@ from eightpost.ident.response import FrequencyResponse, read_response, response_
 from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.ident.vehicle.verdict import fit_verdict
+from eightpost.judged import edited, is_intact, sealed
 from eightpost.labelled import Labelled, data_frame, dataset
+from eightpost.validity import Validity
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.verdict import Verdict
 
@@ -196,6 +198,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "schema": SCHEMA,
         "tool": f"eightpost {__version__}",
         "vehicle_sha256": sha256_of(path),
+        "vehicle_judged": _judged(fit.vehicle),
         "recipe": fit.recipe,
         "residual": dict(fit.residual),
         "notes": list(fit.notes),
@@ -207,12 +210,19 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "choice": None if fit.choice is None else fit.choice.as_json(),
     }
     with atomic_path(fit_path(path)) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(sealed(content), indent=1) + "\n", encoding="utf-8")
     return path, _response_path(path), fit_path(path)
+
+
+def _judged(vehicle: IdentifiedVehicle) -> str | None:
+    """Return the digest of the numbers that the vehicle's verdict is about; None if it states none."""
+    return vehicle.validity.judged if vehicle.validity else None
 
 
 def read_fit(path: str | Path) -> VehicleFit:
     """Read a fit that `write_fit` wrote, given the path of its vehicle.
+
+    The verdict is "unknown" if the vehicle or the report of its fit was edited; the uncertainty is then left out.
 
     Raises:
         FileFormatError: A file is missing or not part of a fit, has a newer schema, or belongs to another vehicle.
@@ -226,8 +236,12 @@ def read_fit(path: str | Path) -> VehicleFit:
         what = f"needs the report of its fit, {report}, in the same folder; copy it there, or identify again"
         raise FileFormatError(what, path=path)
     content = _fit_content(fit_path(path))
-    if content.get("vehicle_sha256") != sha256_of(path):
+    is_of_file = content.get("vehicle_sha256") == sha256_of(path)
+    if not is_of_file and (_judged(vehicle) is None or content.get("vehicle_judged") != _judged(vehicle)):
         raise FileFormatError(f"belongs to another vehicle than the one in {path}; identify again", path=fit_path(path))
+    if not is_intact(content):
+        vehicle = replace(vehicle, validity=Validity(edited(fit_path(path).name)))
+    is_edited = vehicle.validity is not None and bool(vehicle.validity.edits)
     try:
         return VehicleFit(
             vehicle,
@@ -238,7 +252,7 @@ def read_fit(path: str | Path) -> VehicleFit:
             float(content["seconds"]),
             bool(content["stable"]),
             {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
-            None if content.get("trust") is None else Trust.of_json(content["trust"]),
+            None if is_edited or content.get("trust") is None else Trust.of_json(content["trust"]),
             tuple(FittedParameter(**row) for row in content.get("parameters", [])),
             None if content.get("choice") is None else RecipeChoice.of_json(content["choice"]),
         )

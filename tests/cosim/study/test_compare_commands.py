@@ -14,13 +14,15 @@ from rich.console import Console
 
 from cosim.study.certainty import Effect, read_certainty, write_certainty
 from cosim.study.certainty.assess import Knowledge, certainty_of
+from cosim.study.choice.compare_file import read_run_to_run
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from eightpost.__main__ import main
-from eightpost.app.certainty import with_runs
+from eightpost.app.certainty import measured_noise, with_runs
 from eightpost.corners import CORNERS
+from eightpost.errors import FileFormatError
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig.post import (
@@ -264,6 +266,13 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
 
 @pytest.mark.nightly
 def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured, sure, pages):
+    assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
+    path = sure / "compared" / "comparison.json"
+    assert all(measured_noise(sure).values())
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"measures": []}))  # edited: nothing is known from it
+    assert measured_noise(sure) == {}
+    with pytest.raises(FileFormatError, match="was edited after the comparison"):
+        read_run_to_run(path)
     assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
     assert eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
     assert read_certainty(sure / "certainty.parquet").is_known

@@ -13,9 +13,11 @@ from rich.console import Console
 from cosim.study.choice.robust import Uncertain
 from cosim.study.choice.robust_file import Uncertainty
 from eightpost.app.robust import _plan
+from eightpost.errors import FileFormatError
 from eightpost.left_out_blocks import LeftOutBlocks
-from eightpost.shock import Hysteresis, read_shock
+from eightpost.shock import Hysteresis, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.validity import judged
 from tests.shock.example_curve import knot_curve
 
 BANK = Path(__file__).resolve().parents[3] / "examples" / "bank"
@@ -28,11 +30,11 @@ def document(build: str) -> dict:
 @pytest.fixture
 def free(tmp_path) -> Path:
     """Return a shipped build, changed as if its fit had ended within all bounds."""
-    shock = document("AA_B")
-    shock["fit"]["parameters"]["lag_full_force"] |= {"at_bound": "", "standard_error": 20.0}
-    path = tmp_path / "free.json"
-    path.write_text(json.dumps(shock))
-    return path
+    shock = read_shock(BANK / "AA_B.json")
+    fitted = document("AA_B")["fit"]["parameters"]
+    fitted["lag_full_force"] |= {"at_bound": "", "standard_error": 20.0}
+    write_shock(judged(shock, fit={**shock.fit, "parameters": fitted}), tmp_path / "free.json")
+    return tmp_path / "free.json"
 
 
 def test_parameters_vary_by_their_standard_errors(free):
@@ -50,7 +52,7 @@ def test_every_element_of_a_fitted_parameter_varies_under_the_name_of_its_fmu_va
     entry = {"value": 0.01, "standard_error": 0.001, "bounds": [3e-4, 0.2], "at_bound": "", "unit": "s"}
     fitted = {**{f"time_constant[{k}]": entry for k in (1, 2, 3)}, "gas_preload": entry}
     law = Hysteresis(knot_curve(), (0.0,) * 25, (0.01,) * 3)
-    found = fitted_parameters(replace(shock, law=law, fit={**shock.fit, "parameters": fitted}))
+    found = fitted_parameters(judged(shock, law=law, fit={**shock.fit, "parameters": fitted}))
     assert found.names[:3] == ("time_constant[1]", "time_constant[2]", "time_constant[3]")
     assert "gas_preload" not in found.names  # of the port: the vehicle moves about rest
 
@@ -74,7 +76,7 @@ def test_a_band_without_factors_counts_as_correlated_over_all_velocities():
     """If the force of a side is scaled by 1 ± sigma, the band has this relative width at every velocity."""
     shock, band = read_shock(BANK / "C_C.json"), document("C_C")["fit"]["curve_band"]
     del band["factor_half_width"]
-    found = fitted_parameters(replace(shock, fit={**shock.fit, "curve_band": band}))
+    found = fitted_parameters(judged(shock, fit={**shock.fit, "curve_band": band}))
     velocity, force, half = (np.array(band[key]) for key in ("velocity [m/s]", "force [N]", "half_width [N]"))
     deviation = dict(zip(found.names, np.sqrt(found.covariance.diagonal()), strict=True))
     for name, side in (("compression_scale", velocity > 0), ("rebound_scale", velocity < 0)):
@@ -93,10 +95,13 @@ def test_draws_are_limited_to_the_bounds_of_the_fit(free):
 
 def test_a_fit_that_an_uncertainty_file_names_is_drawn_with_what_it_has_in_common_with_others(free):
     blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"rebound_scale": np.sin(np.arange(20.0))})
-    shock = json.loads(free.read_text())
-    free.write_text(json.dumps(shock | {"fit": shock["fit"] | blocks.section()}))
+    shock = read_shock(free)
+    write_shock(judged(shock, fit={**shock.fit, **blocks.section()}), free)
     (part,) = _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0).parts
     assert part.left_out == blocks
+    write_shock(replace(shock, fit={**shock.fit, **blocks.section()}), free)
+    with pytest.raises(FileFormatError, match="or was edited after the fit"):
+        _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0)
 
 
 def test_a_shock_without_a_fit_states_no_uncertainty(shocks):

@@ -22,6 +22,7 @@ from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TA
 from eightpost.rig import PeakVelocityTable, read_dyno_test
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert
+from eightpost.validity import judged
 from tests.shock.example_curve import knot_curve
 
 from .conftest import run, sine, two_lines, valve, viscous
@@ -47,7 +48,7 @@ def written(path, *, build=None, clicks=None, rate=2000.0, flip=1.0):
 
 def known_shock(**conditions):
     shock = read_shock(BANK[0])
-    return replace(shock, conditions={**shock.conditions, **conditions})
+    return judged(shock, conditions={**shock.conditions, **conditions})
 
 
 # ---- Builds ---------------------------------------------------------------------------------------------------------
@@ -146,7 +147,7 @@ def test_a_law_without_lag_has_no_time_constant_and_a_file_without_estimates_no_
 @pytest.mark.parametrize("band", [None, 3, {"velocity [m/s]": "x"}, {"velocity [m/s]": [0, 1], "force [N]": [0, 1]}])
 def test_a_band_of_another_form_is_left_out(band):
     shock = read_shock(BANK[0])
-    assert entry_of_shock(replace(shock, fit={**shock.fit, "curve_band": band}), "s", "s").band is None
+    assert entry_of_shock(judged(shock, fit={**shock.fit, "curve_band": band}), "s", "s").band is None
     good = entry_of_shock(shock, "s", "s").band
     half = np.array(shock.fit["curve_band"]["half_width [N]"])
     np.testing.assert_allclose(good.high - good.low, 2.0 * half)

@@ -26,7 +26,7 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
-from eightpost.validity import Validity
+from eightpost.validity import Validity, judged
 from eightpost.verdict import Reason, Verdict
 
 #: A file should reach this share of the highest speed of all files on each side.
@@ -246,7 +246,7 @@ def _shock(
         validity=Validity(verdict, base.validity.ranges),
         settings=settings,
     )
-    return shock
+    return judged(shock)
 
 
 def _distance(axes: Sequence[Axis], setting: Sequence[float]) -> int:

@@ -13,6 +13,7 @@ from cosim.study.report.answer import answer_of, tied_rows
 from cosim.study.report.page import page
 from cosim.study.report.sheet import AimPage, Extras
 from cosim.study.report.write import sheet_of
+from eightpost.judged import sealed
 from eightpost.verdict import Grade
 
 FRONT, HUB = "front ride height, RMS", "rf hub acceleration, RMS"
@@ -93,13 +94,16 @@ def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(
     assert "errors of the vehicle are not included" in unstated
 
 
-def test_curves_of_another_study_are_not_linked(few, tmp_path):
+def test_curves_of_another_study_or_edited_ones_are_not_linked(few, tmp_path):
     (tmp_path / "shapes.html").write_text("")
     content = {"digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
                "gain": {"predicted": 1.0, "assured": 0.5, "includes_car": True}}  # fmt: skip
     (tmp_path / "shapes.json").write_text(json.dumps(content))
     assert aim_so_far(few, tmp_path) == AimPage("shapes.html", 0.02, 0.01, True)
-    for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, []):
+    (tmp_path / "shapes.json").write_text(json.dumps(sealed(content)))
+    assert aim_so_far(few, tmp_path) == AimPage("shapes.html", 0.02, 0.01, True)
+    changed = sealed(content) | {"gain": content["gain"] | {"assured": 5.0}}
+    for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, [], changed):
         (tmp_path / "shapes.json").write_text(json.dumps(wrong))
         assert aim_so_far(few, tmp_path) is None
 
