@@ -42,7 +42,8 @@ class Kind:
     Attributes:
         name: Name with its article.
         example: Name of a file, which messages propose.
-        suffixes: Suffixes that the file may have; empty if any is possible.
+        suffixes: Suffixes that the file may have; empty if an option chooses the format, so that it is known only when
+            the file is written.
         document: Entry `kind` of a JSON document; empty for other files.
     """
 
@@ -65,7 +66,6 @@ RESULT = Kind("the result of a run", "result.json", (".json",), "result")
 SHOCK = Kind("a shock file", "shock.json", (".json",), "shock")
 TABLE = Kind("a table", "table.parquet", (".parquet",))
 VEHICLE = Kind("a vehicle file", "vehicle.json", (".json",), "vehicle")
-#: Some of the formats of `eightpost export` have no suffix of their own.
 EXPORT = Kind("an exported file", "export.mat", ())
 
 
@@ -138,7 +138,8 @@ def note_written(path: str | Path) -> None:
         _running[-1].written.add(identity)
 
 
-def _is_input(path: Path) -> bool:
+def is_input(path: Path) -> bool:
+    """Return whether the running command has read a file, or its command line names it as an input."""
     identity = _identity(path)
     # a number is given again to a new file when its old file was replaced
     return bool(_running) and identity in _running[-1].read and identity not in _running[-1].written
@@ -182,13 +183,14 @@ def check_file(path: Path, kind: Kind, option: str = "-o") -> None:
         OutputError: Its nearest existing folder is read-only.
     """
     check_target(path, example=kind.example)
-    if path.suffix.lower() not in kind.suffixes and (kind.suffixes or not path.suffix):
-        *others, last = kind.suffixes or ("a suffix",)
+    if kind.suffixes and path.suffix.lower() not in kind.suffixes:
+        *others, last = kind.suffixes
         ends = f"{', '.join(others)} or {last}" if others else last
         proposed = path.with_suffix(Path(kind.example).suffix)
         raise InputError(f"{path}: {kind.name} ends in {ends}; write {option} {proposed}")
     check_folder(path.parent)
-    _check_content(path, kind.content(path.suffix))
+    if kind.suffixes:
+        _check_content(path, kind.content(path.suffix))
 
 
 def check_folder(path: str | Path, files: Mapping[str, Kind] | None = None) -> None:
@@ -229,7 +231,7 @@ def check_target(path: Path, *, example: str = "") -> None:
         raise InputError(f"{path} is a folder; name a file in it{such}")
     if path.exists() and not path.is_file():
         raise InputError(f"{path} is a device or a pipe; choose another output")
-    if _is_input(path) and not _may_replace(path):
+    if is_input(path) and not _may_replace(path):
         raise InputError(f"{path} is an input of this command and would be replaced; choose another output")
 
 

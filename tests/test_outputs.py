@@ -141,7 +141,6 @@ def test_a_refusal_names_the_file_the_reason_and_the_remedy(tmp_path, monkeypatc
         ("out", SHOCK, "out is a folder; name a file in it, such as out/shock.json"),
         ("a.toml", SHOCK, "a.toml: a shock file ends in .json; write -o a.json"),
         ("1 s", PICTURE, "1 s: a picture ends in .png, .pdf or .svg; write -o 1 s.png"),
-        ("table", EXPORT, "table: an exported file ends in a suffix; write -o table.mat"),
         ("old.json/a.parquet", TABLE, "old.json is a file, not a folder; choose another output folder"),
     ):  # fmt: skip
         with pytest.raises(InputError) as caught:

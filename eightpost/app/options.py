@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import click
 
 from eightpost.errors import InputError, ParameterError
-from eightpost.outputs import Kind, check_file, check_folder, recorded
+from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
 if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
@@ -138,6 +138,8 @@ def check_outputs(ctx: click.Context) -> None:
         if isinstance(kind, OutputFile | OutputFolder):
             if given[name] is None and kind.default:
                 given[name] = kind.default(given)
+                if is_input(given[name]):
+                    continue  # a file of a wrong kind, about which its reader says more
             if given[name] is not None:
                 kind.check(given[name], parameter.opts[0], given)
 

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from eightpost.__main__ import VERBS, main
 from eightpost.app.options import FilePath, OutputFile, OutputFolder, Verb, VerbGroup
+from eightpost.examples_folder import examples_folder
 
 #: Content of a file with a suffix, as it is recognised.
 CONTENT = {
@@ -135,7 +136,7 @@ def test_an_output_never_replaces_a_file_of_another_kind(
     monkeypatch: pytest.MonkeyPatch, folder: Path, output: str
 ) -> None:
     name, parameter = FILES[output]
-    for suffix in parameter.type.kind.suffixes or (".mat", ".csv"):
+    for suffix in parameter.type.kind.suffixes:
         foreign = CONTENT[".parquet" if suffix != ".parquet" else ".csv"]
         file = planted(folder / f"kept{suffix}", foreign)
         ran = called(monkeypatch, name, (parameter, file.name), more=FILE.get(name, []))
@@ -168,8 +169,8 @@ def test_a_file_to_write_is_no_folder_and_has_a_suffix_of_its_kind(
     for place in (".", "place.fmu")[name == "build" :]:
         ran = called(monkeypatch, name, (parameter, place), more=FILE.get(name, []))
         assert ran.exit_code == 2 and f"{place} is a folder; name a file in it, such as" in ran.output
-    for wrong in ("1 s", "x.docx") if parameter.type.kind.suffixes else ("1 s",):
-        if name != "build":  # any other name is a folder there
+    for wrong in ("1 s", "x.docx"):
+        if name not in ("build", "export"):  # any other name is a folder there; the format of an export is an option
             ran = called(monkeypatch, name, (parameter, wrong), more=[])
             proposed = Path(wrong).with_suffix(Path(parameter.type.kind.example).suffix)
             assert ran.exit_code == 2 and f"write {parameter.opts[0]} {proposed}" in ran.output
@@ -216,3 +217,12 @@ def test_an_output_that_is_not_named_is_checked_too(monkeypatch: pytest.MonkeyPa
     planted(folder / DEFAULTS[line], b"a letter to my aunt")
     ran = CliRunner().invoke(main, [name, *rest], env={"COLUMNS": "400"})
     assert ran.exit_code == 2 and f"{DEFAULTS[line]} is a text file, and " in ran.output
+
+
+def test_an_export_whose_format_is_an_option_never_replaces_a_file_of_another_format(folder: Path) -> None:
+    shock = examples_folder() / "bank" / "B_B.json"
+    for line in (["--format", "carmaker", "-o", "kept.info"], ["-o", "kept.csv"], ["--format", "csv", "-o", "kept"]):
+        kept = planted(folder / line[-1], CONTENT[".png"])
+        ran = CliRunner().invoke(main, ["export", str(shock), *line], env={"COLUMNS": "400"})
+        assert ran.exit_code == 2 and "is a PNG picture, and a text file would replace it" in ran.output, ran.output
+        assert kept.read_bytes() == CONTENT[".png"]

@@ -98,7 +98,7 @@ def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),
         (("--kind", "other.csv=sine"), "not one of the records"),
-        (("--report", "page.pdf"), "a report ends in .html"),
+        (("--report", "page.pdf"), "a page ends in .html or .htm"),
         (("shock.json",), "is a vehicle: validate it alone"),
     ],
 )
