@@ -18,7 +18,8 @@ from builder.python_fmu import python_fmu
 from eightpost.archive import write_archive
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError
-from eightpost.files import check_output_folder, document_kind
+from eightpost.files import document_kind
+from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 from eightpost.shock import read_shock
 from eightpost.validity import Validity
@@ -106,7 +107,7 @@ def build(
         raise FmuError("python FMUs are of FMI 2.0 (PythonFMU); build FMI 3.0 with --target native")
     if disclosure is not Disclosure.FULL and target != "native":
         raise FmuError("a python FMU contains its source code; a confidential FMU must be native (--target native)")
-    check_output_folder(folder)
+    check_folder(folder)
     products = [
         (str(source), product_of(Path(source), temperature_input=temperature_input)) for source in beats(sources)
     ]

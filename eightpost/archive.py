@@ -14,6 +14,7 @@ from typing import IO
 
 from eightpost.errors import EightpostError, FmuError, OutputError, missing_file
 from eightpost.files import atomic_path, writing
+from eightpost.outputs import note_read
 
 #: The earliest date that a zip entry can have. The real date would make every build differ.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -63,6 +64,7 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
             reads from the archive.
     """
     path = Path(path)
+    note_read(path)
     try:
         with zipfile.ZipFile(path) as archive:
             _refuse_bomb(path, archive.infolist())

@@ -20,6 +20,7 @@ import platformdirs
 
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
+from eightpost.outputs import replacing
 
 Dispatcher = TypeVar("Dispatcher")
 
@@ -83,7 +84,7 @@ def keep(folder: str, key: str, content: bytes, *, most: int | None = None) -> N
     path = cache_folder() / folder / key
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
+        with replacing(path), atomic_path(path) as temporary:  # a damaged file has any content
             temporary.write_bytes(_sealed(content))
         entries = sorted(path.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in entries[most or KEPT :]:

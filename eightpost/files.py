@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from eightpost.errors import FileFormatError, InputError, OutputError, missing_file
+from eightpost.outputs import check_folder, check_same_content, check_target, note_read, note_written
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -34,8 +35,10 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`, and rename it to `path` if the block ends without error.
 
-    If the block raises, the old file at `path` is unchanged and the temporary file is removed. The temporary name has
-    the same suffix as `path`, because some writers choose the format by it.
+    Everything is written with this function, so that the rule of `eightpost.outputs` applies to all files: none
+    replaces a folder, an input of the running command, or a file of another kind. If the block raises, the old file at
+    `path` is unchanged and the temporary file is removed. The temporary name has the same suffix as `path`, because
+    some writers choose the format by it.
 
     Args:
         path: Path of the finished file; its folder is created if it is missing.
@@ -44,19 +47,20 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         The temporary path to write to.
 
     Raises:
-        InputError: The path is a folder.
+        InputError: The path is a folder, an input or a file of another kind.
         OutputError: The file or its folder cannot be written, for example a full disk or no permission.
     """
     target = Path(path)
     temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:12]}{target.suffix}")
     with writing(target, temporary):
-        if target.is_dir():
-            raise InputError(f"{target}: is a folder; give a file name in it")
-        check_output_folder(target.parent)
+        check_target(target)
+        check_folder(target.parent)
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
+            check_same_content(target, temporary)
             temporary.replace(target)
+            note_written(target)
         finally:
             temporary.unlink(missing_ok=True)
 
@@ -100,22 +104,6 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
-def check_output_folder(path: str | Path) -> None:
-    """Check that a path can be used as an output folder, before any computation.
-
-    Raises:
-        InputError: The path or one of its parents is a file.
-        OutputError: Its nearest existing folder is read-only.
-    """
-    places = (Path(path), *Path(path).parents)
-    if (nearest := next((place for place in places if place.is_dir()), None)) and not os.access(nearest, os.W_OK):
-        raise OutputError(f"{nearest} is read-only; change its permissions, or choose another output folder")
-    for place in places:
-        if place.exists() and not place.is_dir():
-            where = "" if place == Path(path) else f"{path}: "
-            raise InputError(f"{where}{place} is a file, not a folder; choose another output folder")
-
-
 def sha256_of(path: str | Path) -> str:
     """Return the SHA-256 digest of a file's bytes as 64 hexadecimal digits.
 
@@ -130,6 +118,8 @@ def sha256_of(path: str | Path) -> str:
 def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
     """Turn the operating system's errors in the block into a FileFormatError that names the file.
 
+    The file counts as an input of the running command.
+
     Args:
         path: File that the block reads.
         advice: Advice for the user if the file does not exist.
@@ -137,6 +127,7 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
     Raises:
         FileFormatError: The file is missing, a folder, without read permission, or too large for the memory.
     """
+    note_read(path)
     try:
         yield
     except FileNotFoundError:

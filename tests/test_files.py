@@ -1,14 +1,13 @@
 """Invalid files with settings are refused with their name and a reason; write errors name the file."""
 
 import json
-import os
 import subprocess
 import sys
 
 import pytest
 
 from eightpost.errors import FileFormatError, InputError, OutputError
-from eightpost.files import atomic_path, check_output_folder, json_content, read_text, toml_content
+from eightpost.files import atomic_path, json_content, read_text, toml_content
 
 JSON = {
     "huge integer": ('{"a": ' + "9" * 5000 + "}", "99999999999999999999... is outside 64 bits"),
@@ -107,22 +106,6 @@ assert sorted(path.name for path in folder.iterdir()) == sorted(writers)
 def test_a_full_disk_is_reported_with_the_file_name_and_keeps_the_old_file(tmp_path):
     ran = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write to every folder")
-def test_a_read_only_folder_is_refused_before_any_computation(tmp_path):
-    (tmp_path / "kept").mkdir(mode=0o555)
-    for path in (tmp_path / "kept", tmp_path / "kept" / "new" / "out"):
-        with pytest.raises(OutputError, match=r"kept is read-only; change its permissions"):
-            check_output_folder(path)
-
-
-def test_the_folder_that_is_asked_for_permission_is_the_nearest_that_exists(tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr("os.access", lambda path, mode: asked.append(path) or False)
-    with pytest.raises(OutputError, match=r"is read-only"):
-        check_output_folder(tmp_path / "new" / "out")
-    assert asked == [tmp_path]
 
 
 def test_a_folder_that_cannot_be_created_is_named(tmp_path):

@@ -23,7 +23,7 @@ from builder.native.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError
-from eightpost.files import check_output_folder
+from eightpost.outputs import FMU, check_file
 from eightpost.progress import Progress
 from eightpost.wiring import Wiring
 
@@ -283,8 +283,8 @@ def assemble(
             f"{path}: {path.stem!r} is not a valid C identifier; use letters, digits and underscores, e.g. "
             f"{fmu_identifier(path.stem)}.fmu"
         )
-    check_output_folder(path.parent)
     assembly = Assembly.of(wiring, path.stem)
+    check_file(path, FMU)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
     (members,) = compiled([_unbuilt(assembly, interface, fmi)], toolchain=toolchain, progress=progress)

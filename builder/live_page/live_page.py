@@ -10,7 +10,7 @@ from typing import Any
 from builder.live_page.controls import BUMP, DYNAMOMETER, Control, shock_controls, to_json
 from builder.live_page.models import CAR, SHOCK, Model, read_models
 from eightpost.extras import needs
-from eightpost.files import check_output_folder
+from eightpost.outputs import PAGE, check_file
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
 
@@ -52,7 +52,7 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         FmuError: A file cannot be used, or the compiler zig is not installed, or it fails.
         InputError: A file cannot be read.
     """
-    check_output_folder(Path(path).parent)
+    check_file(Path(path), PAGE)
     models = read_models(Path(shock), Path(vehicle))
     verdict = Validity.from_json(json.loads(models.validity)).verdict if models.validity else Verdict()
     controls = shock_controls(models.shock.interface)

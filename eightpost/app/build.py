@@ -10,8 +10,9 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath
+from eightpost.app.options import FilePath, OutputFile, Verb
 from eightpost.app.progress import bar
+from eightpost.outputs import FMU
 from eightpost.report.console import console_table, folded
 
 if TYPE_CHECKING:
@@ -76,9 +77,10 @@ def show_assembled(console: Console, built: Assembled) -> None:
 # ---- `eightpost build` ----------------------------------------------------------------------------------------------
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("sources", nargs=-1, type=FilePath())
-@click.option("-o", "--output", type=FilePath(), default=Path("dist"), show_default=True,
+@click.option("-o", "--output", default=Path("dist"), show_default=True,
+              type=OutputFile(FMU, is_folder=lambda given: given["system"] is None or given["output"].suffix != ".fmu"),
               help="Output folder of the FMUs; with --assemble, a folder or the file name of the FMU.")  # fmt: skip
 @click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
               help="Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable "

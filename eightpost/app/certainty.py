@@ -13,6 +13,7 @@ from rich.markup import escape
 
 from eightpost.app.progress import bar
 from eightpost.errors import FileFormatError
+from eightpost.outputs import replacing
 
 if TYPE_CHECKING:
     from cosim.study.certainty import Certainty
@@ -39,7 +40,8 @@ def assess(
     known = Knowledge(effects, unstated, measured_noise(folder), notes=notes)
     with console.status("computing how sure the choice is"):
         found = certainty_of(result, with_runs(console, known, result, folder), criterion=criterion)
-    write_certainty(found, folder / CERTAINTY)
+    with replacing(folder / CERTAINTY):
+        write_certainty(found, folder / CERTAINTY)
     return found
 
 

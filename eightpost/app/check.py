@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath
+from eightpost.app.options import FilePath, Verb
 from eightpost.errors import InputError
 from eightpost.report.console import Column, Table, console_table, unbroken
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=FilePath())
 @click.option("--standard", "scope", flag_value="standard", default="all",
               help="Report only violations of the FMI standard; default: all findings.")  # fmt: skip

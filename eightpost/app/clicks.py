@@ -9,14 +9,15 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Assignment, FilePath, Quantity
+from eightpost.app.options import Assignment, FilePath, OutputFile, Quantity, Verb
 from eightpost.errors import InputError
+from eightpost.outputs import PICTURE
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.settings.clicks import Level
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("shock_file", metavar="SHOCK", type=FilePath())
 @click.option("--curve", required=True, type=FilePath(), metavar="FILE",
               help="Target: a table with the columns velocity and force and their units, or a shock file.")  # fmt: skip
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
               "free: it does not.")  # fmt: skip
 @click.option("--count", type=click.IntRange(1, 100), default=5, show_default=True, metavar="N",
               help="Number of settings to list.")  # fmt: skip
-@click.option("--plot", type=FilePath(),
+@click.option("--plot", type=OutputFile(PICTURE),
               help="Picture of the target and the best setting; no default: none is written.")  # fmt: skip
 def clicks(  # one parameter per option
     shock_file: Path,

@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty
-from eightpost.app.options import FilePath, Number, Verb, map_option
+from eightpost.app.options import FilePath, Number, OutputFile, Verb, map_option
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
+from eightpost.outputs import PICTURE
 from eightpost.report.console import Table, console_table, folded, right
 from eightpost.verdict import Verdict
 
@@ -31,7 +32,7 @@ _LABELS = 30
 @click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=FilePath())
 @click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
               help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
-@click.option("-o", "--output", type=FilePath(),
+@click.option("-o", "--output", type=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
               help="Picture of the changes (.png); default: none. With --measured: output folder; default: compared/ "
               "in the folder of the study.")  # fmt: skip
 @click.option("--measured", type=FilePath(), metavar="LIST",

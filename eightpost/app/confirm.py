@@ -13,10 +13,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
-from eightpost.app.options import FilePath, map_option
+from eightpost.app.options import FilePath, Verb, map_option
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
+from eightpost.outputs import replacing
 from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 _SHOWN = 8
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("folder", metavar="STUDY", type=FilePath())
 @click.argument("records", metavar="RECORDS...", nargs=-1, required=True)
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE",
@@ -93,7 +94,8 @@ def confirm(
     show_contradictions(console, result, after)
     with atomic_path(folder / PREVIOUS) as temporary:
         shutil.copyfile(folder / CERTAINTY, temporary)
-    write_certainty(after, folder / CERTAINTY)
+    with replacing(folder / CERTAINTY):
+        write_certainty(after, folder / CERTAINTY)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
     console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
     write_page(console, result, folder)

@@ -13,13 +13,12 @@ from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
-from eightpost.app.options import FilePath
+from eightpost.app.options import OutputFolder, Verb
 from eightpost.app.run import run_with_progress
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
-from eightpost.files import check_output_folder
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
@@ -37,8 +36,8 @@ _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_h
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
 
-@click.command()
-@click.option("-o", "--output", type=FilePath(), default=Path("demo"), show_default=True,
+@click.command(cls=Verb)
+@click.option("-o", "--output", type=OutputFolder(), default=Path("demo"), show_default=True,
               help="Output folder for all files of the demo.")  # fmt: skip
 @click.pass_context
 def demo(ctx: click.Context, output: Path) -> None:
@@ -48,7 +47,6 @@ def demo(ctx: click.Context, output: Path) -> None:
     examples/make_identified.py the identified car and its lap.
     """
     console = Console()
-    check_output_folder(output)
     examples = examples_folder()
     _fit_builds(console, examples, output)
     clean = _build_and_check(console, examples, output)

@@ -10,6 +10,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost.app.options import Verb
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -21,7 +23,7 @@ SCHEMA = 1
 _COLORS = {"ok": "green", "note": "yellow", "absent": "cyan", "failed": "red"}
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document, e.g. for a report of a fault.")
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool) -> None:

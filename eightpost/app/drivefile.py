@@ -13,6 +13,7 @@ from eightpost.app.options import (
     UNITS,
     Assignment,
     FilePath,
+    OutputFolder,
     Quantity,
     VerbGroup,
     car_seed_option,
@@ -51,7 +52,7 @@ def drivefile() -> None:
 @click.argument("track", metavar="TRACK", type=FilePath())
 @click.option("--car", "car_file", required=True, metavar="CAR", type=FilePath(),
               help="Identified car (.json, from eightpost identify), or its parameters (.toml).")  # fmt: skip
-@click.option("-o", "--output", required=True, metavar="FOLDER", type=FilePath(),
+@click.option("-o", "--output", required=True, metavar="FOLDER", type=OutputFolder(),
               help="Folder of the iteration.")  # fmt: skip
 @click.option("--channels", metavar="NAMES",
               help="Channels to reproduce, separated by commas. Default: hub acceleration and shock displacement of "

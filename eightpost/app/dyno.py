@@ -8,14 +8,14 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Quantity, seed_option
+from eightpost.app.options import OutputFile, Quantity, Verb, seed_option
 from eightpost.errors import InputError
-from eightpost.files import check_output_folder
+from eightpost.outputs import RECORD
 
 TESTS = ("random", "sine", "static", "bump", "all")
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.option("--configuration", "number", type=int, metavar="1..12",
               help="Row of Table 3.1 that names the shock, e.g. 5. Default: the shock of --build.")  # fmt: skip
 @click.option("--build", metavar="COMPRESSION/REBOUND",
@@ -36,7 +36,8 @@ TESTS = ("random", "sine", "static", "bump", "all")
 @click.option("--duration", type=Quantity("s"), metavar="TIME",
               help="Length of the random test; default '30 s'. The signal repeats every 10 s.")  # fmt: skip
 @seed_option(1, "Seed of the random phases and of the sensor noise.")
-@click.option("-o", "--output", type=FilePath(), required=True,
+@click.option("-o", "--output", required=True,
+              type=OutputFile(RECORD, is_folder=lambda given: given["test_name"] == "all"),
               help="Output file (.csv or .parquet); with --test all, the output folder.")  # fmt: skip
 def dyno(  # one parameter per option
     number: int | None,
@@ -78,13 +79,8 @@ def dyno(  # one parameter per option
         raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
     if test_name == "all":
-        check_output_folder(output)
         tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
     else:
-        if output.suffix not in (".csv", ".parquet"):
-            raise InputError(f"{output}: the output must be a .csv or .parquet file; only --test all writes a folder")
-        if output.is_dir():
-            raise InputError(f"{output} is a folder; name a file in it")
         drive = drivefile_of(test_name, seed, amplitude=amplitude, speed=speed, duration=duration)
         tests = {test_name: (drive, output)}
     for name, (drive, path) in tests.items():

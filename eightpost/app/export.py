@@ -9,13 +9,14 @@ import click
 from click.core import ParameterSource
 from rich.console import Console
 
-from eightpost.app.options import FilePath, Quantity
+from eightpost.app.options import FilePath, OutputFile, Quantity, Verb
+from eightpost.outputs import EXPORT
 
 #: Options of a vehicle or a response, and of shocks.
 _VEHICLE_OPTIONS, _SHOCK_OPTIONS = ("ports", "high", "step"), ("table_format", "over", "error", "speed")
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=FilePath())
 @click.option("--ports", type=click.Choice(["difference", "whole"]), default="difference", show_default=True,
               help="Meaning of a vehicle's shock inputs. difference: the force of the shock minus the force of the "
@@ -37,7 +38,7 @@ _VEHICLE_OPTIONS, _SHOCK_OPTIONS = ("ports", "high", "step"), ("table_format", "
               "gives more points.")  # fmt: skip
 @click.option("--speed", metavar="SPEED", type=Quantity("m/s"),
               help="Shocks: highest velocity in both directions, e.g. '2 m/s'; default: the fitted range.")  # fmt: skip
-@click.option("-o", "output", required=True, type=FilePath(),
+@click.option("-o", "output", required=True, type=OutputFile(EXPORT),
               help="Output file: .mat, .uff or .unv; for shocks .csv, .mat, .m, .txt or .dpr.")  # fmt: skip
 @click.pass_context
 def export(  # one parameter per option

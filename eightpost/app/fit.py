@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, FilePath, Quantity, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, FilePath, OutputFile, Quantity, Verb, flip_option, map_option
 from eightpost.errors import InputError
-from eightpost.files import check_output_folder
+from eightpost.outputs import PICTURE, SHOCK
 from eightpost.shock import LAWS
 from eightpost.verdict import Verdict
 
@@ -34,13 +35,14 @@ WEIGHTINGS = ("auto", "none", "huber", "tukey")
 GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=FilePath())
 @click.option("--law", type=click.Choice(["auto", *LAWS]), default="auto", show_default=True,
               help="Shock law to fit (docs/evidence/shock_models.md). auto: all laws are fitted and "
               "cross-validated, and the simplest one that is as good as the best is taken "
               "(docs/explanation/law_choice.md); with --recipe boggs, lpnl2.")  # fmt: skip
-@click.option("-o", "--output", type=FilePath(),
+@click.option("-o", "--output",
+              type=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
               help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
@@ -87,14 +89,14 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "in the file.")  # fmt: skip
 @click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
-@click.option("--plot", type=FilePath(),
+@click.option("--plot", type=OutputFile(PICTURE, default=lambda given: given["output"].with_suffix(".png")),
               help="Force-velocity picture; default: the output file with the suffix .png.")  # fmt: skip
 @click.pass_context
 def fit(  # one parameter per option
     ctx: click.Context,
     dyno_files: tuple[Path, ...],
     law: LawName,
-    output: Path | None,
+    output: Path,
     recipe: RecipeName,
     curve: CurveChoice,
     shape: Shape,
@@ -113,7 +115,7 @@ def fit(  # one parameter per option
     builds: tuple[str, ...],
     clicks: str | None,
     gas_pressure: float | None,
-    plot: Path | None,
+    plot: Path,
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
@@ -139,11 +141,9 @@ def fit(  # one parameter per option
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
 
-    if plot is not None:
+    if ctx.get_parameter_source("plot") is ParameterSource.COMMANDLINE:
         import eightpost.report.pictures  # noqa: F401 -- a picture that was asked for and cannot be drawn
     console = Console()
-    output = output or Path(f"{dyno_files[0].stem}.json")
-    _check_output(output, dyno_files[0])
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     if of_builds := builds_in(dyno_files, given, of_files):
@@ -151,7 +151,7 @@ def fit(  # one parameter per option
         ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
     if tables := tables_in(dyno_files, given):
         _check_options_of_tables(law, curve)
-        ctx.exit(0 if _fit_tables(console, tables, output, name=name, build=build, gas=gas).is_acceptable else 1)
+        ctx.exit(0 if _fit_tables(console, tables, output, plot, name=name, build=build, gas=gas).is_acceptable else 1)
     channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
     tests = _read_tests(console, dyno_files, reading, of_files, split=split)
@@ -171,7 +171,7 @@ def fit(  # one parameter per option
     )
     show_fit(console, shock_fit)
     write_shock(shock_fit.shock, output)
-    pictures = draw_if_possible(console, partial(_draw, shock_fit), plot or output.with_suffix(".png"))
+    pictures = draw_if_possible(console, partial(_draw, shock_fit), plot)
     console.print(f"wrote {', '.join(map(str, (output, *pictures)))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
 
@@ -268,6 +268,7 @@ def _fit_tables(
     console: Console,
     tables: Sequence[PeakVelocityTable],
     output: Path,
+    plot: Path,
     *,
     name: str | None,
     build: str | None,
@@ -285,7 +286,7 @@ def _fit_tables(
         if one.shock.validity:
             show_verdict(console, one.shock.validity.verdict)
     pairs = [(one.table, one.shock) for one in fitted]
-    pictures = draw_if_possible(console, partial(_draw_tables, pairs), output.with_suffix(".png"))
+    pictures = draw_if_possible(console, partial(_draw_tables, pairs), plot)
     written = [*(one.path for one in fitted), *pictures]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
@@ -323,15 +324,6 @@ def show_fit(console: Console, shock_fit: ShockFit) -> None:
     for change in shock_fit.changes:
         console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, shock_fit.verdict)
-
-
-def _check_output(output: Path, dyno_file: Path) -> None:
-    """Refuse an output that would overwrite a folder or a file that is not a shock file."""
-    if output.is_dir():
-        raise InputError(f"{output} is a folder; name a file in it, such as {output / dyno_file.stem}.json")
-    if output.suffix != ".json":
-        raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
-    check_output_folder(output.parent)
 
 
 def _law(law: str, recipe: str) -> str:

@@ -11,10 +11,10 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Quantity, Verb, flip_option, map_option
+from eightpost.app.options import FilePath, OutputFile, Quantity, Verb, flip_option, map_option
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError, missing_file
-from eightpost.files import check_output_folder
+from eightpost.outputs import VEHICLE
 from eightpost.progress import reported_to
 from eightpost.report.console import console_table, right
 
@@ -36,7 +36,7 @@ def _recipes() -> list[str]:
 
 @click.command(cls=Verb, renamed={"--plots": "--plot"})
 @click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=FilePath())
-@click.option("-o", "--output", type=FilePath(dir_okay=False), default=Path("vehicle.json"),
+@click.option("-o", "--output", type=OutputFile(VEHICLE), default=Path("vehicle.json"),
               show_default=True,
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
@@ -103,7 +103,7 @@ def identify(  # one parameter per option
     from eightpost.rig.post.rig_test import read_rig_tests
 
     console = Console()
-    _check(output, rig_files, baseline)
+    _check(rig_files, baseline)
 
     def read(files: Sequence[Path]) -> Iterator[RigTest]:
         return each(console, read_rig_tests(files, channel_map=channel_map, flip=flip), "reading", len(files))
@@ -133,10 +133,7 @@ def identify(  # one parameter per option
     ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
-def _check(output: Path, rig_files: tuple[Path, ...], baseline: Path | None) -> None:
-    if output.suffix != ".json":
-        raise InputError(f"{output}: a vehicle file ends in .json; write -o {output.with_suffix('.json')}")
-    check_output_folder(output.parent)
+def _check(rig_files: tuple[Path, ...], baseline: Path | None) -> None:
     if baseline is not None and baseline not in rig_files:
         raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
     for path in rig_files:

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, FilePath, Quantity, flip_option, map_option
+from eightpost.app.options import COLUMNS, UNITS, FilePath, Quantity, Verb, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("path", metavar="FILE", type=FilePath())
 @UNITS
 @COLUMNS

@@ -10,9 +10,8 @@ import click
 from rich.box import SIMPLE
 from rich.console import Console
 
-from eightpost.app.options import FilePath, Quantity, map_option
+from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb, map_option
 from eightpost.app.progress import each
-from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("files", metavar="RIG...", nargs=-1, required=True, type=FilePath())
 @map_option("docs/how_to/rig_data.md")
 @click.option("--preparation", "how_file", type=FilePath(), metavar="TOML",
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 @click.option("--output", "outputs", multiple=True, metavar="CHANNEL",
               help="Output to judge, e.g. lf.tire_force; may be repeated. Default: shock velocities, tire forces and "
               "ride heights.")  # fmt: skip
-@click.option("-o", "folder", default="linearity", show_default=True, type=FilePath(),
+@click.option("-o", "folder", default="linearity", show_default=True, type=OutputFolder(),
               help="Output folder.")  # fmt: skip
 def linearity(
     files: tuple[Path, ...],
@@ -69,7 +68,6 @@ def linearity(
     from eightpost.ident.preparation import prepare, read_preparation
     from eightpost.ident.response import LocalPolynomial
 
-    check_output_folder(folder)
     console = Console(soft_wrap=True, highlight=False)
     how = read_preparation(how_file) if how_file else None
     prepared = prepare(_tests(files, channel_map), how)

@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from eightpost.app.options import FilePath
+from eightpost.app.options import OutputFolder, Verb
 from eightpost.errors import OutputError
 from eightpost.examples_folder import examples_folder
-from eightpost.files import atomic_path, check_output_folder
+from eightpost.files import atomic_path
 
 #: Files of a starter folder and where they are in the examples.
 FILES = {
@@ -25,8 +25,8 @@ FILES = {
 }
 
 
-@click.command()
-@click.argument("folder", type=FilePath())
+@click.command(cls=Verb)
+@click.argument("folder", type=OutputFolder())
 def new(folder: Path) -> None:
     """Write a starter folder, with files to be replaced by your own.
 
@@ -38,7 +38,6 @@ def new(folder: Path) -> None:
       eightpost new car7
       eightpost new .
     """
-    check_output_folder(folder)
     if existing := [name for name in FILES if (folder / name).exists()]:
         raise OutputError(
             f"{folder}: {', '.join(existing)} would be overwritten; name another folder, or move what is there"

@@ -10,9 +10,18 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import SCHEDULER, WORKERS, FilePath, check_report_folder, seed_option
+from eightpost.app.options import (
+    SCHEDULER,
+    WORKERS,
+    FilePath,
+    OutputFolder,
+    Verb,
+    check_outputs,
+    check_report_folder,
+    seed_option,
+)
 from eightpost.app.progress import bar
-from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_result, show_study
+from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_result, show_study
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
@@ -22,9 +31,9 @@ if TYPE_CHECKING:
     from cosim.study.running.workers import Workers
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
+@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
               help="Output folder for results.parquet, the page and the intermediate results.")  # fmt: skip
 @click.option("--for", "objectives", multiple=True, metavar="MEASURE",
               help="Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the "
@@ -65,6 +74,7 @@ def optimise(
     console = Console()
     check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
+    check_outputs(ctx)  # the files that the study names are now known
     for name in objectives:
         described.measure(name)
     requested, search = Requested(described, output), Search(objectives, evaluations, seed)

@@ -1,4 +1,4 @@
-"""Values, options and output folders that several verbs share. A library loads when a value is read, not for help."""
+"""Values, options and outputs that several verbs share. A library loads when a value is read, not for help."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import click
 
 from eightpost.errors import InputError, ParameterError
-from eightpost.files import check_output_folder
+from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
 if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
@@ -24,7 +24,7 @@ def warn(text: str) -> None:
 
 
 class Verb(click.Command):
-    """A verb. An old spelling of an option still works in this version, with a warning.
+    """A verb, whose outputs never replace its inputs. An old spelling of an option still works, with a warning.
 
     Attributes:
         renamed: New spelling of each old one.
@@ -38,6 +38,16 @@ class Verb(click.Command):
         """Read the command line with the new spellings."""
         return super().parse_args(ctx, [self._current(word) for word in args])
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Check the outputs, and record all files that the verb reads: none of them is replaced."""
+        with recorded(self._inputs(ctx)):
+            check_outputs(ctx)
+            return super().invoke(ctx)
+
+    def _inputs(self, ctx: click.Context) -> list[Path]:
+        given = [ctx.params[parameter.name or ""] for parameter in self.params if type(parameter.type) is FilePath]
+        return [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
+
     def _current(self, word: str) -> str:
         option, equals, value = word.partition("=")
         if option not in self.renamed:
@@ -48,6 +58,8 @@ class Verb(click.Command):
 
 class VerbGroup(click.Group):
     """A verb with sub-verbs, listed in the order of the work; without one of them, it prints its help."""
+
+    command_class = Verb
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the sub-verbs in the order of their definition."""
@@ -65,6 +77,71 @@ class FilePath(click.Path):
         if value == "":
             self.fail("the name of a file or folder is empty; write '.' for the current folder", param, ctx)
         return super().convert(value, param, ctx)
+
+
+class OutputFile(FilePath):
+    """A file to write, which is checked before the verb computes anything (`eightpost.outputs`).
+
+    Attributes:
+        kind: Kind of the file.
+        default: Function that returns the file from the options before this one if it is not given; None: no default.
+        is_folder: Function that returns from all options whether a folder is written instead; None: never.
+    """
+
+    def __init__(
+        self,
+        kind: Kind,
+        *,
+        default: Callable[[Mapping[str, Any]], Path] | None = None,
+        is_folder: Callable[[Mapping[str, Any]], bool] | None = None,
+    ) -> None:
+        super().__init__()
+        self.name = "file"
+        self.kind, self.default, self.is_folder = kind, default, is_folder
+
+    def check(self, path: Path, option: str, given: Mapping[str, Any]) -> None:
+        """Check that the file can be written without loss."""
+        if self.is_folder and self.is_folder(given):
+            check_folder(path)
+        else:
+            check_file(path, self.kind, option)
+
+
+class OutputFolder(FilePath):
+    """A folder to write into, which is checked before the verb computes anything (`eightpost.outputs`).
+
+    Attributes:
+        files: Kinds of the files that are written there, by name, as far as the names are known.
+    """
+
+    default = None
+
+    def __init__(self, files: Mapping[str, Kind] | None = None) -> None:
+        super().__init__()
+        self.name = "folder"
+        self.files = files or {}
+
+    def check(self, path: Path, _option: str, _given: Mapping[str, Any]) -> None:
+        """Check that the folder can be written into without loss."""
+        check_folder(path, self.files)
+
+
+def check_outputs(ctx: click.Context) -> None:
+    """Check all outputs of a verb, and set those that are not given.
+
+    Every verb begins with it. A verb that computes for long calls it again when it has read its inputs, because they
+    name further inputs.
+    """
+    given = ctx.params
+    for parameter in ctx.command.params:
+        kind, name = parameter.type, parameter.name or ""
+        if isinstance(kind, OutputFile | OutputFolder):
+            if given[name] is None and kind.default:
+                given[name] = kind.default(given)
+                if is_input(given[name]):
+                    continue  # a file of a wrong kind, about which its reader says more
+            if given[name] is not None:
+                kind.check(given[name], parameter.opts[0], given)
 
 
 class Number(click.FloatRange):
@@ -194,12 +271,11 @@ _BESIDE_REPORT = {"study": "results.parquet", "run": "result.json"}
 
 
 def check_report_folder(folder: Path, kind: Literal["run", "study"]) -> None:
-    """Check that a path can be used as the output folder of a report, and that no other report would be replaced.
+    """Check that the report in an output folder does not replace that of the other kind.
 
     Raises:
-        InputError: The path or one of its parents is a file, or the folder has the report of the other kind.
+        InputError: The folder has the report of the other kind.
     """
-    check_output_folder(folder)
     page = folder / "report.html"
     owner = next((owner for owner, name in _BESIDE_REPORT.items() if (folder / name).is_file()), kind)
     if page.is_file() and owner != kind:

@@ -10,8 +10,9 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, Assignment, FilePath, Number, Quantity, map_option
+from eightpost.app.options import COLUMNS, UNITS, Assignment, FilePath, Number, OutputFile, Quantity, Verb, map_option
 from eightpost.errors import InputError
+from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
     from eightpost.ident.dyno_report.corner import CarCorner
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("files", metavar="DYNO... SHOCK...", nargs=-1, required=True, type=FilePath())
-@click.option("-o", "--output", type=FilePath(), metavar="FILE.HTML", default="report.html",
+@click.option("-o", "--output", type=OutputFile(PAGE), metavar="FILE.HTML", default="report.html",
               show_default=True, help="HTML file to write.")  # fmt: skip
 @click.option("--title", metavar="TEXT", default="Dynamometer report", show_default=True,
               help="Heading of the page.")  # fmt: skip
@@ -104,7 +105,6 @@ def report(  # one parameter per option
     from eightpost.rig.dyno_columns import with_channels
 
     console = Console(soft_wrap=True, highlight=False)
-    _check_output(output)
     corners = _corners(car, corner_mass, wheel_rate, motion_ratio)
     flips: dict[str, tuple[str, ...]] = {}
     for word in flip:
@@ -124,13 +124,6 @@ def report(  # one parameter per option
     show_verdict(console, verdict)
     console.print(f"wrote {escape(str(output))}")
     ctx.exit(0 if verdict.is_acceptable else 1)
-
-
-def _check_output(output: Path) -> None:
-    if output.is_dir():
-        raise InputError(f"{output} is a folder; name a file in it, such as {output / 'report.html'}")
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{output}: a report ends in .html; write -o {output.with_suffix('.html')}")
 
 
 def _corners(

@@ -9,19 +9,20 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath
+from eightpost.app.options import OutputFolder, Verb
+from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
     from eightpost.reproduce import Effort, Item, Outcome
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("numbers", metavar="[NUMBER]...", nargs=-1)
 @click.option("--all", "everything", is_flag=True, help="Reproduce all items of chapters 3 to 7.")
 @click.option("--list", "listing", is_flag=True, help="List the items and their bases; compute nothing.")
 @click.option("--quick", is_flag=True,
               help="Use short records and fewer setups; the levels differ more from print.")  # fmt: skip
-@click.option("-o", "--output", type=FilePath(file_okay=False), default=Path("out"),
+@click.option("-o", "--output", type=OutputFolder({"reproduce.html": PAGE}), default=Path("out"),
               help="Folder for reproduce.html; default out.")  # fmt: skip
 @click.pass_context
 def reproduce(
@@ -67,12 +68,10 @@ def _show_items(console: Console, items: tuple[Item, ...]) -> None:
 def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output: Path) -> int:
     """Compute items, print a line for each, write the page, and return the exit code."""
     from eightpost.app.progress import each
-    from eightpost.files import check_output_folder
     from eightpost.reproduce import reproduce as outcomes_of
     from eightpost.reproduce.page import write_reproduction
     from eightpost.reproduce.verdict import reproduction_verdict
 
-    check_output_folder(output)
     outcomes: list[Outcome] = []
     for outcome in each(console, outcomes_of(items, effort), "reproducing", len(items)):
         outcomes.append(outcome)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import FilePath, Quantity, car_seed_option, seed_option
+from eightpost.app.options import OutputFile, Quantity, Verb, car_seed_option, seed_option
 from eightpost.app.progress import each
-from eightpost.errors import InputError
-from eightpost.files import check_output_folder
+from eightpost.outputs import RECORD
 
 if TYPE_CHECKING:
     from eightpost.rig.post import RigTest
@@ -22,7 +21,7 @@ CARS = ("quarter_car", "seven_dof", "eight_post", "flexible")
 PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all")
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.option("--car", "truth", type=click.Choice(CARS), default="eight_post", show_default=True,
               help="Model of the car under test (docs/explanation/rig.md).")  # fmt: skip
 @car_seed_option
@@ -67,7 +66,8 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
               help="Friction of the car.")  # fmt: skip
 @click.option("--format", "suffix", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True,
               help="File format of a program's records.")  # fmt: skip
-@click.option("-o", "--output", type=FilePath(), required=True,
+@click.option("-o", "--output", required=True,
+              type=OutputFile(RECORD, is_folder=lambda given: given["program_name"] is not None),
               help="Output file (.parquet or .csv); with --program, the output folder.")  # fmt: skip
 def rig(  # one parameter per option
     truth: str,
@@ -109,7 +109,6 @@ def rig(  # one parameter per option
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))
-    check_output_folder(output if program_name else output.parent)
     shocks_named((*names, alternate))  # an unknown shock is an error before the first test
     console = Console()
 
@@ -120,16 +119,12 @@ def rig(  # one parameter per option
         console.print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
     if program_name is None:
-        if output.suffix not in (".parquet", ".csv"):
-            raise InputError(f"{output}: the output must be a .parquet or .csv file; only --program writes a folder")
         drivefile = bench.drivefile(
             test_name, seed, duration=duration, only=only, mode=mode, frequency=frequency, amplitude=amplitude
         )
         finish(bench.record(drivefile, names, test_name), output)
         return
     planned = program(program_name, bench.car, seed, duration=duration, draws=draws)
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output} is a file; --program needs a folder")
     output.mkdir(parents=True, exist_ok=True)
     # Each record is written when it is done and freed before the next test, because 800 s are large.
     for number, test in each(console, enumerate(planned), "tests", len(planned)):

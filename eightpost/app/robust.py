@@ -10,9 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import measured_noise, show_certainty, with_runs
-from eightpost.app.options import RANK, WORKERS, FilePath, seed_option
+from eightpost.app.options import RANK, WORKERS, FilePath, Verb, seed_option
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError
+from eightpost.outputs import replacing
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from cosim.study.running.workers import Workers
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("folder", metavar="STUDY", type=FilePath())
 @click.argument("uncertain", metavar="UNCERTAIN", type=FilePath())
 @click.option("--top", type=click.IntRange(min=2), metavar="N", default=20, show_default=True,
@@ -78,7 +79,8 @@ def robust(
         pool.close()
     known = with_runs(console, known, result, folder)
     certainty = certainty_of(result, known, criterion=rank)
-    write_certainty(certainty, folder / CERTAINTY)
+    with replacing(folder / CERTAINTY):
+        write_certainty(certainty, folder / CERTAINTY)
     show_certainty(console, result, certainty)
     spreads = spreads_of(result, drawn, stated.run_to_run, runs=stated.runs)
     check = linearity_check(result, known, spreads)

@@ -9,21 +9,24 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Assignment, FilePath, Quantity, check_report_folder
+from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, Verb, check_outputs, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.extras import MissingExtraError
-from eightpost.files import check_output_folder
+from eightpost.outputs import PICTURE, RECORD, RESULT
 
 if TYPE_CHECKING:
     import cosim
     from cosim.session.case import Case
 
+#: Files that every run writes.
+FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT, "traces.png": PICTURE}
+
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("case_file", metavar="SYSTEM", type=FilePath())
-@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
+@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
               help="Output folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
 @click.option("--fmu", "swaps", type=Assignment("NAME=FILE"), multiple=True, metavar="NAME=FILE",
               help="Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.")  # fmt: skip
@@ -106,12 +109,12 @@ def run(
         from cosim.report import write_report
 
         check_report_folder(output, "run")
-    check_output_folder(output)
     existing_toml(case_file, "system")
     folder = output.absolute()  # an FMU may change the working directory
     given = Given(drive, stop, record_step, dict(inputs))
     swapped = {name: Path(file) for name, file in swaps}
     case = read_case(case_file, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
+    check_outputs(ctx)  # the files that the system names are now known
     case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
     for note in case.notes:

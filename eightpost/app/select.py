@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Number
+from eightpost.app.options import FilePath, Number, Verb
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right, unbroken
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 TOTAL, POOL, TWICE = 20, 0.02, 4
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("folder", metavar="STUDY", type=FilePath())
 @click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
               help="Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the "

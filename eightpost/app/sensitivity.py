@@ -10,20 +10,20 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath
-from eightpost.errors import InputError
+from eightpost.app.options import FilePath, OutputFile, Verb
+from eightpost.outputs import TABLE
 from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from cosim.study.choice.sensitivity import Sensitivity
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("folder", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=FilePath(dir_okay=False),
+@click.option("-o", "--output", type=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
               help="Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the "
               "study.")  # fmt: skip
-def sensitivity(folder: Path, output: Path | None) -> None:
+def sensitivity(folder: Path, output: Path) -> None:
     """Show which corner matters for which measure of a study: main effects and first-order interactions.
 
     STUDY is a folder that `eightpost study` wrote. The table shows shares of each measure's variance over all setups.
@@ -38,15 +38,12 @@ def sensitivity(folder: Path, output: Path | None) -> None:
     from cosim.study.result import StudyResult
 
     console = Console()
-    if output is not None and output.suffix != ".parquet":
-        raise InputError(f"{output}: a table of all terms ends in .parquet; write -o {output.with_suffix('.parquet')}")
     result = StudyResult.load(folder / RESULTS)
     results = sensitivities_of(result)
     console.print(f"{escape(result.study.name)}: {len(result)} setups, {results[0].method}", highlight=False)
     console.print(share_table(results))
-    path = output or folder / "sensitivity.parquet"
-    write_terms(results, result.provenance.measure_units, path)
-    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+    write_terms(results, result.provenance.measure_units, output)
+    console.print(f"wrote {output}", highlight=False, soft_wrap=True)
 
 
 def share_table(results: Sequence[Sensitivity]) -> Table:

@@ -9,17 +9,17 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Quantity
-from eightpost.errors import InputError
+from eightpost.app.options import FilePath, OutputFile, Quantity, Verb
+from eightpost.outputs import PICTURE, SHOCK
 from eightpost.shock import LAWS
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.settings.result import SettingsFit
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("table", metavar="TABLE", type=FilePath())
-@click.option("-o", "--output", type=FilePath(),
+@click.option("-o", "--output", type=OutputFile(SHOCK, default=lambda given: Path(f"{given['table'].stem}.json")),
               help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--law", type=click.Choice(["auto", *LAWS]),
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
               help="Start and end of the part of each record to fit; default '1 s' '10 s'.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz"), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
-@click.option("--plot", type=FilePath(),
+@click.option("--plot", type=OutputFile(PICTURE, default=lambda given: given["output"].with_suffix(".png")),
               help="Picture of the click map; default: the output file with the suffix .png.")  # fmt: skip
 @click.pass_context
 def settings(  # one parameter per option
     ctx: click.Context,
     table: Path,
-    output: Path | None,
+    output: Path,
     law: str | None,
     segment: tuple[float, float] | None,
     cutoff: float | None,
-    plot: Path | None,
+    plot: Path,
 ) -> None:
     """Fit a shock over its adjusters and temperature: one model from the files of several settings.
 
@@ -59,12 +59,8 @@ def settings(  # one parameter per option
     from eightpost.shock import write_shock
 
     console = Console()
-    output = output or Path(f"{table.stem}.json")
-    if output.suffix != ".json":
-        raise InputError(f"{output}: a shock file ends in .json; write -o {output.with_suffix('.json')}")
     fit = fit_settings(read_settings_table(table, cutoff=cutoff), law=law, segment=segment, cutoff=cutoff)
     _show(console, fit)
-    plot = plot or output.with_suffix(".png")
     write_shock(fit.shock, output)
     plot_click_map(fit.shock, plot)
     console.print(f"wrote {output}, {plot}", soft_wrap=True, highlight=False)

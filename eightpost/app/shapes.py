@@ -16,11 +16,14 @@ from eightpost.app.options import (
     Assignment,
     FilePath,
     Number,
+    OutputFolder,
     Quantity,
+    Verb,
+    check_outputs,
     check_report_folder,
     seed_option,
 )
-from eightpost.app.study import read_with_fmus, running_workers, show_coupling, show_study
+from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,9 +32,9 @@ if TYPE_CHECKING:
     from eightpost.app.shape_search import Aim
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
+@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
               help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
               "results.")  # fmt: skip
 @click.option("--for", "objective", metavar="MEASURE",
@@ -122,6 +125,7 @@ def shapes(
         uncertain=sure,
     )
     described = read_with_fmus(console, study_file, output)
+    check_outputs(ctx)  # the files that the study names are now known
     searched_groups(described, corners)
     if objective is not None:
         described.measure(objective)

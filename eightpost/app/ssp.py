@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from eightpost.app.options import FilePath
-from eightpost.errors import InputError
+from eightpost.app.options import FilePath, OutputFile, Verb
+from eightpost.outputs import PACKAGE
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("system", type=FilePath())
-@click.option("-o", "--output", type=FilePath(),
+@click.option("-o", "--output", type=OutputFile(PACKAGE, default=lambda given: given["system"].with_suffix(".ssp")),
               help="Output package; default: SYSTEM with the suffix .ssp.")  # fmt: skip
-def ssp(system: Path, output: Path | None) -> None:
+def ssp(system: Path, output: Path) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
 
     SYSTEM is a file that `eightpost run` accepts; a package with subsystems is written as one flat system. The package
@@ -32,9 +32,6 @@ def ssp(system: Path, output: Path | None) -> None:
     from eightpost.api.arguments import existing_toml
 
     existing_toml(system, "system")
-    output = output or system.with_suffix(".ssp")
-    if output.resolve() == system.resolve():
-        raise InputError(f"{output}: the output is the input package itself; name another file with -o")
     case = read_case(system)
     open_inputs = write_ssp(output, case.wiring)
     console = Console()

@@ -16,8 +16,19 @@ from rich.markup import escape
 
 from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
-from eightpost.app.options import RANK, SCHEDULER, WORKERS, FilePath, Quantity, check_report_folder
+from eightpost.app.options import (
+    RANK,
+    SCHEDULER,
+    WORKERS,
+    FilePath,
+    OutputFolder,
+    Quantity,
+    Verb,
+    check_outputs,
+    check_report_folder,
+)
 from eightpost.app.progress import bar
+from eightpost.outputs import PAGE, TABLE
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
@@ -32,13 +43,16 @@ if TYPE_CHECKING:
 #: Time after which a silent worker is ended [s].
 PATIENCE = 300.0
 
+#: Files that the commands of a study write into its folder.
+FILES = {"results.parquet": TABLE, "certainty.parquet": TABLE, "report.html": PAGE}
+
 #: Number of failed setups that are listed individually, and of measures in the ranking.
 _NAMED, _SHOWN = 5, 3
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=FilePath(), default=Path("out"), show_default=True,
+@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
               help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
 @WORKERS
 @SCHEDULER
@@ -100,6 +114,7 @@ def study(
     _stop_at_sigterm()
     check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
+    check_outputs(ctx)  # the files that the study names are now known
     if rank is not None:
         described.measure(rank)
     for index in traced:

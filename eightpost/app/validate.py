@@ -11,8 +11,19 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import UNITS, Assignment, FilePath, Number, Quantity, flip_option, map_option
+from eightpost.app.options import (
+    UNITS,
+    Assignment,
+    FilePath,
+    Number,
+    OutputFile,
+    Quantity,
+    Verb,
+    flip_option,
+    map_option,
+)
 from eightpost.errors import InputError
+from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
     from eightpost.ident.validation.record import Record
@@ -24,7 +35,7 @@ if TYPE_CHECKING:
 SETTLING = 4.0
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("paths", metavar="JSON... RECORD...", nargs=-1, required=True, type=FilePath())
 @click.option("--kind", "kinds", metavar="[FILE=]KIND", multiple=True,
               help="Kind of a record, or of all: random, sine, static or bump. Default: recognized from the "
@@ -46,7 +57,7 @@ SETTLING = 4.0
 @click.option("--settling", metavar="TIME", type=Quantity("s", bare=True),
               help="Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
               f"'{SETTLING:g} s'.")  # fmt: skip
-@click.option("--report", type=FilePath(dir_okay=False), metavar="FILE.HTML",
+@click.option("--report", type=OutputFile(PAGE), metavar="FILE.HTML",
               help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
               help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "
@@ -100,8 +111,6 @@ def validate(  # one parameter per option
 
     console = Console()
     models, records = models_and_records(paths)
-    if report and report.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{report}: a report ends in .html; write --report {report.with_suffix('.html')}")
     if settling is not None and settling < 0.0:
         raise InputError(f"--settling must be 0 or more, not {settling:g} s")
     reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import FilePath, Quantity
+from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb
 from eightpost.errors import InputError
-from eightpost.files import check_output_folder
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from eightpost.vehicle import Mode
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("path", metavar="CAR", type=FilePath())
 @click.option("--vary", "parameter", metavar="PARAMETER",
               help="Parameter to vary at all four corners alike, e.g. damping; default: none.")  # fmt: skip
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
               "ride heights.")  # fmt: skip
 @click.option("--high", type=Quantity("Hz", bare=True), default="25 Hz", show_default=True, metavar="FREQUENCY",
               help="Highest frequency.")  # fmt: skip
-@click.option("-o", "folder", default="vehicle", show_default=True, type=FilePath(),
+@click.option("-o", "folder", default="vehicle", show_default=True, type=OutputFolder(),
               help="Output folder.")  # fmt: skip
 def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, ...], high: float, folder: Path) -> None:
     """Show modes and frequency responses of a vehicle, and the effect of a parameter on them.
@@ -49,7 +48,6 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     from eightpost.vehicle import read_vehicle
 
     frequency = frequencies_to(high)
-    check_output_folder(folder)
     car = read_vehicle(path)
     console = Console()
     console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)

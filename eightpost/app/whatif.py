@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import WORKERS, FilePath, Quantity
+from eightpost.app.options import WORKERS, FilePath, Quantity, Verb
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Change = tuple[dict[str, float], dict[str, float]]
 
 
-@click.command()
+@click.command(cls=Verb)
 @click.argument("folder", metavar="STUDY", type=FilePath())
 @click.option("--at", "corners", multiple=True, required=True, metavar="CORNER",
               help="Corner whose shock changes, e.g. lr; may be repeated.")  # fmt: skip

@@ -19,9 +19,10 @@ from eightpost.drivefile.record import check_signs, read_rig_record
 from eightpost.drivefile.response import StartResponse
 from eightpost.drivefile.target import Target
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, check_output_folder, check_schema, json_content, sha256_of
+from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import read_response, write_response
 from eightpost.judged import edited, is_intact, sealed
+from eightpost.outputs import check_folder
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.formats import read_series, write_series
 from eightpost.verdict import Verdict
@@ -69,7 +70,7 @@ class IterationFolder:
             InputError: The folder contains an iteration, or is a file.
         """
         path = Path(path)
-        check_output_folder(path)
+        check_folder(path)
         if (path / _STATE).exists():
             raise InputError(f"{path} contains an iteration; choose another folder with -o, or continue it with next")
         path.mkdir(parents=True, exist_ok=True)

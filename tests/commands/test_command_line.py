@@ -138,7 +138,7 @@ def test_fit_never_overwrites_a_record(eightpost, tmp_path):
     before = record.read_bytes()
     shown = eightpost("fit", record, "-o", record)
     assert shown.exit_code == 2
-    assert "ends in .json" in shown.output
+    assert "own.csv is an input of this command" in shown.output
     assert record.read_bytes() == before
 
 

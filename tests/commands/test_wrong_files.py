@@ -67,7 +67,7 @@ WRONG = {
     "shapes study.toml --keep '200 %'": "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
     "shapes study.toml --tolerance '-3 %'": "tolerance must be 0 to 33 %, not -3 %",
     "shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
-    "sensitivity out -o terms.txt": "a table of all terms ends in .parquet; write -o terms.parquet",
+    "sensitivity out -o terms.txt": "a table ends in .parquet; write -o terms.parquet",
     # Entries of the wrong type
     "run wrong.toml": "components: must be a table; scenario: is missing",
     "vehicle no_schema.toml -o modes": "schema is missing; write schema = 1",

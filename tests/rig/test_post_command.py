@@ -87,4 +87,4 @@ def test_a_program_does_not_replace_a_file_with_a_folder(tmp_path):
 def test_a_single_test_needs_a_file_name(tmp_path):
     result = rig("--test", "bump", "-o", str(tmp_path / "rig"))
     assert result.exit_code == 2
-    assert "--program" in result.output
+    assert "a record ends in .parquet or .csv" in result.output

@@ -27,7 +27,7 @@ from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
 from eightpost import units
 from eightpost.errors import InputError, WorkersLostError
-from eightpost.files import check_output_folder
+from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
@@ -126,7 +126,7 @@ class Sweep:
     """
 
     def __init__(self, study: Study, folder: str | Path) -> None:
-        check_output_folder(folder)
+        check_folder(folder)
         self.study, self.folder = study, Path(folder)
         evaluator = Evaluator(study)
         _check_study(evaluator)

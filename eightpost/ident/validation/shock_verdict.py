@@ -8,6 +8,7 @@ from pathlib import Path
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.shocks import MOST_BEYOND, ShockCase, ShockValidation
 from eightpost.ident.validation.static import SETTLING, StaticValidation
+from eightpost.outputs import replacing
 from eightpost.shock import write_shock
 from eightpost.units import convert
 from eightpost.validity import Validity, judged
@@ -169,7 +170,8 @@ def keep_verdicts(study: ShockValidation, paths: Sequence[Path], limit: float | 
         part = study.of_shock(label)
         if part.cases:
             validity = Validity.with_verdict(shock.validity, shock_verdict(part, limit))
-            write_shock(judged(shock, validity=validity), path)
+            with replacing(path):
+                write_shock(judged(shock, validity=validity), path)
             yield path
 
 

@@ -12,6 +12,8 @@ from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import Comparison, Trend
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.ident.vehicle import VehicleFit, write_fit
+from eightpost.ident.vehicle.vehicle_fit import fit_files
+from eightpost.outputs import replacing
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
 
@@ -169,7 +171,8 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
 def keep_verdict(path: Path, fit: VehicleFit, verdict: Verdict) -> None:
     """Write a verdict into the file of a vehicle, in place of an earlier one."""
     validity = Validity.with_verdict(fit.vehicle.validity, verdict)
-    write_fit(path, replace(fit, vehicle=judged(fit.vehicle, validity=validity)))
+    with replacing(*fit_files(path)):
+        write_fit(path, replace(fit, vehicle=judged(fit.vehicle, validity=validity)))
 
 
 def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:

@@ -184,6 +184,11 @@ def fit_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".fit.json")
 
 
+def fit_files(path: str | Path) -> tuple[Path, Path, Path]:
+    """Return the files of a fit, given the path of its vehicle: vehicle, response and report."""
+    return Path(path), _response_path(path), fit_path(path)
+
+
 def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     """Write a fit: the vehicle as .json and, in the same folder, its response and its report.
 
@@ -211,7 +216,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     }
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(sealed(content), indent=1) + "\n", encoding="utf-8")
-    return path, _response_path(path), fit_path(path)
+    return fit_files(path)
 
 
 def _judged(vehicle: IdentifiedVehicle) -> str | None:

@@ -64,7 +64,7 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_overwritten(folder
     )
     assert all(np.array_equal(series[name], expected[name]) for name in expected.names)
     ran = CliRunner().invoke(main, ["ssp", str(folder / "twice.ssp")])
-    assert ran.exit_code == 2 and "the output is the input package itself" in ran.output
+    assert ran.exit_code == 2 and "twice.ssp is an input of this command and would be replaced" in ran.output
 
 
 def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folder, monkeypatch):

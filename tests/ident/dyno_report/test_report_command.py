@@ -99,11 +99,15 @@ def test_a_record_that_is_not_usable_exits_1_and_the_page_is_written(tmp_path):
     assert 'class="verdict not-usable"' in (tmp_path / "out.html").read_text(encoding="utf-8")
 
 
+#: Page that was there before.
+OLD = "<html>old</html>"
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("none.csv",), "none.csv"),
-        (("{bank}", "-o", "page.pdf"), "a report ends in .html; write -o page.html"),
+        (("{bank}", "-o", "page.pdf"), "a page ends in .html or .htm; write -o page.html"),
         (("{bank}", "-o", "."), "is a folder"),
         (("{bank}", "--reference", "Q"), "--reference 'Q' is not one of the builds"),
         (("{bank}", "--corner-mass", "300 kg"), "both --corner-mass and --wheel-rate"),
@@ -117,21 +121,21 @@ def test_a_record_that_is_not_usable_exits_1_and_the_page_is_written(tmp_path):
 )
 def test_wrong_input_exits_2_with_a_message_and_keeps_the_old_page(tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "report.html").write_text("old")
+    (tmp_path / "report.html").write_text(OLD)
     places = {"bank": BANK[0], "data": RECORDS[0], "car": ROOT / "examples" / "car.toml"}
     done = eightpost(*(word.format(**places) for word in words))
     assert done.exit_code == 2, done.output
     assert message in " ".join(done.output.split())
     assert "Traceback" not in done.output
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("report.html", "old")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("report.html", OLD)]
 
 
 def test_an_interrupted_report_keeps_the_old_page(tmp_path, monkeypatch):
     page = tmp_path / "report.html"
-    page.write_text("old")
+    page.write_text(OLD)
     monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     assert eightpost(BANK[0], "-o", page).exit_code != 0
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("report.html", "old")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("report.html", OLD)]
 
 
 def test_names_are_escaped(tmp_path):

@@ -132,7 +132,7 @@ def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: 
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),
         (("--kind", "other.csv=sine"), "not one of the records"),
-        (("--report", "page.pdf"), "a report ends in .html"),
+        (("--report", "page.pdf"), "a page ends in .html or .htm"),
         (("shock.json",), "is a vehicle: validate it alone"),
     ],
 )
