@@ -10,7 +10,9 @@ from eightpost import name_clash  # noqa: F401 - first: it checks where all othe
 # isort: split
 import importlib
 import logging
+import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,9 @@ from rich.markup import escape
 
 from eightpost import __version__
 from eightpost.errors import EightpostError, InputError, suggestion
+from eightpost.workers.supervision import supervised
+
+_NAME = "eightpost"
 
 #: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
 #: because its libraries take seconds to load.
@@ -61,6 +66,13 @@ VERBS = {
 
 class _Verbs(click.Group):
     """Command group that turns the project's own errors into a message and an exit code; others show a traceback."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the program. A verb runs in a process of its own, which can neither end without a word nor hang."""
+        work = partial(super().__call__, *args, **kwargs)
+        if args or "args" in kwargs or VERBS.keys().isdisjoint(sys.argv[1:]) or f"_{_NAME.upper()}_COMPLETE" in os.environ:
+            return work()
+        sys.exit(supervised(work, _complain))
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -105,6 +117,7 @@ _SHOWN = 4000
 
 
 def _complain(text: str) -> None:
+    """Print an error."""
     if len(text) > _SHOWN:
         text = f"{text[: _SHOWN // 2]} ... {text[-_SHOWN // 2 :]}"
     text = "".join(letter if letter.isprintable() or letter in "\n\t" else repr(letter)[1:-1] for letter in text)
@@ -124,7 +137,7 @@ def _check_names() -> None:
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="eightpost")
+@click.version_option(__version__, prog_name=_NAME)
 @click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
 def main(verbose: bool) -> None:
     """Shock and vehicle FMUs, and the co-simulation that couples them.
@@ -143,4 +156,4 @@ def main(verbose: bool) -> None:
 
 
 if __name__ == "__main__":
-    main(prog_name="eightpost")
+    main(prog_name=_NAME)
