@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
 
-from eightpost import __version__
+from eightpost import __version__, completion
 from eightpost.errors import EightpostError, InputError, suggestion
 from eightpost.workers.supervision import supervised
 
@@ -70,15 +70,17 @@ class _Verbs(click.Group):
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Run the program. A verb runs in a process of its own, which can neither end without a word nor hang."""
         work = partial(super().__call__, *args, **kwargs)
-        if args or "args" in kwargs or VERBS.keys().isdisjoint(sys.argv[1:]) or f"_{_NAME.upper()}_COMPLETE" in os.environ:
-            return work()
-        sys.exit(supervised(work, _complain))
+        is_program = not args and "args" not in kwargs and f"_{_NAME.upper()}_COMPLETE" not in os.environ
+        if is_program and not VERBS.keys().isdisjoint(sys.argv[1:]):
+            sys.exit(supervised(work, _complain))
+        return work()
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with completion.marks_removed(click.exceptions.Exit):
+                return super().invoke(ctx)
         except EightpostError as error:
-            _complain(str(error))
+            _complain(". ".join((str(error), *getattr(error, "__notes__", ()))))
             ctx.exit(2 if isinstance(error, InputError) else 1)
         except OSError as error:  # for example a full disk or a folder without write permission
             _complain(f"{error.filename or 'file system'}: {error.strerror or error}")
@@ -152,7 +154,21 @@ def main(verbose: bool) -> None:
     _check_names()
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
     level = logging.DEBUG if verbose else logging.CRITICAL
-    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
+    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(level, Console(stderr=True))])
+    logger = logging.getLogger(completion.__name__)
+    logger.setLevel(logging.WARNING)
+    if not logger.handlers:
+        logger.addHandler(_Warnings())
+
+
+class _Warnings(logging.Handler):
+    """Handler that prints warnings as commands do."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a warning on standard error."""
+        from eightpost.app.options import warn  # noqa: PLC0415 -- most commands do not need it
+
+        warn(record.getMessage())
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ class FmuComponent(OpenedFmu):
 
     @property
     def is_guarded(self) -> bool:
-        """Whether the FMU shares this process with others: its calls are recorded, and changes of the process undone."""
+        """Whether it shares this process with others: calls are recorded, and changes of the process undone."""
         return self._guarded
 
     def blame(self, changed: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.build import build_with_progress, show_built
 from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
@@ -19,7 +20,6 @@ from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
-from eightpost.files import check_output_folder
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def demo(ctx: click.Context, output: Path) -> None:
     examples/make_identified.py the identified car and its lap.
     """
     console = Console()
-    check_output_folder(output)
     examples = examples_folder()
+    completion.begin(output)
     _fit_builds(console, examples, output)
     clean = _build_and_check(console, examples, output)
     results = _couple_and_swap(console, examples, output)

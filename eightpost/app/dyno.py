@@ -8,9 +8,9 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import FilePath, Quantity, seed_option
 from eightpost.errors import InputError
-from eightpost.files import check_output_folder
 
 TESTS = ("random", "sine", "static", "bump", "all")
 
@@ -78,7 +78,7 @@ def dyno(  # one parameter per option
         raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
     if test_name == "all":
-        check_output_folder(output)
+        completion.begin(output)
         tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
     else:
         if output.suffix not in (".csv", ".parquet"):

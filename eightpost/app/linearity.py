@@ -10,6 +10,7 @@ import click
 from rich.box import SIMPLE
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.options import FilePath, Quantity, map_option
 from eightpost.app.progress import each
 from eightpost.files import check_output_folder
@@ -72,6 +73,7 @@ def linearity(
     check_output_folder(folder)
     console = Console(soft_wrap=True, highlight=False)
     how = read_preparation(how_file) if how_file else None
+    completion.begin(folder)
     prepared = prepare(_tests(files, channel_map), how)
     for line in prepared.summary():
         console.print(line, markup=False)

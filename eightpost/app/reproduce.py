@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import FilePath
 
 if TYPE_CHECKING:
@@ -67,12 +68,11 @@ def _show_items(console: Console, items: tuple[Item, ...]) -> None:
 def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output: Path) -> int:
     """Compute items, print a line for each, write the page, and return the exit code."""
     from eightpost.app.progress import each
-    from eightpost.files import check_output_folder
     from eightpost.reproduce import reproduce as outcomes_of
     from eightpost.reproduce.page import write_reproduction
     from eightpost.reproduce.verdict import reproduction_verdict
 
-    check_output_folder(output)
+    completion.begin(output)
     outcomes: list[Outcome] = []
     for outcome in each(console, outcomes_of(items, effort), "reproducing", len(items)):
         outcomes.append(outcome)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.options import FilePath, Quantity, car_seed_option, seed_option
 from eightpost.app.progress import each
 from eightpost.errors import InputError
@@ -130,7 +131,7 @@ def rig(  # one parameter per option
     planned = program(program_name, bench.car, seed, duration=duration, draws=draws)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output} is a file; --program needs a folder")
-    output.mkdir(parents=True, exist_ok=True)
+    completion.begin(output)
     # Each record is written when it is done and freed before the next test, because 800 s are large.
     for number, test in each(console, enumerate(planned), "tests", len(planned)):
         finish(bench.record_planned(test, number, names, alternate), output / f"{test.name}.{suffix}")

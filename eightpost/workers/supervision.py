@@ -191,17 +191,19 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
     if sys.platform == "win32":
         return _supervised_on_windows(work, complain)
     record = Record(mmap.mmap(-1, SIZE))
-    told, tell = os.pipe()
+    (told, tell), (life, hold) = os.pipe(), os.pipe()
     passed = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed)
     parent, child = os.getpid(), os.fork()
     if child == 0:
         os.close(told)
+        os.close(hold)
         os.set_blocking(tell, False)
         signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # tells the parent which signals came here, too
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _work(work, record, parent)
+        _work(work, record, life)
     os.close(tell)
+    os.close(life)
     command = _Command(child, told, record)
     for number in passed:
         signal.signal(number, command.pass_on)
@@ -225,7 +227,7 @@ def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str],
     name = os.environ.pop("EIGHTPOST_SUPERVISED", "")
     record = Record(mmap.mmap(-1, SIZE, tagname=name or f"eightpost_{os.getpid()}"))
     if name:
-        _work(work, record, 0)
+        _work(work, record)
     environment = {**os.environ, "EIGHTPOST_SUPERVISED": f"eightpost_{os.getpid()}"}
     child = subprocess.Popen(python_command("eightpost", *sys.argv[1:]), env=environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both
@@ -239,16 +241,21 @@ def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str],
             child.kill()
 
 
-def _work(work: Callable[[], object], mine: Record, parent: int) -> NoReturn:
-    """Run a command in the child, and record its exit code when it is complete."""
-    import tempfile  # noqa: PLC0415 -- none of this is needed in the parent
+def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> NoReturn:
+    """Run a command in the child, and record its exit code when it is complete.
 
-    from eightpost.workers.process import end_with  # noqa: PLC0415
+    Args:
+        work: The command.
+        mine: Record of this process.
+        life: Pipe of which the parent has the other end, so that this process ends with it.
+    """
+    import tempfile  # noqa: PLC0415 -- none of this is needed in the parent
+    import threading  # noqa: PLC0415
 
     with suppress(OSError):  # what needs the folder reports the error
         mine.folder = tempfile.tempdir = tempfile.mkdtemp(prefix="eightpost_")
-    if parent:
-        end_with(parent, mine.folder)
+    if life is not None:
+        threading.Thread(target=_end_with_parent, args=(life, mine.folder), name="end with parent", daemon=True).start()
     mine.owner, code = os.getpid(), 1
     try:
         work()
@@ -261,6 +268,14 @@ def _work(work: Callable[[], object], mine: Record, parent: int) -> NoReturn:
             sys.stdout.flush()
         mine.complete(code)
     sys.exit()
+
+
+def _end_with_parent(life: int, folder: str) -> None:
+    from eightpost.workers.process import leave  # noqa: PLC0415 -- not needed in the parent
+
+    with suppress(OSError):  # the pipe ends with the parent
+        os.read(life, 1)
+        leave(folder)
 
 
 def _remove(folder: str) -> None:
@@ -372,7 +387,7 @@ def _wait_for_end(file: str) -> None:
         found = Record(mmap.mmap(stream.fileno(), SIZE))
     os.unlink(file)  # noqa: PTH108
     if found.is_calling:
-        print(f"error: {found.end_of_process()}", file=sys.stderr)
+        sys.stderr.write(f"error: {found.end_of_process()}\n")
 
 
 if __name__ == "__main__":
