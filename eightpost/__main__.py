@@ -10,7 +10,9 @@ from eightpost import name_clash  # noqa: F401 - first: it checks where all othe
 # isort: split
 import importlib
 import logging
+import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,11 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
 
-from eightpost import __version__
+from eightpost import __version__, completion
 from eightpost.errors import EightpostError, InputError, suggestion
+from eightpost.workers.supervision import supervised
+
+_NAME = "eightpost"
 
 #: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
 #: because its libraries take seconds to load.
@@ -62,11 +67,20 @@ VERBS = {
 class _Verbs(click.Group):
     """Command group that turns the project's own errors into a message and an exit code; others show a traceback."""
 
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the program. A verb runs in a process of its own, which can neither end without a word nor hang."""
+        work = partial(super().__call__, *args, **kwargs)
+        is_program = not args and "args" not in kwargs and f"_{_NAME.upper()}_COMPLETE" not in os.environ
+        if is_program and not VERBS.keys().isdisjoint(sys.argv[1:]):
+            sys.exit(supervised(work, _complain))
+        return work()
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with completion.marks_removed(click.exceptions.Exit):
+                return super().invoke(ctx)
         except EightpostError as error:
-            _complain(str(error))
+            _complain(". ".join((str(error), *getattr(error, "__notes__", ()))))
             ctx.exit(2 if isinstance(error, InputError) else 1)
         except OSError as error:  # for example a full disk or a folder without write permission
             _complain(f"{error.filename or 'file system'}: {error.strerror or error}")
@@ -105,6 +119,7 @@ _SHOWN = 4000
 
 
 def _complain(text: str) -> None:
+    """Print an error."""
     if len(text) > _SHOWN:
         text = f"{text[: _SHOWN // 2]} ... {text[-_SHOWN // 2 :]}"
     text = "".join(letter if letter.isprintable() or letter in "\n\t" else repr(letter)[1:-1] for letter in text)
@@ -124,7 +139,7 @@ def _check_names() -> None:
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="eightpost")
+@click.version_option(__version__, prog_name=_NAME)
 @click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
 def main(verbose: bool) -> None:
     """Shock and vehicle FMUs, and the co-simulation that couples them.
@@ -139,8 +154,22 @@ def main(verbose: bool) -> None:
     _check_names()
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
     level = logging.DEBUG if verbose else logging.CRITICAL
-    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
+    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(level, Console(stderr=True))])
+    logger = logging.getLogger(completion.__name__)
+    logger.setLevel(logging.WARNING)
+    if not logger.handlers:
+        logger.addHandler(_Warnings())
+
+
+class _Warnings(logging.Handler):
+    """Handler that prints warnings as commands do."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a warning on standard error."""
+        from eightpost.app.options import warn  # noqa: PLC0415 -- most commands do not need it
+
+        warn(record.getMessage())
 
 
 if __name__ == "__main__":
-    main(prog_name="eightpost")
+    main(prog_name=_NAME)

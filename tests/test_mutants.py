@@ -176,11 +176,10 @@ def test_make_area_runs_the_tests_of_a_source_and_slow_ones_on_request(ran, caps
 def test_make_area_of_a_folder_runs_the_tests_of_all_its_areas_with_the_plugins_that_they_share(ran):
     main(["cosim/engine"])
     areas = [area for area in read_areas() if area.name in ("schemes", "engine")]
-    assert [set(area.plugins) for area in areas] == [{"one_platform", "interpreted"}, set()]
+    assert [set(area.plugins) for area in areas] == [{"interpreted"}, set()]
     assert ran == [[*DAILY, *TWO, *dict.fromkeys(areas[0].tests + areas[1].tests)]]
     main(["cosim/engine/sweep.py"])
-    plugins = ["-p", "benchmarks.mutants.plugins.interpreted", "-p", "benchmarks.mutants.plugins.one_platform"]
-    assert ran[1][len(DAILY + TWO) :] == [*plugins, *areas[0].tests]
+    assert ran[1][len(DAILY + TWO) :] == ["-p", "benchmarks.mutants.plugins.interpreted", *areas[0].tests]
 
 
 def test_make_area_of_a_test_runs_it(ran):
@@ -198,10 +197,10 @@ def test_make_area_of_something_without_tests_says_what_has_some(ran, capsys, fi
     )
 
 
-def test_make_quick_runs_its_tests_of_every_area_for_one_platform(ran):
+def test_make_quick_runs_its_tests_of_every_area(ran):
     main(["--quick"])
     tests = dict.fromkeys(test for area in read_areas() for test in area.quick)
-    assert ran == [[*DAILY, *TWO, "-p", "benchmarks.mutants.plugins.one_platform", *tests]]
+    assert ran == [[*DAILY, *TWO, *tests]]
 
 
 def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():

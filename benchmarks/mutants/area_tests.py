@@ -38,7 +38,7 @@ def main(given: Sequence[str] | None = None) -> int:
 
 def quick_arguments() -> list[str]:
     """Return the arguments of pytest for a few tests of every area."""
-    return [*_plugins({"one_platform"}), *_together(area.quick for area in read_areas())]
+    return _together(area.quick for area in read_areas())
 
 
 def arguments_of(file: Path) -> list[str]:

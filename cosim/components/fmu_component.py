@@ -32,7 +32,7 @@ class FmuComponent(OpenedFmu):
 
     The instance of an FMU that this project built is kept after a run and reset for the next one; that of any other is
     freed after each run and created again for the next. An FMU that crashes ends this process, and an FMU that hangs
-    blocks it: see IsolatedComponent.
+    blocks it, until a command is ended after the time limit: see IsolatedComponent.
 
     Args:
         path: FMU file (.fmu).
@@ -62,8 +62,9 @@ class FmuComponent(OpenedFmu):
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
         self._slave: Any = None
         self._steps = self._begun = False
+        self._label = f"{name!r} ({fmu.path.name})"
         # In its own process it shares nothing with other components.
-        self._guarded = folder is None and not fmu.is_ours
+        self._guarded = folder is None
         self._surroundings = Surroundings.now()
 
     @property
@@ -73,7 +74,7 @@ class FmuComponent(OpenedFmu):
 
     @property
     def is_guarded(self) -> bool:
-        """Whether the FMU is checked for ending this process or changing state shared with others."""
+        """Whether it shares this process with others: calls are recorded, and changes of the process undone."""
         return self._guarded
 
     def blame(self, changed: str) -> None:
@@ -116,7 +117,7 @@ class FmuComponent(OpenedFmu):
         self._stand(start, {})
         self._changed.clear()
         self._surroundings = Surroundings.now()
-        with self._guard():
+        with self._guard("instantiate"):
             self._slave = self._ready()
         self._log.messages.clear()
         for name, value in parameters.items():
@@ -237,17 +238,17 @@ class FmuComponent(OpenedFmu):
         slave, self._slave = self._slave, None
         steps, self._steps = self._steps, False
         if slave is not None:
-            with self._guard():
+            with self._guard("terminate"):
                 self._instance.finish(terminate=steps)
 
     @contextmanager
-    def _guard(self) -> Iterator[None]:
-        """Record which FMU is called, and undo the changes of the call to shared state."""
+    def _guard(self, what: str) -> Iterator[None]:
+        """Record that the FMU is called to do something, and undo the changes of the call to shared state."""
         if not self._guarded:
             yield
             return
         try:
-            with calling(self._name):
+            with calling(self._label, what):
                 yield
         finally:
             for changed in self._surroundings.restore():
@@ -303,7 +304,7 @@ class FmuComponent(OpenedFmu):
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
         try:
-            with self._guard():
+            with self._guard(what):
                 function(*arguments, **options)
         except fmi1.FMICallException as error:
             raise self._refusal(what, error.status, error.function) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,8 @@ from fmpy.model_description import read_build_description
 from cosim.components.component import UnitDefinition, Variable
 from cosim.components.fmi3_variables import TYPES, Fmi3Table, Fmi3Variable
 from eightpost.errors import FmuError
+
+_C_NAME = re.compile("[A-Za-z_][A-Za-z0-9_]*")
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -46,6 +49,12 @@ def read_description(path: Path, folder: Path) -> Any:
         raise FmuError(
             f"{path}: is for model exchange only and contains no solver; export it again as FMI {version[0]}.0 for "
             "co-simulation (tools call it CS, or co-simulation with a solver)"
+        )
+    identifier = str(description.coSimulation.modelIdentifier or "")
+    if not _C_NAME.fullmatch(identifier):  # it is part of the library's path
+        raise FmuError(
+            f"{path}: its modelIdentifier is {identifier!r}, which is not a C name (letters, digits, underscores); "
+            "export the FMU again under such a name"
         )
     return description
 

@@ -109,7 +109,7 @@ class FmuFile:
     def sources(self) -> tuple[str, ...]:
         """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
         if listed := tuple(name for files in self._source_sets for name in files.sourceFiles):
-            return listed
+            return self._inside(*listed)
         found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
         return ("all.c",) if "all.c" in found else found
 
@@ -119,12 +119,24 @@ class FmuFile:
         definitions = [d for files in self._source_sets for d in files.preprocessorDefinitions if not d.optional]
         folders = [name for files in self._source_sets for name in files.includeDirectories]
         given = [f"-D{d.name}" if d.value is None else f"-D{d.name}={d.value}" for d in definitions]
-        return (*given, *(f"-I{name}" for name in folders))
+        return (*given, *(f"-I{name}" for name in self._inside(*folders)))
 
     @property
     def _source_sets(self) -> list[Any]:
         builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
         return [files for build in builds for files in build.sourceFileSets]
+
+    def _inside(self, *names: str) -> tuple[str, ...]:
+        """Return paths relative to sources/.
+
+        Raises:
+            FmuError: One of them is outside the FMU.
+        """
+        root = self.folder.resolve()
+        for name in names:
+            if not (root / "sources" / name).resolve().is_relative_to(root):
+                raise FmuError(f"{self.path}: its build description names {name!r}, outside the FMU; use another FMU")
+        return names
 
     @property
     def is_ours(self) -> bool:

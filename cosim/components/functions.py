@@ -66,10 +66,21 @@ def function_table(component: Component) -> FunctionTable:
     return component.functions() if isinstance(component, Native) else Callbacks(component).table()
 
 
-def free_states(tables: Sequence[FunctionTable], states: NDArray[np.int64]) -> None:
-    """Free the states that the loop saved; the array holds groups of one state per component."""
+def free_states(
+    tables: Sequence[FunctionTable], states: NDArray[np.int64], calls: NDArray[np.int64] | None = None
+) -> None:
+    """Free the states that the loop saved; the array holds groups of one state per component.
+
+    Args:
+        tables: Functions by component.
+        states: Saved states.
+        calls: Number of calls so far, and the component that is called, both updated.
+    """
     for k in np.flatnonzero(states):
-        table = tables[int(k) % len(tables)]
+        place = int(k) % len(tables)
+        table = tables[place]
+        if calls is not None:
+            calls[:] = calls[0] + 1, place
         if table.free:
             blocks.save_state(table.free, table.instance, states, int(k))
 

@@ -19,9 +19,8 @@ from cosim.components.fmu_log import ComponentLog
 from cosim.components.functions import FunctionTable, StateCallbacks
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
 from eightpost.workers.child import Child, EndedError
+from eightpost.workers.supervision import TIME_LIMIT
 
-#: Time limit of a call [s].
-DEFAULT_TIME_LIMIT = 30.0
 _STARTING = 60.0  # s: for Python and fmpy, without the FMU
 _PRINTED = 65536  # bytes of the FMU's output per run that are passed on
 _ERRORS: dict[str, type[EightpostError]] = {kind.__name__: kind for kind in (StepError, TerminatedError, FmuError)}
@@ -62,7 +61,8 @@ class IsolatedComponent(OpenedFmu):
     Args:
         path: FMU file (.fmu).
         name: Name of the component.
-        time_limit: Time limit for each reply of the FMU [s]; after it the process is ended.
+        time_limit: Time limit for each reply of the FMU [s], after which the process is ended; by default 30 s, or
+            the environment variable EIGHTPOST_TIME_LIMIT.
         compile_missing: Whether to compile the FMU's sources if it has no binary for this platform.
 
     Raises:
@@ -71,7 +71,7 @@ class IsolatedComponent(OpenedFmu):
     """
 
     def __init__(
-        self, path: str | Path, name: str, *, time_limit: float = DEFAULT_TIME_LIMIT, compile_missing: bool = False
+        self, path: str | Path, name: str, *, time_limit: float = TIME_LIMIT, compile_missing: bool = False
     ) -> None:
         if not time_limit > 0.0:
             raise InputError(f"component {name!r}: the time limit must be positive, not {time_limit!r} s")

@@ -1,9 +1,8 @@
-"""Checks that an FMU leaves the process as it was: working directory, locale, rounding mode."""
+"""Checks that an FMU leaves the process as it was, and the record of the FMU that is being called."""
 
 from __future__ import annotations
 
 import atexit
-import contextlib
 import ctypes
 import ctypes.util
 import mmap
@@ -14,20 +13,21 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.workers import supervision
+from eightpost.workers.supervision import SIZE, Record
+
 # ---- Process state that an FMU may change for all components --------------------------------------------------------
 
-_Words = tuple[int, ...]
-
 #: Control bits of fenv_t by system and processor, in words of 64 bits: the settings, without the status flags.
-_CONTROL: dict[tuple[str, str], _Words] = {
+_CONTROL: dict[tuple[str, str], tuple[int, ...]] = {
     ("linux", "x86_64"): (0xFFFF, 0, 0, 0xFFC0 << 32),
     ("darwin", "x86_64"): (0xFFFF | 0xFFC0 << 32, 0),
     ("linux", "aarch64"): (0xFFFFFFFF,),
@@ -80,13 +80,14 @@ def _floating() -> Any:
     return environment if library.fegetenv(environment) == 0 else None
 
 
-def _control(environment: Any) -> _Words:
-    return tuple(word & mask for word, mask in zip(environment, _mask(), strict=False))
+def _control(environment: Any) -> int:
+    return int.from_bytes(environment, "little") & _mask()
 
 
 @cache
-def _mask() -> _Words:
-    return _CONTROL.get((sys.platform, platform.machine()), ())
+def _mask() -> int:
+    words = _CONTROL.get((sys.platform, platform.machine()), ())
+    return sum(word << 64 * place for place, word in enumerate(words))
 
 
 @cache
@@ -100,74 +101,90 @@ def _mathematics() -> Any:
     return None
 
 
-# ---- Record of the FMU that is being called, so that one that ends this process (exit, a signal, --------------------
+# ---- Record of the FMU that is being called, so that one that ends this process or never returns can be named --------
 
-#: Layout of the file: words of 64 bits, then names, one per line. Word 0 is the kind of caller, word 1 the component.
-_SIZE, _NAMES = 1 << 16, 128
-_NOBODY, _PYTHON, _LOOP = 0, 1, 2
-#: Words of the loop (cosim.engine.plan.Memory.failure); the second is the number of the part that it calls.
-_FAILURE, _FAILURE_SIZE = 4, 4
-
-_MESSAGE = (
-    "error: this process ended while component {} was called: the FMU crashed or called exit(), and there is no "
-    "result. Run it in its own process, where this is a failed step: --isolate, or IsolatedComponent "
-    "(docs/how_to/foreign_fmus.md)"
-)
-
-_WATCHER = f"""
-import os, signal, struct, sys
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-sys.stdin.buffer.read()
-with open(sys.argv[1], "rb") as file:
-    content = file.read()
-os.unlink(sys.argv[1])
-words = struct.unpack_from("8q", content)
-if words[0]:
-    names = content[{_NAMES}:].split(b"\\0")[0].decode("utf-8", "replace").splitlines()
-    place = words[1] if words[0] == {_PYTHON} else words[{_FAILURE + 1}]
-    print({_MESSAGE!r}.format(names[place] if 0 <= place < len(names) else "unknown"), file=sys.stderr)
-"""
+#: Thread whose run is watched; 0 if none is.
+_thread = 0
 
 
-class _Record:
-    """The file, the process that reads it, and the function that the C library calls on exit()."""
+def calling(component: str, what: str) -> AbstractContextManager[None]:
+    """Return a context that records a call of a component; `what` completes "it was called to ..."."""
+    record = _record()
+    return nullcontext() if record is None else record.calling(component, what)
+
+
+def calling_loop() -> AbstractContextManager[None]:
+    """Return a context that records that the loop of a watched run calls; the loop itself records which part."""
+    record = _record() if _thread else None
+    return nullcontext() if record is None else record.calling_loop()
+
+
+@contextmanager
+def watching(names: Sequence[str]) -> Iterator[None]:
+    """Watch a run; only one thread's run is watched at a time.
+
+    Args:
+        names: Display names of the components, in the order of the loop's numbers.
+    """
+    global _thread  # noqa: PLW0603 -- one record per process
+    record = _record()
+    if record is None or _thread:
+        yield
+        return
+    record.name_parts(names)
+    _thread = threading.get_ident()
+    try:
+        yield
+    finally:
+        _thread = 0
+
+
+def loop_words() -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Return the memory in which the loop records its calls and its time; None if this run is not watched."""
+    record = _record() if _thread else None
+    if record is None:
+        return None
+    words = np.frombuffer(record.memory, np.int64, 2, record.calls)
+    return words, np.frombuffer(record.memory, np.float64, 1, record.clock)
+
+
+def _record() -> Record | None:
+    """Return the record of this process; None in a worker, and while another thread's run is watched.
+
+    The first call in a user's program starts the process that reads it.
+    """
+    if _thread not in (0, threading.get_ident()) or supervision.is_worker:
+        return None
+    if supervision.record is None or supervision.record.owner != os.getpid():
+        supervision.record = _ReadByProcess()
+    return supervision.record
+
+
+class _ReadByProcess(Record):
+    """Record of a user's program: a file, the process that reads it, and a function that the C library calls on exit().
+
+    A command needs none of this: its parent reads its record.
+    """
 
     def __init__(self) -> None:
         number, name = tempfile.mkstemp(prefix="fmu_called_")
-        os.ftruncate(number, _SIZE)
-        self._memory = mmap.mmap(number, _SIZE)
+        os.ftruncate(number, SIZE)
+        super().__init__(mmap.mmap(number, SIZE))
         os.close(number)
-        self.words: NDArray[np.int64] = np.frombuffer(self._memory, np.int64, _NAMES // 8)
-        self.owner = os.getpid()
-        self._watcher = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _WATCHER, name], stdin=subprocess.PIPE, start_new_session=True
-        )
+        command = [sys.executable, "-I", "-S", str(supervision.__file__), name]
+        self._reader = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
         self._exit = _ExitNotice(self)
         atexit.register(self.close)
-
-    def name(self, names: Sequence[str]) -> None:
-        """Write the names of the components; numbers in `words` are indices into them."""
-        text = "\n".join(names).encode()[: _SIZE - _NAMES - 1] + b"\0"
-        self._memory[_NAMES : _NAMES + len(text)] = text
-
-    def called(self) -> str:
-        """Return the name of the component that is being called; empty if none is."""
-        who = int(self.words[0])
-        if who == _NOBODY:
-            return ""
-        place = int(self.words[1] if who == _PYTHON else self.words[_FAILURE + 1])
-        names = self._memory[_NAMES:].split(b"\0")[0].decode("utf-8", "replace").splitlines()
-        return names[place] if 0 <= place < len(names) else "unknown"
 
     def close(self) -> None:
         """End the other process, which removes the file; for a normal end of the interpreter."""
         if os.getpid() != self.owner:
             return
         self._exit.cancel()
-        if self._watcher.stdin is not None:
-            self._watcher.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._watcher.wait(3.0)
+        if self._reader.stdin is not None:
+            self._reader.stdin.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._reader.wait(3.0)
 
 
 class _ExitNotice:
@@ -177,7 +194,7 @@ class _ExitNotice:
     nothing is registered.
     """
 
-    def __init__(self, record: _Record) -> None:
+    def __init__(self, record: Record) -> None:
         self._record, self._armed = record, True
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._on_exit)
         self._key = ctypes.create_string_buffer(1)
@@ -194,92 +211,16 @@ class _ExitNotice:
             getattr(self._library, "__cxa_finalize")(ctypes.cast(self._key, ctypes.c_void_p))
 
     def _on_exit(self, _nothing: Any) -> None:
-        if not self._armed or os.getpid() != self._record.owner or not (name := self._record.called()):
+        if not self._armed or os.getpid() != self._record.owner or not self._record.is_calling:
             return
-        self._record.words[0] = _NOBODY
-        with contextlib.suppress(OSError, ValueError):
+        with suppress(OSError, ValueError):
             sys.stdout.flush()
-            sys.stderr.write(f"{_MESSAGE.format(name)}\n")
-            sys.stderr.flush()
-        os._exit(1)
-
-
-class _Watching:
-    """State of the watched run; only one run is watched at a time."""
-
-    def __init__(self) -> None:
-        self.record: _Record | None = None
-        self.places: dict[str, int] = {}
-        self.thread = 0
-
-    @property
-    def is_here(self) -> bool:
-        """Whether this thread makes the watched run."""
-        return bool(self.places) and self.thread == threading.get_ident()
-
-
-_current = _Watching()
-
-
-@contextmanager
-def watching(names: Sequence[str], labels: Sequence[str]) -> Iterator[None]:
-    """Watch a run.
-
-    Args:
-        names: Names of the components, in the order of the loop's numbers.
-        labels: Display name of each component.
-    """
-    if _current.record is None or _current.record.owner != os.getpid():
-        _current.record, _current.places = _Record(), {}
-    if _current.places:  # another thread's run is watched
-        yield
-        return
-    _current.record.name(labels)
-    _current.places, _current.thread = {name: place for place, name in enumerate(names)}, threading.get_ident()
-    try:
-        yield
-    finally:
-        _current.record.words[0], _current.places = _NOBODY, {}
-
-
-def loop_words() -> NDArray[np.int64] | None:
-    """Return the memory in which the loop records the part that it calls; None if no run is watched."""
-    if _current.record is None or not _current.is_here:
-        return None
-    return _current.record.words[_FAILURE : _FAILURE + _FAILURE_SIZE]
-
-
-@contextmanager
-def _written(who: int, place: int) -> Iterator[None]:
-    record = _current.record
-    if record is None or not _current.is_here:
-        yield
-        return
-    before = int(record.words[0]), int(record.words[1])
-    record.words[1], record.words[0] = place, who
-    try:
-        yield
-    finally:
-        record.words[1], record.words[0] = before[1], before[0]
-
-
-@contextmanager
-def calling(name: str) -> Iterator[None]:
-    """Record that a component is being called."""
-    if name not in _current.places:
-        yield
-        return
-    with _written(_PYTHON, _current.places[name]):
-        yield
-
-
-#: Record that the loop runs; the loop itself records the part that it calls.
-calling_loop = partial(_written, _LOOP, 0)
+        os._exit(1)  # the other process names the FMU
 
 
 def _is_glibc() -> bool:
     if sys.platform == "win32":
         return False
-    with contextlib.suppress(ValueError, OSError, AttributeError):
+    with suppress(ValueError, OSError, AttributeError):
         return bool(os.confstr("CS_GNU_LIBC_VERSION"))
     return False

@@ -26,7 +26,7 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import failed, on_parabola, sweep
+from cosim.engine.sweep import call, failed, on_parabola, sweep
 
 #: Purpose of the last sweep of an implicit step, other than the first sweep.
 _MOVED, _DIFFERENCED = 1, 2
@@ -46,6 +46,7 @@ def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
     """Save the states of the parts first to last - 1; return 1 if one refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
+        call(m, c)
         status = blocks.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, SAVE):
             return 1
@@ -57,6 +58,7 @@ def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> in
     """Restore the saved states; return 1 if a part refused."""
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
+        call(m, c)
         status = blocks.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
         if failed(m, status, c, RESTORE):
             return 1

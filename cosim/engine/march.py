@@ -29,7 +29,7 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import failed, pace_of, step_from
+from cosim.engine.sweep import call, failed, pace_of, step_from
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 
@@ -180,7 +180,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
     parts, at = plan.parts, m.at
     for c in range(parts.instance.size):
         if parts.extra_count[c] > 0:
-            m.failure[1] = c
+            call(m, c)
             status = blocks.exchange(
                 parts.get_real[c], parts.instance[c], at.extra_references[c], parts.extra_count[c], at.extras[c]
             )
@@ -197,6 +197,7 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
 @shared
 def _one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
     """Step every part; return 1 if one refused."""
+    m.clock[0] = step.time
     for g in range(plan.loops.parts.size - 1):
         if step_group(plan, m, g, drive, step, mode):
             return 1

@@ -229,7 +229,8 @@ class Memory(NamedTuple):
     inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of it. `fed`: mean of each
     term over the step; `assumed`: its end value. `defect`: squared difference of the assumed and the actual end value
     of a bond's term, summed; `total`, `squares`: sums of the term itself. `states`: two saved states of each part.
-    `size` to `turn`: data of an implicit step.
+    `size` to `turn`: data of an implicit step. `calls`: number of calls of parts so far, and the part that is called,
+    which may never return; `clock`: start of its step [s].
     """
 
     seen: Reals
@@ -269,6 +270,8 @@ class Memory(NamedTuple):
     turn: Integers
     counts: Integers
     failure: Integers
+    calls: Integers
+    clock: Reals
     stop: Integers
     at: Addresses
 
@@ -323,6 +326,8 @@ def memory(plan: Plan) -> Memory:
         turn=np.zeros(4, np.int64),
         counts=np.zeros(5, np.int64),
         failure=np.zeros(4, np.int64),
+        calls=np.zeros(2, np.int64),
+        clock=np.zeros(1),
         stop=np.zeros(1, np.int64),
         at=_addresses(plan, start, value, rate, slope, ahead, extra),
     )

@@ -176,9 +176,17 @@ def failed(m: Memory, status: int, c: int, function: int) -> int:
 
 
 @shared
+def call(m: Memory, c: int) -> None:
+    """Record that part c is called next, because it may not return."""
+    m.calls[0] += 1
+    m.calls[1] = c
+
+
+@shared
 def _set(plan: Plan, m: Memory, c: int, values: int) -> int:
     """Set the inputs of part c, which are at the address `values`."""
     parts, at = plan.parts, m.at
+    call(m, c)
     status = blocks.exchange(parts.set_real[c], parts.instance[c], at.input_references[c], parts.input_count[c], values)
     return failed(m, status, c, SET)
 
@@ -234,6 +242,7 @@ def _hold(plan: Plan, m: Memory, c: int, drive: Drive, first: int, last: int) ->
 @shared
 def _do(plan: Plan, m: Memory, c: int, time: float, h: float, final: int) -> int:
     parts = plan.parts
+    call(m, c)
     return failed(m, blocks.do_step(parts.do_step[c], parts.instance[c], time, h, final), c, STEP)
 
 
@@ -276,6 +285,7 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
     parts, at = plan.parts, m.at
     if parts.signal_count[c] == 0:
         return 0
+    call(m, c)
     status = blocks.exchange(
         parts.get_real[c], parts.instance[c], at.signal_references[c], parts.signal_count[c], at.signals[c]
     )
@@ -284,8 +294,7 @@ def _read(plan: Plan, m: Memory, c: int) -> int:
 
 @shared
 def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, final: int) -> int:
-    """Step part c and read its signals; return 1 if it refused. Record its number first: a call may not return."""
-    m.failure[1] = c
+    """Step part c and read its signals; return 1 if it refused."""
     if step.last > step.first + 1 and plan.parts.follows[c] == 1:
         return 1 if _follow(plan, m, c, drive, step, final) else _read(plan, m, c)
     if _go(plan, m, c, drive, step, mode, final) or _read(plan, m, c):

@@ -14,6 +14,7 @@ from cosim.results.run_data import RunData
 from cosim.results.run_verdict import verdict_of
 from eightpost import __version__
 from eightpost.array_types import Array
+from eightpost.completion import warn_of_earlier_results
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
@@ -172,6 +173,7 @@ class SavedRun(RunChannels):
         path = Path(folder) / "result.json"
         if not path.is_file():
             raise FileFormatError("there is no run here; name a folder that `eightpost run` wrote", path=folder)
+        warn_of_earlier_results(folder)
         series = read_series(path.with_name("series.parquet"))
         document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
         if not isinstance(document, dict) or document.get("kind") != "result":

@@ -35,15 +35,18 @@ def watched(setup: Setup) -> AbstractContextManager[None]:
     """Return a context that watches the run if it has components to check."""
     if not guarded(setup):
         return nullcontext()
-    parts = setup.layout.parts
-    return watching(parts, [f"{name!r} ({setup.system.components[name].source})" for name in parts])
+    return watching([f"{name!r} ({setup.system.components[name].source})" for name in setup.layout.parts])
 
 
 def undoing(setup: Setup, progress: Progress) -> Progress:
-    """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes."""
+    """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes.
+
+    FMUs that this project built are suspected only if there are no others.
+    """
     parts, before = guarded(setup), Surroundings.now()
     if not parts:
         return progress
+    parts = {name: part for name, part in parts.items() if not part.is_ours} or parts
 
     def check(done: float, total: float) -> None:
         for changed in before.restore():
@@ -84,7 +87,7 @@ class Running:
 
     def free_states(self, setup: Setup) -> None:
         """Free the states that the loop saved."""
-        free_states([self.tables[name] for name in setup.layout.parts], self.memory.states)
+        free_states([self.tables[name] for name in setup.layout.parts], self.memory.states, self.memory.calls)
 
 
 @dataclass(frozen=True)
@@ -170,8 +173,7 @@ def prepare(setup: Setup) -> Running:
     )
     m = memory(plan)
     if (words := loop_words()) is not None:
-        words.fill(0)
-        m = m._replace(failure=words)
+        m = m._replace(calls=words[0], clock=words[1])
     m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
     rows = int(setup.recorded.sum()) + 1
     return Running(plan, m, blank_tape(setup.layout, real_names(setup.system, setup.names), rows), tables)

@@ -76,7 +76,8 @@ def march_fixed(setup: Setup, running: Running, marching: Marching) -> Ending:
     while last < count:
         first, last = last, min(last + pace.steps(), count)
         setup.discrete.exchange(float(setup.times[first]))
-        end = march(first, last)
+        with calling_loop():
+            end = march(first, last)
         setup.discrete.record(int(running.tape.position[0]))
         if end == STOPPED:
             break
@@ -210,7 +211,8 @@ def march_adaptive(setup: Setup, running: Running, marching: Marching, algorithm
     began, ended_by = clock.perf_counter(), ""
     while True:
         setup.discrete.exchange(float(state.time[0]))
-        end = march(1 if setup.discrete.is_needed else max(1, marching.chunk // 10))
+        with calling_loop():
+            end = march(1 if setup.discrete.is_needed else max(1, marching.chunk // 10))
         setup.discrete.record(int(running.tape.position[0]))
         time = float(state.time[0])
         if end == STUCK and (ended_by := terminated_at(setup, running, time, control.least)):
@@ -333,9 +335,10 @@ class Session:
     def _march(self, running: Running, engine: str, progress: Progress) -> Ending:
         setup = self._setup
         try:
-            with interrupts_deferred(running.stop), calling_loop():
+            with interrupts_deferred(running.stop):
                 marching = self._marching(engine, progress)
-                record(running.plan, running.memory, running.tape, 0.0)
+                with calling_loop():
+                    record(running.plan, running.memory, running.tape, 0.0)
                 setup.discrete.record(1)
                 if isinstance(setup.algorithm, Adaptive):
                     ending = march_adaptive(setup, running, marching, setup.algorithm)
@@ -344,7 +347,8 @@ class Session:
                 progress(1.0, 1.0)
                 return ending
         finally:
-            running.free_states(setup)
+            with calling_loop():
+                running.free_states(setup)
 
     def _marching(self, engine: str, progress: Progress) -> Marching:
         """Return the requested loop; interpreted if every component is Python, where compiling gains nothing."""

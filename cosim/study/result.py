@@ -21,6 +21,7 @@ from cosim.study.stored_table import StoredTable, open_table, write_tables
 from cosim.study.study import Study, Term
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
+from eightpost.completion import warn_of_earlier_results
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path
@@ -308,6 +309,7 @@ class StudyResult(Summarized):
             FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
         """
         path = Path(path)
+        warn_of_earlier_results(path.parent)
         table = open_table(path)
         stated = header_in(path, table)
         try:

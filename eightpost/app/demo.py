@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.build import build_with_progress, show_built
 from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
@@ -48,6 +49,7 @@ def demo(ctx: click.Context, output: Path) -> None:
     """
     console = Console()
     examples = examples_folder()
+    completion.begin(output)
     _fit_builds(console, examples, output)
     clean = _build_and_check(console, examples, output)
     results = _couple_and_swap(console, examples, output)

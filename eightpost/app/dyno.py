@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import OutputFile, Quantity, Verb, seed_option
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
@@ -79,6 +80,7 @@ def dyno(  # one parameter per option
         raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
     console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
     if test_name == "all":
+        completion.begin(output)
         tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
     else:
         drive = drivefile_of(test_name, seed, amplitude=amplitude, speed=speed, duration=duration)

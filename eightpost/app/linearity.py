@@ -10,6 +10,7 @@ import click
 from rich.box import SIMPLE
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb, map_option
 from eightpost.app.progress import each
 from eightpost.report.console import Table, console_table
@@ -70,6 +71,7 @@ def linearity(
 
     console = Console(soft_wrap=True, highlight=False)
     how = read_preparation(how_file) if how_file else None
+    completion.begin(folder)
     prepared = prepare(_tests(files, channel_map), how)
     for line in prepared.summary():
         console.print(line, markup=False)

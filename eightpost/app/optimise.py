@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import (
     SCHEDULER,
     WORKERS,
@@ -80,6 +81,7 @@ def optimise(
     requested, search = Requested(described, output), Search(objectives, evaluations, seed)
     show_study(console, requested, f"at most {evaluations} to be evaluated")
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
+    completion.begin(output)
     with running_workers(workers, scheduler) as pool:
         result, optimum = _search(console, requested, pool, search)
         everything = requested.everything(requested.coupling(pool))

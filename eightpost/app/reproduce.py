@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import OutputFolder, Verb
 from eightpost.outputs import PAGE
 
@@ -72,6 +73,7 @@ def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output
     from eightpost.reproduce.page import write_reproduction
     from eightpost.reproduce.verdict import reproduction_verdict
 
+    completion.begin(output)
     outcomes: list[Outcome] = []
     for outcome in each(console, outcomes_of(items, effort), "reproducing", len(items)):
         outcomes.append(outcome)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.options import OutputFile, Quantity, Verb, car_seed_option, seed_option
 from eightpost.app.progress import each
 from eightpost.outputs import RECORD
@@ -125,7 +126,7 @@ def rig(  # one parameter per option
         finish(bench.record(drivefile, names, test_name), output)
         return
     planned = program(program_name, bench.car, seed, duration=duration, draws=draws)
-    output.mkdir(parents=True, exist_ok=True)
+    completion.begin(output)
     # Each record is written when it is done and freed before the next test, because 800 s are large.
     for number, test in each(console, enumerate(planned), "tests", len(planned)):
         finish(bench.record_planned(test, number, names, alternate), output / f"{test.name}.{suffix}")

@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, Verb, check_outputs, check_report_folder
 from eightpost.app.progress import bar
 from eightpost.extras import MissingExtraError
@@ -119,6 +120,7 @@ def run(
     console = Console()
     for note in case.notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    completion.begin(output)
     try:
         result = run_with_progress(console, case, compared=not no_comparison)
     except cosim.RunInterrupted as interrupted:

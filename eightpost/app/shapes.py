@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.options import (
     SCHEDULER,
     WORKERS,
@@ -130,11 +131,13 @@ def shapes(
     if objective is not None:
         described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
+    completion.begin(output)
     try:
         found = _search(console, described, output, sources, request, workers, scheduler)
     except KeyboardInterrupt:
         console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
                       "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
+        completion.abandon()
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))

@@ -14,6 +14,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from eightpost import completion
 from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import (
@@ -121,6 +122,7 @@ def study(
         described.space.setup(index)
     sweep = Sweep(described, output)
     show_study(console, sweep)
+    completion.begin(output)
     with running_workers(workers, scheduler, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
         sure = sure and bool(result.done.any()) and not result.partial

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
+from eightpost import completion
 from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
@@ -51,6 +52,7 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     car = read_vehicle(path)
     console = Console()
     console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)
+    completion.begin(folder)
     variants = variants_of(car, parameter, _numbers(factors), frequency)
     responses = {label: variant.response for label, variant in variants.items()}
     console.print(_mode_table({label: variant.modes for label, variant in variants.items()}))

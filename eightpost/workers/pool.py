@@ -13,6 +13,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
 from eightpost.progress import beat
+from eightpost.workers import supervision
 from eightpost.workers.process import end_with
 
 # ---- Heartbeats of workers ------------------------------------------------------------------------------------------
@@ -196,6 +197,7 @@ class _Context(SpawnContext):
 def _start_worker(parent: int, *heartbeats: Any) -> None:
     """Initialise a worker: register its heartbeat, end it with its parent, and leave Ctrl-C to the parent."""
     end_with(parent)
+    supervision.is_worker = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     register_worker(*heartbeats)
 

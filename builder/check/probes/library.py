@@ -182,7 +182,12 @@ def memory_functions() -> tuple[int | None, int | None]:
 
 
 def binary_path(folder: Path, identifier: str, fmi: int) -> Path | None:
-    """Return the binary for this platform in an unpacked FMU of an FMI version, 2 or 3, or None."""
+    """Return the binary for this platform in an unpacked FMU of an FMI version, 2 or 3.
+
+    None if there is none, or if the identifier could name a file elsewhere.
+    """
+    if not identifier.isidentifier():
+        return None
     paths = (folder / name for name in binary_members(identifier, fmi))
     return next((path for path in paths if path.is_file()), None)
 

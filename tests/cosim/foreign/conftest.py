@@ -22,7 +22,7 @@ from . import lag_fmus
 SOURCE = Path(__file__).with_name("foreign_fmu.c")
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="foreign" guid="{guid}" variableNamingConvention="structured">
+<fmiModelDescription fmiVersion="2.0" modelName="foreign" guid="{guid}" {tool}variableNamingConvention="structured">
   <{kind} modelIdentifier="foreign" {flags}>{sources}</{kind}>
   <UnitDefinitions>
     <Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit>
@@ -55,12 +55,19 @@ VARIABLES = (
 )
 
 
-def description(*, guid="{foreign}", flags="", sources="", kind="CoSimulation"):
+def description(*, guid="{foreign}", flags="", sources="", kind="CoSimulation", tool=""):
     lines = (
         f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><{kept}/></ScalarVariable>'
         for name, number, causality, kept in VARIABLES
     )
-    text = DESCRIPTION.format(guid=guid, flags=flags, sources=sources, kind=kind, variables="\n".join(lines))
+    text = DESCRIPTION.format(
+        guid=guid,
+        flags=flags,
+        sources=sources,
+        kind=kind,
+        tool=tool and f'generationTool="{tool}" ',
+        variables="\n".join(lines),
+    )
     return text.encode()
 
 

@@ -1,0 +1,232 @@
+"""A command's parent notices how it ended, whatever the FMU that it called did, and signals reach it once."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from eightpost.workers import supervision
+from eightpost.workers.supervision import SIZE, Record
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the commands below are those of POSIX")
+
+#: A command whose work is given: in the call of an FMU if it begins with "call:".
+COMMAND = """
+import atexit, ctypes, os, signal, sys, tempfile, time
+from eightpost.workers import supervision
+def work():
+    record, text = supervision.record, sys.argv[1]
+    names = {**globals(), "record": record}
+    if text.startswith("call:"):
+        with record.calling("'odd' (odd.fmu)", "step"):
+            exec(text.removeprefix("call:"), names)
+    else:
+        exec(text, names)
+sys.exit(supervision.supervised(work, lambda text: sys.stderr.write(text + "\\n")))
+"""
+
+
+def start(work: str, limit: float = 30.0, **options: Any) -> subprocess.Popen[str]:
+    environment = {**os.environ, "EIGHTPOST_TIME_LIMIT": str(limit)} | options.pop("env", {})
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+    return subprocess.Popen([sys.executable, "-c", COMMAND, work], **pipes, **options)
+
+
+def ended(work: str, limit: float = 30.0, **options: Any) -> tuple[int, str, str]:
+    command = start(work, limit, **options)
+    output, errors = command.communicate(timeout=60)
+    return command.returncode, output, errors
+
+
+@pytest.mark.parametrize(
+    "work",
+    ["os._exit(0)", "ctypes.CDLL(None).exit(0)", "ctypes.CDLL(None).exit(3)", "ctypes.string_at(0)", "os.abort()"],
+)
+def test_an_fmu_that_ends_the_process_is_named_and_the_exit_code_is_1(work: str) -> None:
+    code, _, errors = ended(f"call:{work}")
+    assert code == 1
+    assert errors.count("this process ended while component 'odd' (odd.fmu) was called to step") == 1
+    assert "there is no result" in errors and "--isolate" in errors
+
+
+@pytest.mark.parametrize(
+    ("work", "how"), [("os._exit(0)", "with code 0"), ("os._exit(4)", "with code 4"), ("os.abort()", "by signal 6")]
+)
+def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str) -> None:
+    code, _, errors = ended(work)
+    assert (code, "'odd'" in errors) == (1, False)
+    assert f"the process of this command ended {how} before the command was complete" in errors
+
+
+@pytest.mark.parametrize(
+    ("work", "code"),
+    [
+        ("pass", 0),
+        ("sys.exit()", 0),
+        ("sys.exit(0)", 0),
+        ("sys.exit(2)", 2),
+        ("sys.exit('words')", 1),
+        ("1 / 0", 1),
+        ("atexit.register(os._exit, 0); sys.exit(1)", 1),  # what libraries do after the end changes no failure
+        ("atexit.register(os._exit, 7); sys.exit(0)", 7),
+        ("atexit.register(os.abort); print('all'); sys.exit(0)", 0),
+    ],
+)
+def test_the_exit_code_of_a_complete_command_is_its_own(work: str, code: int) -> None:
+    found, output, errors = ended(work)
+    assert found == code
+    assert ("words" in errors, "ZeroDivisionError" in errors) == ("words" in work, "/" in work)
+    assert "no result" not in errors and output == ("all\n" if "all" in work else "")
+
+
+@pytest.mark.parametrize("work", ["time.sleep(60.0)", "\nwhile True: pass"])
+def test_an_fmu_that_does_not_return_is_ended_after_the_time_limit_and_named(work: str) -> None:
+    began = time.monotonic()
+    code, _, errors = ended(f"call:{work}", 0.5)
+    assert code == 1 and 0.5 < time.monotonic() - began < 30.0
+    assert "component 'odd' (odd.fmu) was called to step and did not return within 0.5 s" in errors
+    assert "EIGHTPOST_TIME_LIMIT" in errors
+
+
+SLOW = {
+    "many calls": "for _ in range(7):\n    with record.calling('a', 'b'): time.sleep(0.15)",
+    "no call": "time.sleep(1.0)",
+    "a loop": """
+import struct
+with record.calling_loop():
+    for k in range(7):
+        struct.pack_into("q", record.memory, record.calls, k)
+        time.sleep(0.15)
+""",
+}
+
+
+@pytest.mark.parametrize("work", SLOW.values(), ids=SLOW)
+def test_a_command_that_is_only_slow_is_not_ended(work: str) -> None:
+    assert ended(work, 0.6) == (0, "", "")
+
+
+def test_a_process_that_does_not_end_after_its_command_is_ended_with_the_command_s_code() -> None:
+    code, _, errors = ended("atexit.register(time.sleep, 60.0); sys.exit(3)", 0.5)
+    assert (code, errors) == (3, "")
+
+
+COUNT = """
+count = []
+signal.signal(signal.SIGINT, lambda *_: count.append(1))
+print("ready", flush=True)
+until = time.monotonic() + 1.0
+while time.monotonic() < until: time.sleep(0.05)
+print(len(count))
+"""
+
+
+@pytest.mark.parametrize("to_group", [True, False], ids=["to the group, as a terminal does", "to the parent"])
+def test_an_interrupt_reaches_the_command_once(to_group: bool) -> None:
+    command = start(COUNT, process_group=0)
+    assert command.stdout is not None and command.stdout.readline() == "ready\n"
+    (os.killpg if to_group else os.kill)(command.pid, signal.SIGINT)
+    assert command.communicate(timeout=60) == ("1\n", "")
+    assert command.returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_a_signal_ends_leaves_no_process_and_no_temporary_file(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    command = start("tempfile.mkdtemp(); print('ready', flush=True); time.sleep(60.0)", env={"TMPDIR": str(tmp_path)})
+    assert command.stdout is not None and command.stdout.readline() == "ready\n"
+    children = psutil.Process(command.pid).children()
+    assert len(children) == 1 and len([*tmp_path.glob("*/*")]) == 1
+    command.send_signal(number)
+    assert command.communicate(timeout=60) == ("", "") and command.returncode == -number
+    assert not psutil.wait_procs(children, 5.0)[1] and not [*tmp_path.iterdir()]
+
+
+def test_a_command_ends_with_its_parent(tmp_path: Path) -> None:
+    command = start("tempfile.mkdtemp(); print('ready', flush=True); time.sleep(60.0)", env={"TMPDIR": str(tmp_path)})
+    assert command.stdout is not None and command.stdout.readline() == "ready\n"
+    (child,) = psutil.Process(command.pid).children()
+    command.kill()
+    command.communicate(timeout=60)
+    until = time.monotonic() + 5.0
+    while child.is_running() and child.status() != psutil.STATUS_ZOMBIE and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE  # if process 1 does not wait for orphans
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("work", ["pass", "call:os._exit(0)", "call:ctypes.string_at(0)"])
+def test_no_temporary_file_remains_however_a_command_ends(work: str, tmp_path: Path) -> None:
+    before, made = work[: work.index(":") + 1] if ":" in work else "", "open(tempfile.mkdtemp() + '/a', 'w').close(); "
+    ended(before + made + work.removeprefix("call:"), env={"TMPDIR": str(tmp_path)})
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_command_without_a_temporary_folder_runs(tmp_path: Path) -> None:
+    assert ended("tempfile.tempdir is None or sys.exit(5)", env={"TMPDIR": str(tmp_path)})[0] == 5
+    assert ended(
+        "print(supervision.record.folder.startswith(os.environ['TMPDIR']))", env={"TMPDIR": str(tmp_path)}
+    ) == (
+        0,
+        "True\n",
+        "",
+    )
+
+
+@pytest.fixture
+def record() -> Record:
+    return Record(mmap.mmap(-1, SIZE))
+
+
+def test_a_call_within_the_loop_is_named_until_it_returns(record: Record) -> None:
+    record.name_parts(["'one' (a.fmu)", "'two' (b.fmu)"])
+    assert not record.is_calling
+    with record.calling_loop():
+        record.memory[record.calls + 8 : record.calls + 9] = b"\1"
+        assert record.called == ("'two' (b.fmu)", " at 0 s")
+        with record.calling("'one' (a.fmu)", "restore a state"):
+            assert record.called == ("'one' (a.fmu)", " to restore a state")
+        assert record.called[0] == "'two' (b.fmu)"
+        record.memory[record.calls + 8 : record.calls + 9] = b"\7"
+        assert record.called[0] == "unknown"
+    assert not record.is_calling
+
+
+def test_every_call_changes_the_state_and_long_texts_are_cut(record: Record) -> None:
+    states = set()
+    for _ in range(3):
+        with record.calling("x" * SIZE, "step"):
+            states.add(record.state)
+    record.remains = "y" * SIZE
+    record.name_parts(["z" * SIZE])
+    assert len(states) == 3 and len(record.called[0]) == len(record._read(supervision._PARTS))
+    assert set(record.remains) == {"y"} and set(record._read(supervision._CALL)) == {"x"}
+    assert set(record.called[0]) == {"z"} and record.folder == ""
+
+
+def test_a_code_is_known_only_after_the_end(record: Record) -> None:
+    assert record.code is None
+    record.complete(0)
+    assert record.code == 0
+    record.complete(130)
+    assert record.code == 130
+
+
+@pytest.mark.parametrize(
+    ("stated", "limit"), [("", 30.0), ("7.5", 7.5), ("0", 30.0), ("-1", 30.0), ("soon", 30.0), ("inf", float("inf"))]
+)
+def test_the_time_limit_is_30_s_or_that_of_the_environment(
+    stated: str, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EIGHTPOST_TIME_LIMIT", stated)
+    assert supervision._stated_limit() == limit
