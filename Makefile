@@ -9,6 +9,12 @@ INSTALLED := $(VENV)/.installed
 # Many targets start hundreds of Python processes, each of which would otherwise compile the sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
+# Measured records are not shipped: the tests use those that lie beside the checkout, or those that EIGHTPOST_DATA names.
+RECORDS := $(wildcard ../shared/data)
+ifneq ($(RECORDS),)
+export EIGHTPOST_DATA ?= $(abspath $(RECORDS))
+endif
+
 .PHONY: help demo test quick area lint types contracts loops unit nightly pythons bounds release fuzz hosts mutants docs \
   licences clean
 

@@ -92,28 +92,33 @@ def car_fmu(case: Case, method: str) -> Motion:
     with TemporaryDirectory() as folder:
         _, shock = function_of(case.shock, folder)
         dae, car = function_of(case.car_fmu, folder)
+        count = car.size1_in(0)
         places = [[dae.y().index(f"{c}.{n}") for c in CORNERS] for n in ("velocity", "displacement", "tire_force")]
 
         def whole(state, road):
-            _, free = car(state[:14], ca.vertcat(ca.DM.zeros(4), road))
-            rates, force = shock.map(4)(state[14:].T, ca.horzcat(free[places[0]], free[places[1]]).T)
-            return ca.vertcat(car(state[:14], ca.vertcat(force.T, road))[0], rates.T)
+            _, free = car(state[:count], ca.vertcat(ca.DM.zeros(4), road))
+            rates, force = shock.map(4)(state[count:].T, ca.horzcat(free[places[0]], free[places[1]]).T)
+            return ca.vertcat(car(state[:count], ca.vertcat(force.T, road))[0], rates.T)
 
         start = np.concatenate([at_rest(car), np.zeros(4)])
         rows = integrate(case, method, whole, start)
         times = np.arange(len(rows)) * case.step
         roads = np.array([[0.0] * 4 + reference.track()(t).tolist() for t in times.tolist()])
-        seen = np.array(car.map(len(rows))(rows[:, :14].T, roads.T)[1])
+        seen = np.array(car.map(len(rows))(rows[:, :count].T, roads.T)[1])
     static = read_vehicle(reference.CAR).static
     still = np.array([[static[f"{corner}.tire_force"]] for corner in CORNERS])
     return Motion(times, seen[places[0]], seen[places[2]] - still)
 
 
 def at_rest(car):
-    """Return the states (14,) of car.fmu in equilibrium under the first road: one step of Newton"""
+    """Return the states of car.fmu in equilibrium under the first road, by one step of Newton.
+
+    The deflections of the bristles of friction, which this car does not have, are among the states and stay at zero.
+    """
     inputs = np.concatenate([np.zeros(4), reference.track()(0.0)])
     slope = car.factory("slope", ["x", "u"], ["jac:ode:x"])
-    return np.array(-ca.solve(slope(0.0, inputs), car(0.0, inputs)[0])).ravel()
+    slopes, rates = np.array(slope(0.0, inputs)), np.array(car(0.0, inputs)[0]).ravel()
+    return -np.linalg.lstsq(slopes, rates)[0]
 
 
 HOST = "CasADi"

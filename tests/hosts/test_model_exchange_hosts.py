@@ -1,4 +1,4 @@
-"""Model exchange in FMPy with CVode, against co-simulation, and in CasADi, which is skipped if not installed."""
+"""Model exchange in FMPy with CVode, against co-simulation, and in CasADi."""
 
 from itertools import pairwise
 
@@ -89,7 +89,7 @@ class Casadi:
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n == "seven_dof" else ()) for n in NAMES])
 def test_casadis_jacobian_is_exact_away_from_kinks(fmus, fmus3, tmp_path, name, fmi):
     """CasADi sets states by value reference in event mode; its Jacobian is that of directional derivatives."""
     casadi = pytest.importorskip("casadi", reason="casadi is not installed (pip install casadi)")

@@ -18,12 +18,14 @@ def test_a_car_in_pathsim_moves_as_with_any_other_runge_kutta_method(host, progr
     np.testing.assert_allclose(ours.tire_force, other.tire_force[:, : ours.tire_force.shape[1]], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_model_exchange_has_a_small_error_and_keeps_a_high_order(host, error_of):
     fine, finer = (error_of(host, "ME", step) for step in (2e-3, 1e-3))
     assert fine[0] < 0.02 and fine[1] < 0.005
     assert math.log2(fine[0] / finer[0]) > 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", ["ME, FMUs only", "ME, car.fmu"])
 def test_model_exchange_of_the_car_or_with_own_dampers_gives_the_same_motion(host, motion_of, loop):
     ours, other = motion_of(host, loop, 2e-3), motion_of(host, "ME", 2e-3)
@@ -31,6 +33,7 @@ def test_model_exchange_of_the_car_or_with_own_dampers_gives_the_same_motion(hos
     np.testing.assert_allclose(ours.tire_force, other.tire_force, atol=0.02)
 
 
+@pytest.mark.slow
 def test_fmus_that_step_one_after_the_other_are_loop_a_with_a_late_tire_force(host, error_of):
     alone, own = error_of(host, "A, FMUs only", 1e-3), error_of(host, "A", 1e-3)
     assert alone[0] == pytest.approx(own[0], rel=0.2)
