@@ -163,12 +163,22 @@ def model_files(tmp_path_factory: pytest.TempPathFactory, shocks: dict[str, Shoc
     return sources
 
 
+def _built_once(factory: pytest.TempPathFactory, name: str, sources: list[Path], **options: str) -> dict[str, Path]:
+    """Build FMUs in the first test process that asks for them, in a folder that all processes of a run share."""
+    folder = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with FileLock(folder / f"{name}.lock"):
+        if not (folder / name).is_dir():
+            build(sources, folder / f"{name}.part", **options)
+            (folder / f"{name}.part").rename(folder / name)
+    return {path.stem: path for path in (folder / name).iterdir()}
+
+
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
-    """Native FMUs of all models, by name; one test process compiles them, the others use the cache."""
-    folder = tmp_path_factory.mktemp("native")
-    with FileLock(folder.parent.parent / "fmus.lock"):
-        return {item.path.stem: item.path for item in build(model_files, folder)}
+    """Native FMUs of all models, by name."""
+    return _built_once(tmp_path_factory, "native", model_files)
 
 
 @pytest.fixture(scope="session")
@@ -193,16 +203,13 @@ targets = {{ "lf.road" = "corner.road" }}
 @pytest.fixture(scope="session")
 def fmus3(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
     """Native FMUs of FMI 3.0 of all models, by name."""
-    folder = tmp_path_factory.mktemp("native3")
-    with FileLock(folder.parent.parent / "fmus.lock"):
-        return {item.path.stem: item.path for item in build(model_files, folder, fmi="3")}
+    return _built_once(tmp_path_factory, "native3", model_files, fmi="3")
 
 
 @pytest.fixture(scope="session")
 def python_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> dict[str, Path]:
     """Python FMUs of all models, by name."""
-    built = build(model_files, tmp_path_factory.mktemp("python"), target="python")
-    return {item.path.stem: item.path for item in built}
+    return _built_once(tmp_path_factory, "python", model_files, target="python")
 
 
 @contextmanager
