@@ -126,13 +126,19 @@ class Validity:
         ranges = document.get("ranges", [])
         if not isinstance(ranges, Sequence) or not all(isinstance(entry, Mapping) for entry in ranges):
             raise InputError("a model's validity: ranges must be a list of objects")
-        stated, judged = document.get("uncertainty"), document.get(KEY)
+        stated, verdict = document.get("uncertainty"), Verdict.from_json(document.get("verdict"))
         uncertainty = None if stated is None else ModelUncertainty.from_json(stated)
         try:
-            verdict, covered = Verdict.from_json(document.get("verdict")), tuple(Range(**entry) for entry in ranges)
-            return cls(verdict, covered, uncertainty, None if judged is None else str(judged))
+            return cls(verdict, tuple(Range(**entry) for entry in ranges), uncertainty, _judged(document, verdict))
         except TypeError as error:
             raise InputError(f"a model's validity: {error}") from error
+
+
+def _judged(document: Mapping[str, Any], verdict: Verdict) -> str | None:
+    """Return the digest that a document states, or an empty one if its grade is not that of its reasons."""
+    if document.get(KEY) is None:
+        return None
+    return str(document[KEY]) if document["verdict"].get("grade") == verdict.grade else ""
 
 
 class _Model(Protocol):

@@ -63,8 +63,7 @@ def is_judged(at: Place) -> bool:
     """Return whether the verdict is about what is at a place of a shock file or a vehicle file."""
     if at[0] == "conditions":
         return str(at[1]).endswith("]")
-    is_derived = at[-2:] in {("verdict", "grade"), ("verdict", "summary")}  # from the reasons, at each reading
-    return not is_derived and at[0] not in ("schema", "tool", "name", "kind", "model_name", "inputs") and (
+    return at[0] not in ("schema", "tool", "name", "kind", "model_name", "inputs") and (
         at[-1] != "schema"
     )  # fmt: skip
 
@@ -152,12 +151,12 @@ def test_a_verdict_or_its_figure_that_is_changed_alone_is_unknown(kind, files, r
         (*reason, "origin"): "another.csv",
         ("validity", "verdict", "reasons"): [],
         ("validity", "ranges"): [],
+        ("validity", "verdict", "grade"): "not usable",
         ("validity", "judged"): "0" * 64,
     }
     for at, value in changes.items():
         assert rules(read(kind, edited(files[kind], at, value))) == [EDITED], at
-    stated = edited(files[kind], ("validity", "verdict", "grade"), "not usable")
-    assert is_usable(read(kind, stated))  # a grade is computed from the reasons
+    assert is_usable(read(kind, edited(files[kind], ("validity", "verdict", "summary"), "Good.")))  # from the reasons
 
 
 @pytest.mark.parametrize("kind", READ)

@@ -63,16 +63,13 @@ class Shock(Summarized):
     @property
     def numbers(self) -> Mapping[str, Any]:
         """All that the verdict is about: law, conditions that are quantities, report of the fit, records, settings."""
-        own = own_parameters(type(self.law))
         return {
             "law": self.law_name,
-            "parameters": {name: value for name, value in _stated(self.law).items() if name in own},
-            "curve": _stated(self.law.curve),
-            "port": _stated(self.law.port),
+            "parameters": _stated(self.law),
             "conditions": {name: value for name, value in self.conditions.items() if name.endswith("]")},
             "fit": self.fit,
             "records": sorted(entry.get("sha256", "") for entry in self.inputs),
-            "settings": dataclasses.asdict(self.settings) if self.settings else None,
+            "settings": _stated(self.settings),
         }
 
     def _summary(self) -> Summary:
@@ -138,9 +135,14 @@ class Shock(Summarized):
                 )
 
 
-def _stated(values: ShockLaw | StaticCurve | Port) -> dict[str, Any]:
-    """Return the values that are not the defaults of their fields: a later version may have further fields."""
-    return {f.name: value for f in dataclasses.fields(values) if (value := getattr(values, f.name)) != f.default}
+def _stated(value: Any) -> Any:
+    """Return a value's fields, and theirs, that do not have their defaults: a later version may have further fields."""
+    if isinstance(value, tuple):
+        return [_stated(one) for one in value]
+    if not dataclasses.is_dataclass(value):
+        return value
+    known = ((field.name, getattr(value, field.name), field.default) for field in dataclasses.fields(value))
+    return {name: _stated(one) for name, one, default in known if one != default}
 
 
 def _own_texts(law: ShockLaw) -> Iterator[str]:

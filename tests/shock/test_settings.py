@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 from eightpost.errors import ParameterError
 from eightpost.shock import Axis, Hysteresis, Lpf1, Settings, Shock, Term, read_shock, write_shock
 from eightpost.shock.settings import is_tested, node_weights
-from eightpost.verdict import Grade
+from eightpost.validity import Validity, judged
+from eightpost.verdict import Grade, Reason, Verdict
 
 _SPEC = importlib.util.spec_from_file_location("example_curve", Path(__file__).with_name("example_curve.py"))
 example_curve = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(example_curve)
 
+GOOD = Reason("r", "fit of the shock", Grade.USABLE, "s", "1 %", "a.csv", "nothing")
 NODES = st.lists(st.integers(0, 40), min_size=2, max_size=6, unique=True).map(lambda n: tuple(sorted(map(float, n))))
 
 
@@ -157,6 +159,24 @@ def test_the_verdict_on_a_setting_says_measured_extrapolated_or_untested(clicks,
     shock = Shock("two adjusters", law(), settings=settings()).at(clicks=clicks, temperature=temperature)
     assert shock.settings is None
     assert shock.validity.verdict.grade is grade
+
+
+def test_a_shock_at_a_setting_is_judged_there_and_unknown_if_the_settings_were_edited(tmp_path):
+    write_shock(
+        judged(Shock("two adjusters", law(), validity=Validity(Verdict([GOOD])), settings=settings())),
+        tmp_path / "s.json",
+    )
+    there = read_shock(tmp_path / "s.json").at(clicks={"rebound": 12})
+    write_shock(there, tmp_path / "there.json")
+    found = read_shock(tmp_path / "there.json").validity
+    assert [reason.rule for reason in found.verdict.reasons] == ["r", "within the measured settings"]
+    assert found == there.validity and found.judged is not None
+    content = json.loads((tmp_path / "s.json").read_text())
+    content["settings"]["terms"][0]["deviations"][2][4] += 1.0
+    (tmp_path / "s.json").write_text(json.dumps(content))
+    edited = read_shock(tmp_path / "s.json").at(clicks={"rebound": 12}).validity
+    assert edited.verdict.grade is Grade.UNKNOWN
+    assert [reason.about for reason in edited.verdict.reasons] == ["file", "setting"]
 
 
 def test_an_untested_combination_has_a_wider_band_than_a_tested_one():
