@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib.util
 import os
+import pickle
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from filelock import FileLock
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+import builder.assembly.documents
+import builder.documents.archive
 from builder.build import build
 from builder.native.platforms import PLATFORMS, Platform, this_platform
 from builder.native.toolchain import Zig
@@ -225,6 +228,48 @@ def _one_platform() -> Iterator[None]:
     here = (this_platform(),) if this_platform().name in PLATFORMS else Zig.platforms
     with _platforms(*here):
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _pictures_drawn_once() -> Iterator[None]:
+    """The picture of a model is drawn once per process: it takes four fifths of a build whose code is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in (
+            (builder.documents.archive, "shock_picture"),
+            (builder.documents.archive, "vehicle_picture"),
+            (builder.assembly.documents, "curves_picture"),
+        ):
+            patch.setattr(module, name, _once(getattr(module, name)))
+        yield
+
+
+def _once(draw: Callable[..., bytes]) -> Callable[..., bytes]:
+    pictures: dict[bytes, bytes] = {}
+
+    def drawn(*arguments: object) -> bytes:
+        key = pickle.dumps(arguments)
+        if key not in pictures:
+            pictures[key] = draw(*arguments)
+        return pictures[key]
+
+    return drawn
+
+
+class UniversalFmus:
+    """Native FMUs with binaries for all platforms, by name; one is built when it is first asked for."""
+
+    def __init__(self, factory: pytest.TempPathFactory, sources: list[Path]) -> None:
+        self._factory, self._sources = factory, {path.stem: path for path in sources}
+
+    def __getitem__(self, name: str) -> Path:
+        with _platforms(*PLATFORMS.values()):
+            return _built_once(self._factory, f"universal_{name}", [self._sources[name]])[name]
+
+
+@pytest.fixture(scope="session")
+def universal_fmus(tmp_path_factory: pytest.TempPathFactory, model_files: list[Path]) -> UniversalFmus:
+    """Native FMUs with binaries for all platforms, by name."""
+    return UniversalFmus(tmp_path_factory, model_files)
 
 
 @pytest.fixture(scope="module")

@@ -71,7 +71,13 @@ def in_slave(old, new):
     return alter
 
 
-@pytest.mark.repeated("lpf1-20 groups", "lpnl2-5 groups")
+@pytest.fixture(scope="module")
+def fmus(universal_fmus):
+    """FMUs as they are shipped: with the binaries of all platforms."""
+    return universal_fmus
+
+
+@pytest.mark.repeated("lpnl2-5 groups", "quarter_car-5 groups")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "groups"),
@@ -100,7 +106,7 @@ def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
     "left_out", [SLOW_IN_PYTHON, pytest.param((), marks=pytest.mark.nightly)], ids=["quick groups", "all groups"]
 )
 def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_needs_a_tool(python_fmus, left_out):
-    report = check(python_fmus["lpf1"], groups=[group for group in QUICK if group not in left_out])
+    report = check(python_fmus["lpnl2"], groups=[group for group in QUICK if group not in left_out])
     assert {finding.rule.identifier for finding in report.of(Level.ERROR)} == PYTHON_ERRORS
     assert {"execution-tool", "undefined-python", "platforms", "crash-misuse"} <= rules(report)
     assert "execution-tool-honest" not in rules(report)
@@ -236,7 +242,7 @@ def leaving_only(*kept):
 def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(fmus, tmp_path, kept, has):
     if this_platform().name == "win64":
         pytest.skip("win64 is this machine's")
-    path = altered(fmus["lpf1"], tmp_path / "lpf1.fmu", leaving_only(*kept))
+    path = altered(fmus["lpnl2"], tmp_path / "lpnl2.fmu", leaving_only(*kept))
     assert CliRunner().invoke(command, ["--standard", str(path)]).exit_code == 0
     report = check(path)
     assert rules(report) == {"platforms"}
@@ -303,7 +309,7 @@ def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp
 def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
     monkeypatch.setattr(process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"])
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
-        check(fmus["lpf1"], groups=("simulation",))
+        check(fmus["lpnl2"], groups=("simulation",))
 
 
 @pytest.mark.slow
@@ -361,7 +367,7 @@ def test_files_other_than_fmus_of_fmi_2_and_3_are_rejected(tmp_path):
 
 def test_an_unknown_group_is_refused_by_name(fmus):
     with pytest.raises(FmuError, match="'dynamic'"):
-        check(fmus["lpf1"], groups=("dynamic",))
+        check(fmus["lpnl2"], groups=("dynamic",))
 
 
 @pytest.mark.parametrize(
@@ -393,7 +399,7 @@ def compilers(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
 def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, compilers):
     compilers("echo 'xcrun: error: invalid active developer path' >&2; exit 1")
-    report = check(fmus["lpf1"], groups=("rebuild",))
+    report = check(fmus["lpnl2"], groups=("rebuild",))
     assert (report.findings, report.groups) == ((), ())
     (skipped,) = report.skipped
     assert "the sources could not be compiled here: there is no working C compiler" in skipped.reason
@@ -404,7 +410,7 @@ def test_a_hanging_compiler_is_killed_without_a_finding(fmus, compilers, monkeyp
     monkeypatch.setattr(tools, "_TRIAL_TIMEOUT", 2.0)
     compilers("sleep 600")
     started = time.monotonic()
-    report = check(fmus["lpf1"], groups=("rebuild",))
+    report = check(fmus["lpnl2"], groups=("rebuild",))
     assert time.monotonic() - started < 60.0
     assert report.findings == ()
     assert "it did not end within 2 s" in report.skipped[0].reason

@@ -13,12 +13,18 @@ from eightpost.app.check import show_report
 from eightpost.archive import read_archive, write_archive
 
 
+@pytest.fixture(scope="module")
+def fmus(universal_fmus):
+    """FMUs as they are shipped: with the binaries of all platforms."""
+    return universal_fmus
+
+
 def test_the_json_document_contains_everything_that_the_table_shows(fmus, tmp_path):
-    report = check(fmus["polylinear"], groups=("static", "reference"))
+    report = check(fmus["lpnl2"], groups=("static", "reference"))
     document = json.loads(json.dumps(json_document([report])))
     assert (document["kind"], document["schema"], document["acceptable"]) == ("check", 1, True)
     (entry,) = document["reports"]
-    assert entry["identity"]["modelName"] == "polylinear" and len(entry["identity"]["sha256"]) == 64
+    assert entry["identity"]["modelName"] == "lpnl2" and len(entry["identity"]["sha256"]) == 64
     assert entry["counts"] == {"error": 0, "drop-in": 0, "hint": 0}
     assert entry["groups"] == ["static", "reference"]
     assert entry["done"] == [GROUPS["static"].title, GROUPS["reference"].title]
@@ -41,19 +47,19 @@ def quickly(monkeypatch):
 def test_hints_exit_0_and_drop_in_findings_exit_1_unless_the_scope_is_the_standard(
     quickly, fmus, python_fmus, tmp_path
 ):
-    hinted, members = tmp_path / "lpf1.fmu", read_archive(fmus["lpf1"])
+    hinted, members = tmp_path / "lpnl2.fmu", read_archive(fmus["lpnl2"])
     del members["model.png"]
     write_archive(hinted, members)
     shown = quickly(hinted)
     assert shown.exit_code == 0 and "1 hint" in shown.output and "icon" in shown.output
-    shown = quickly(hinted, python_fmus["lpf1"])
+    shown = quickly(hinted, python_fmus["lpnl2"])
     assert shown.exit_code == 1 and "drop-in" in shown.output
-    shown = quickly("--standard", python_fmus["lpf1"])
+    shown = quickly("--standard", python_fmus["lpnl2"])
     assert shown.exit_code == 0 and "clean" in shown.output
 
 
 def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, python_fmus):
-    shown = quickly("--json", fmus["lpf1"], python_fmus["lpf1"])
+    shown = quickly("--json", fmus["lpnl2"], python_fmus["lpnl2"])
     document = json.loads(shown.output)
     assert shown.exit_code == 1 and not document["acceptable"]
     assert [report["acceptable"] for report in document["reports"]] == [True, False]
@@ -63,17 +69,17 @@ def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, pyt
 
 @pytest.mark.parametrize("place", [0, 1], ids=["first", "last"])
 def test_an_invalid_file_does_not_hide_the_reports_of_the_others(quickly, fmus, tmp_path, place):
-    given = [fmus["lpf1"]]
+    given = [fmus["lpnl2"]]
     given.insert(place, tmp_path / "missing.fmu")
     shown = quickly(*given)
     assert shown.exit_code == 2
-    assert "lpf1.fmu: clean" in shown.stdout and "missing.fmu" not in shown.stdout
+    assert "lpnl2.fmu: clean" in shown.stdout and "missing.fmu" not in shown.stdout
     assert "there is no such file" in " ".join(shown.stderr.split())
 
 
 def test_json_has_an_entry_for_a_bad_file_whose_error_is_also_printed_to_stderr(quickly, fmus, tmp_path):
     (tmp_path / "text ä.fmu").write_text("no")
-    shown = quickly("--json", fmus["lpf1"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
+    shown = quickly("--json", fmus["lpnl2"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
     document = json.loads(shown.stdout)
     good, missing, text = document["reports"]
     assert shown.exit_code == 2 and not document["acceptable"]
@@ -88,7 +94,7 @@ def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(fmus, 
         return check(path, scope=scope, groups=("simulation",))
 
     monkeypatch.setattr("builder.check.check", called)
-    shown = CliRunner().invoke(command, ["--json", str(fmus["lpf1"])])
+    shown = CliRunner().invoke(command, ["--json", str(fmus["lpnl2"])])
     assert "not a sandbox" in shown.stderr and json.loads(shown.stdout)["acceptable"]
     assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
 
@@ -107,7 +113,7 @@ def test_a_folder_is_rejected(quickly, tmp_path):
 
 @pytest.mark.nightly
 def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
-    report = check(fmus["lpf1"], groups=("static", "footprint", "surroundings"))
+    report = check(fmus["lpnl2"], groups=("static", "footprint", "surroundings"))
     console = Console(file=io.StringIO(), width=40)
     show_report(console, report)
     assert "  performed static, footprint, surroundings\n" in console.file.getvalue()

@@ -138,6 +138,12 @@ IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TAB
 BUNDLES = defects.bundles(IN_CODE)
 
 
+@pytest.fixture(scope="module")
+def fmus(universal_fmus):
+    """FMUs as they are shipped: with the binaries of all platforms."""
+    return universal_fmus
+
+
 def test_the_table_has_enough_defects():
     assert len(ON_FILE) + len(IN_CODE) >= 40
     assert {defect.rule for defect in (*ON_FILE.values(), *IN_CODE.values())} <= defects.RULES
@@ -173,7 +179,7 @@ def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compile
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)
 
 
-@pytest.mark.repeated("polylinear")
+@pytest.mark.repeated("lpnl2")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({defect.fmu for defect in IN_CODE.values()}))
 def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
