@@ -18,10 +18,14 @@ from builder.documents import Disclosure
 from builder.documents.validity import combined_member, validity_member
 from builder.native.native_fmu import without_binaries
 from eightpost.errors import InputError
+from eightpost.ident.dyno_report.entry import entry_of_shock
+from eightpost.ident.dyno_report.verdict import report_verdict
 from eightpost.ident.exports.export import export
 from eightpost.ident.exports.matlab import read_vehicle_mat
 from eightpost.ident.exports.shock_table import shock_table
-from eightpost.judged import digest_of
+from eightpost.ident.validation.shock_verdict import shock_verdict
+from eightpost.ident.validation.shocks import ShockValidation
+from eightpost.judged import digest_of, edits_in
 from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
@@ -74,7 +78,8 @@ def identified() -> IdentifiedVehicle:
     ranges = (Range("velocity", "frequency", 0.1, 16.0, "Hz"), Range("displacement", "amplitude", -0.02, 0.03, "m"))
     reason = Reason("r", "fit of the vehicle", Grade.USABLE, "s", "misfit 2 %", "run.csv", "nothing")
     damping = {"": 1500.0}
-    model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), damping)
+    whole = read_vehicle(shipped("quarter_car")).coupled()
+    model = add_port_damping(whole, damping).select(outputs=["velocity", "displacement", "tire_force"])
     car = IdentifiedVehicle("car", model, damping, {"tire_force": 3000.0}, {"run.csv": "0" * 64}, friction)
     return judged(car, validity=Validity(Verdict([reason]), ranges))
 
@@ -272,6 +277,19 @@ def test_a_validation_of_an_edited_shock_is_added_to_what_is_unknown() -> None:
     assert rules(again) == [EDITED]  # the validation was of other numbers too
 
 
+def test_a_validation_and_a_report_of_an_edited_shock_say_that_it_is_unknown(files, read) -> None:
+    intact = read_shock(FITTED)
+    changed = read("shock", edited(files["shock"], ("port", "gas_preload"), 300.0))
+    validation = shock_verdict(ShockValidation({"a": intact, "b": changed}, (), (), ()))
+    report = report_verdict([entry_of_shock(shock, shock.name, "") for shock in (intact, changed)])
+    for verdict in (validation, report):
+        assert len(edits_in(verdict)) == 1
+        assert verdict.grade is Grade.UNKNOWN
+        assert "edited after the fit or run: its numbers are not those that were judged" in verdict.summary()
+    assert edits_in(validation)[0].origin == "edited.json"
+    assert not edits_in(shock_verdict(ShockValidation({"a": intact}, (), (), ())))
+
+
 def test_an_exported_car_keeps_its_verdict_although_its_inputs_have_another_meaning(folder: Path) -> None:
     export(folder / "car.json", folder / "car.mat", ports="whole")
     exported = read_vehicle_mat(folder / "car.mat")
@@ -297,9 +315,18 @@ def test_an_fmu_of_an_intact_file_has_its_verdict_without_a_digest() -> None:
     assert (stated.verdict.grade, stated.judged) == (Grade.USABLE, None)
 
 
-@pytest.mark.parametrize("disclosure", Disclosure)
+CURVE, OUTPUT = ("shock", ("curve", "inner", 1), -1e9), ("car", ("C", 2, 1), 3.0)
+
+
 @pytest.mark.parametrize(
-    ("kind", "place", "factor"), [("shock", ("curve", "inner", 1), -1e9), ("car", ("C", 2, 1), 3.0)]
+    ("kind", "place", "factor", "disclosure"),
+    [
+        (*CURVE, Disclosure.FULL),
+        (*CURVE, Disclosure.CONFIDENTIAL),
+        (*OUTPUT, Disclosure.CONFIDENTIAL),
+        pytest.param(*OUTPUT, Disclosure.FULL, marks=pytest.mark.slow),
+    ],
+    ids=str,
 )
 def test_an_fmu_of_an_edited_file_says_that_it_is_unknown(kind, place, factor, disclosure, files, read, folder) -> None:
     """The case that was found: a coefficient times -1e9 was built and stayed usable."""
