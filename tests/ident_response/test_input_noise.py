@@ -48,6 +48,16 @@ def test_the_stated_bias_is_that_of_noise_in_the_force_only() -> None:
     assert stated["road"] < 1e-3
 
 
+def test_frequencies_at_which_an_input_is_not_driven_do_not_count() -> None:
+    """The road ends at 8 Hz, of a band to 25 Hz: noise alone would be a bias of 1. An input of noise alone has none."""
+    generator = np.random.default_rng(3)
+    spectrum = np.fft.rfft(generator.standard_normal(COUNT))
+    spectrum[np.fft.rfftfreq(COUNT, 1.0 / RATE) > 8.0] = 0.0
+    u = np.stack([np.fft.irfft(spectrum, COUNT), np.zeros(COUNT)]) + 0.04 * generator.standard_normal((2, COUNT))
+    bias = input_noise(Records((Record(u, u[:1]),), RATE, INPUTS, (Channel("y", "m"),)), (1.0, 25.0)).bias
+    assert bias == {"road": pytest.approx(0.04**2, rel=0.1)}
+
+
 @pytest.mark.parametrize(
     ("recipe", "text"),
     [(LocalPolynomial(), "too small"), (H1(None), "too small"), (H2(None), "too large"), (Hv(None), "between")],

@@ -113,3 +113,10 @@ def test_a_computed_hold_with_constant_velocity_is_not_clipped():
 
 def test_time_printed_with_few_digits_has_no_gap():
     faults.check_gaps(np.round(np.arange(1000) / 300.0, 4))
+
+
+def test_a_run_of_the_shortest_length_that_counts_is_long():
+    runs = [faults.CLIP_RUN - 1, faults.CLIP_RUN, faults.CLIP_RUN + 1]
+    flags = np.concatenate([np.r_[np.ones(length, dtype=bool), False] for length in runs])
+    kept = np.concatenate([np.r_[np.full(length, length >= faults.CLIP_RUN), False] for length in runs])
+    np.testing.assert_array_equal(faults._in_long_runs(flags), kept)

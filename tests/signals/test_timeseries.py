@@ -107,6 +107,14 @@ def test_resampling_is_linear_and_keeps_the_ends():
     np.testing.assert_allclose(fine["force"], 3.0 * fine.time)
 
 
+def test_resampling_keeps_the_last_sample_whatever_the_rounding_of_the_duration():
+    """0.29 s times 100 Hz is 28.999999999999996."""
+    series = TimeSeries.from_channels(np.array([0.0, 0.29]), {"x": ("m", np.array([0.0, 2.9]))})
+    resampled = series.resample(100.0)
+    assert len(resampled.time) == 30
+    assert resampled["x"][-1] == pytest.approx(2.9)
+
+
 def test_writable_arrays_are_copied_and_read_only_arrays_are_not():
     own = np.arange(6.0).reshape(2, 3)
     view = own.view()

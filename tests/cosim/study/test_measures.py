@@ -210,6 +210,15 @@ def test_a_family_is_refused_if_the_vehicle_has_none_of_its_channels(name):
         family(name, Car("car", CORNERS, ()))
 
 
+def test_the_first_percentile_of_a_tire_force_is_exceeded_for_99_percent_of_the_time():
+    car = Car("car", CORNERS, tuple(f"car.{corner}.tire_force" for corner in CORNERS))
+    ramp = np.random.default_rng(1).permutation(101.0 * np.arange(101) / 101.0)
+    series = TimeSeries.from_channels(np.arange(101) / 500.0, dict.fromkeys(car.channels, ("N", ramp)))
+    found = [measure for measure in family("tires", car) if measure.name.endswith("1st percentile")]
+    assert [measure.name for measure in found] == [f"{corner} tire force, 1st percentile" for corner in CORNERS]
+    assert [measure.of(series) for measure in found] == pytest.approx([1.0] * 4)
+
+
 @pytest.mark.parametrize("weights", [(1.0,), (1.0, 2.0, 3.0)])
 def test_each_channel_needs_its_weight(weights):
     with pytest.raises(InputError, match="2 channels need 2 weights"):

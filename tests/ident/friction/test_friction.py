@@ -11,9 +11,11 @@ from eightpost.errors import ParameterError
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import direction, with_friction
-from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.friction_search import FrictionSearch, _estimate
+from eightpost.ident.vehicle.projection import ForceSolution
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.trust import SIGNIFICANT
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (
@@ -48,6 +50,16 @@ def test_harmonics_above_the_band_of_a_record_do_not_alias() -> None:
     sampled = np.abs(np.fft.rfft(np.tanh(velocity / 0.01))) / 625.0
     assert amplitude[folded] < 1e-3
     assert sampled[folded] > 0.1
+
+
+@pytest.mark.parametrize(("deviations", "acts"), [(0.9 * SIGNIFICANT, False), (1.1 * SIGNIFICANT, True), (-9.0, False)])
+def test_friction_acts_only_if_its_force_is_significant(experiment: Experiment, deviations: float, acts: bool) -> None:
+    residual = np.full(len(experiment.outputs), 0.5)
+    found = _estimate(
+        experiment, ForceSolution(np.array([2.0 * deviations]), np.array([[4.0]]), residual), Friction(1.0, 0.01), ()
+    )
+    assert found.acts is acts
+    assert found.forces[""].value == 2.0 * deviations
 
 
 def test_a_friction_velocity_of_zero_and_a_negative_force_are_refused() -> None:

@@ -2,11 +2,14 @@
 
 import zipfile
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cosim.study import Build, Measure, Vehicle
 from cosim.study.batch import library
+from cosim.study.running import batch_check
 from cosim.study.running.batch_check import LARGEST_DIFFERENCE, with_batch
 from cosim.study.running.batch_check import random_setups as random_setups_of_study
 from cosim.study.running.batches import Batches
@@ -15,6 +18,7 @@ from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.statistics import STATISTICS
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
+from eightpost.signals import TimeSeries
 
 from .batched import COUPLING, LAWS, random_builds, random_setups, study_of
 
@@ -86,6 +90,17 @@ def test_a_difference_that_is_not_a_number_is_a_difference(evaluator, monkeypatc
     found = with_batch(evaluator, COUPLING)
     assert found.batch == "" and "the batch does not agree with them" in found.notes[-1]
     assert found.batch_difference is None
+
+
+@pytest.mark.parametrize("values", [(float("nan"), 1.0), (1.0, float("nan"))])
+def test_a_measure_that_is_not_a_number_is_the_worst_whichever_comes_after_it(values):
+    measures = [SimpleNamespace(name=f"{k}", function="own", drawn_from=lambda run, start: 1.0) for k in range(2)]
+    study = SimpleNamespace(settling=0.0, measures_of=lambda drive: measures)
+    series = TimeSeries.from_channels(np.arange(3.0), {"x": ("m", np.zeros(3))})
+    evaluator = SimpleNamespace(study=study, run=lambda *_: SimpleNamespace(series=series))
+    found = SimpleNamespace(values={f"{k}": value for k, value in enumerate(values)})
+    assert np.isnan(batch_check._apart(evaluator, None, None, None, found))
+    assert batch_check._apart(evaluator, None, None, None, SimpleNamespace(values={"0": 1.5, "1": 1.25})) == 0.5
 
 
 #: An operator changed in a source of the batch: every change must be found by the comparison with the FMUs.
