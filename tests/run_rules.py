@@ -29,11 +29,9 @@ except ImportError:  # Windows
 
 #: Processor time above which a test should be marked slow [s].
 SLOW = 1.0
-#: Processor time above which an unmarked test fails [s]: a test of SLOW on a machine of 0.4 times the speed.
-PROCESSOR_LIMIT = 2.5
-#: Wall time above which an unmarked test fails [s]: it waits, or its child processes are still running. It is longer
-#: than a test of SLOW lasts on a core that fourteen other programs use.
-WALL_LIMIT = 15.0
+#: Processor time above which an unmarked test fails [s]: a test of SLOW on a machine of 0.4 times the speed. Wall time
+#: has no limit: on a busy machine, a test of 1.3 s of processor time lasted seven minutes.
+LIMIT = 2.5
 
 #: File of the expected skips, from the folder of pyproject.toml.
 EXPECTED_SKIPS = Path("tests", "expected_skips.toml")
@@ -93,14 +91,13 @@ def processor_time() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def too_expensive(processor: float, wall: float) -> str:
-    """Return why an unmarked test of this processor and wall time [s] fails; an empty text if it does not."""
-    if processor <= PROCESSOR_LIMIT and wall <= WALL_LIMIT:
+def too_expensive(seconds: float) -> str:
+    """Return why an unmarked test of this processor time [s] fails; an empty text if it does not."""
+    if seconds <= LIMIT:
         return ""
     return (
-        f"This test took {processor:.1f} s of processor time and {wall:.1f} s of wall time; a test that is not marked"
-        f" fails above {PROCESSOR_LIMIT:g} s and {WALL_LIMIT:g} s. Make it cheaper, or mark it with pytest.mark.slow,"
-        f" as every test above {SLOW:g} s of processor time."
+        f"This test took {seconds:.1f} s of processor time; a test that is not marked fails above {LIMIT:g} s."
+        f" Make it cheaper, or mark it with pytest.mark.slow, as every test above {SLOW:g} s."
     )
 
 
@@ -165,12 +162,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test that passed, is not marked, and is too expensive."""
-    processor, wall, compiled = processor_time(), time.monotonic(), last_compilation()
+    start, compiled = processor_time(), last_compilation()
     yield
-    if not any(map(item.get_closest_marker, ("slow", "nightly"))) and compiled == last_compilation():
-        processor, wall = processor_time() - processor, time.monotonic() - wall
-        if reason := too_expensive(processor, wall):
-            pytest.fail(reason, pytrace=False)
+    reason = too_expensive(processor_time() - start)
+    if reason and not any(map(item.get_closest_marker, ("slow", "nightly"))) and compiled == last_compilation():
+        pytest.fail(reason, pytrace=False)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
