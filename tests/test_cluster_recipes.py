@@ -28,6 +28,7 @@ def containers():
     return [c for m in MANIFESTS if m["kind"] in ("Deployment", "Job") for c in pod(m)["containers"]]
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda m: f"{m['kind']} {m['metadata']['name']}")
 def test_every_manifest_is_valid_for_kubernetes(manifest):
     validator = pytest.importorskip("kubernetes_validate", reason="needs kubernetes-validate (pip)")

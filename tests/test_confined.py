@@ -33,6 +33,7 @@ def test_a_crash_is_a_message_and_the_next_file_is_read(record, tmp_path, monkey
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 
 
+@pytest.mark.nightly
 def test_a_file_is_not_refused_because_an_earlier_one_damaged_the_process(record):
     """If the first process dies, a new one reads the file."""
     read_series(record)

@@ -166,7 +166,7 @@ def imports(tree: ast.AST, guards: tuple[str, ...] = ()) -> Iterator[tuple[str, 
         yield from imports(node, inside)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_import_of_an_optional_package_names_the_extra_that_installs_it():
     free = {*sys.stdlib_module_names, *OURS, *REQUIRED}
     faults = []

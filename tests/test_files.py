@@ -102,6 +102,7 @@ assert sorted(path.name for path in folder.iterdir()) == sorted(writers)
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of files are POSIX's")
 def test_a_full_disk_is_reported_with_the_file_name_and_keeps_the_old_file(tmp_path):
     ran = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, check=False)

@@ -47,6 +47,7 @@ def test_check_passes_an_fmu_from_a_folder_with_clashing_names(fmus, crowded):
     assert sorted(path.name for path in crowded.iterdir()) == sorted(f"{name}.py" for name in NAMES)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("verb", ["fit", "study"])
 def test_a_verb_starts_in_a_folder_with_clashing_names(verb, crowded):
     shown = ran(crowded, verb, "--help")

@@ -48,6 +48,7 @@ def ran(quarter_car_system, tmp_path_factory):
     return commands, subprocess.run(command, cwd=ROOT, capture_output=True, text=True, encoding="utf-8", check=False)
 
 
+@pytest.mark.nightly
 def test_verbs_work_where_every_connection_is_refused(ran):
     commands, process = ran
     assert process.returncode == 0, process.stderr
@@ -78,7 +79,7 @@ def imported(tree: ast.AST) -> set[str]:
     return found
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("package", ["builder", "cosim", "eightpost", "fmus"])
 def test_no_source_imports_a_function_for_connections(package):
     faults = []

@@ -123,6 +123,7 @@ def all_planted(planted):
     return status, names, output
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("test", [
     "test_costs.py::test_expensive", "test_skips.py::test_undeclared", "test_module_of_an_extra.py",
 ])  # fmt: skip
@@ -155,6 +156,7 @@ def test_every_skip_and_every_expected_failure_that_is_not_declared_fails(all_pl
         assert f"A skip that is not expected on this machine: {reason}" in output
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("expression", "names"), [
     ("", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "slow", "that_shares"}),
     ("not slow", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "that_shares"}),

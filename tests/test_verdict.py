@@ -19,6 +19,7 @@ def reason(grade: Grade, about: str = "coupling", origin: str = "bond lf") -> Re
     return Reason("a rule", about, grade, "something was found", "7 %", origin, "halve the step")
 
 
+@pytest.mark.nightly
 @given(REASONS)
 def test_the_grade_is_the_worst_of_the_reasons(reasons: list[Reason]) -> None:
     grades = [each.grade for each in reasons]
@@ -29,6 +30,7 @@ def test_the_grade_is_the_worst_of_the_reasons(reasons: list[Reason]) -> None:
     assert verdict.summary().startswith(worst.value.capitalize())
 
 
+@pytest.mark.nightly
 @given(REASONS, REASONS)
 def test_verdicts_combine_to_that_of_all_reasons(some: list[Reason], others: list[Reason]) -> None:
     both = Verdict.combined([Verdict(some), Verdict(others)])

@@ -114,6 +114,7 @@ def test_a_measurement_lag_and_an_exceeded_range_are_reported_from_the_fit_to_th
         assert reason.statement in html.unescape(page)
 
 
+@pytest.mark.nightly
 def test_a_shock_that_was_edited_is_unknown_where_it_is_built_and_where_it_runs(
     bad: Shock, folder: Path, tmp_path: Path
 ) -> None:
@@ -131,6 +132,7 @@ def test_a_shock_that_was_edited_is_unknown_where_it_is_built_and_where_it_runs(
     assert not any(reason.about == "fit of the shock" for reason in reasons)
 
 
+@pytest.mark.nightly
 def test_a_run_whose_result_was_edited_is_unknown_in_comparisons(folder: Path, tmp_path: Path) -> None:
     run(folder, "late.fmu")
     original = SavedRun.load(folder / "out")
@@ -175,6 +177,7 @@ def test_an_fmu_without_a_verdict_is_unknown_and_its_coupling_is_still_judged(
     assert verdict.grades["energy"] is Grade.USABLE
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"[]", b'{"schema": 9}', b'{"schema": 1, "verdict": 3}', b"\xff", b"[" * 9000]
 )

@@ -183,8 +183,7 @@ def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name,
     }
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("end", ["-DENDS_AT=1.5", "-DENDS_AT=6.5", "-DSTOPS_AT=7.5"])
 def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule_of_the_standard(end, tmp_path):
     groups = tuple(group for group in GROUPS if group not in ("tools", "instances"))

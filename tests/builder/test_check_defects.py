@@ -179,8 +179,7 @@ def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compile
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)
 
 
-@pytest.mark.repeated("lpnl2")
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", sorted({defect.fmu for defect in IN_CODE.values()}))
 def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
     groups = tuple({group for defect in IN_CODE.values() for group in defect.groups} - {"static"})

@@ -125,8 +125,7 @@ def test_a_defect_in_the_files_is_found_by_its_rule(name, bases, tmp_path):
     assert_found(findings_of(defects.defective(bases[defect.fmu], tmp_path, defect), defect.groups), defect)
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "bundle",
     [pytest.param(b, marks=pytest.mark.nightly if IN_CODE[n[0]].is_nightly else ()) for b, n in BUNDLES.items()],
@@ -139,7 +138,7 @@ def test_defects_in_the_code_are_found_by_their_rules(bundle, bases, tmp_path, c
         assert_found(found, defect)
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("definition", BY_DEFINITION)
 def test_a_defect_of_arrays_and_versions_of_a_foreign_fmu_is_found(definition, tmp_path):
     rule, message = BY_DEFINITION[definition]
@@ -148,6 +147,7 @@ def test_a_defect_of_arrays_and_versions_of_a_foreign_fmu_is_found(definition, t
     assert message in found[0].message
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["lpnl2", "quarter_car", "filter_bank"])
 def test_an_fmu_without_a_defect_breaks_no_static_rule_of_the_standard(name, bases):
     found = findings_of(bases[name], ("static", "tools"))

@@ -328,6 +328,7 @@ def documents(bank, fmus3):
     return [{n: c for n, c in read_archive(path).items() if n in PARTS} for path in (fmus3["lpnl2"], bank)]
 
 
+@pytest.mark.nightly
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32), part=st.sampled_from((XML, XML, *PARTS)), fmu=st.sampled_from((0, 1, 1)))
 def test_a_damaged_description_gives_findings_and_no_traceback(documents, tmp_path_factory, seed, part, fmu):
@@ -353,7 +354,7 @@ def test_an_entry_named_by_a_dot_alone_is_a_finding_and_no_traceback(bank, tmp_p
 HUGE = "9" * 5000
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -188,7 +188,7 @@ def versions(folder):
     return {path.name: xml_of(path).get("fmiVersion") for path in Path(folder).glob("*.fmu")}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_build_writes_the_versions_that_are_asked_for_with_the_same_bytes_each_time(run, shock, fmus3, tmp_path):
     usual = run(shock, "-o", tmp_path / "usual")[0]
     assert run(shock, "--fmi", "3", "-o", tmp_path / "three")[0] == usual

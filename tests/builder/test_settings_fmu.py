@@ -52,7 +52,7 @@ def settings_and_moves(count=60):
         yield setting, changed, 10.0 ** random.uniform(-5.0, -2.0), float(random.uniform(-1.3, 1.3))
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.parametrize("temperature_input", [False, True])
 @pytest.mark.parametrize("target", ["native", "python"])
@@ -80,6 +80,7 @@ def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built,
         assert untested == (0.0 if is_tested(shock.settings, setting) else 1.0)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("parameters", "rule"),
     [

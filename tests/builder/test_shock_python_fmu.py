@@ -85,7 +85,7 @@ def run_fmu(fmu, moves):
     return np.array(rows)
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), moves=steps)

@@ -167,6 +167,7 @@ def test_libcosim_runs_the_package_and_gives_our_results(car, tmp_path):
     agree(libcosim(tmp_path / "car.ssp"), expected)
 
 
+@pytest.mark.nightly
 def test_changing_only_a_setup_file_changes_the_shock_of_one_corner(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")

@@ -15,7 +15,7 @@ def inspect(*words):
     return shown.exit_code, shown.output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_good_record_is_shown_with_columns_ranges_and_runs():
     code, shown = inspect(DATA / "dyno_C.csv")
     assert code == 0, shown

@@ -86,7 +86,7 @@ def both(system: System, scenario: Scenario, algorithm: Algorithm | Automatic, s
     return compiled
 
 
-@pytest.mark.repeated("[jacobi", "[gauss", "[implicit", "jacobi held")
+@pytest.mark.repeated(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [*EXPLICIT, *REPEATING], ids=named)
 def test_the_compiled_and_the_interpreted_loop_give_bit_identical_results(
@@ -240,8 +240,7 @@ def test_the_compiled_loop_releases_the_gil(
     assert max(after - before for before, after in pairwise(seen)) < 0.5 * result.stepping_seconds
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Adaptive(relative=1e-9, absolute=NOTHING)], ids=named)
 def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_second(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm

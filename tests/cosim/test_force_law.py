@@ -46,8 +46,7 @@ def laws(fmus):
         law.close()
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(points=st.lists(POINTS, min_size=2, max_size=6), h=STEPS)

@@ -129,6 +129,7 @@ ORDERS = (
 )
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("kind", "name", "order"), ORDERS)
 def test_the_held_force_is_of_first_order_and_the_extrapolated_one_of_second(fmus, truth, kind, name, order):
     with kind(fmus[name], parameters=SMOOTH) as loop:

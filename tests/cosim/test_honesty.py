@@ -153,6 +153,7 @@ def test_a_rejected_step_does_not_change_the_result(
         assert getattr(late, name) == getattr(soon, name), name
 
 
+@pytest.mark.nightly
 def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bumps: Drivefile) -> None:
     """One iteration is sufficient at the steps that meet the tolerance, but not at 4 ms."""
     system, scenario = quarter_cars(), Scenario(0.4, bumps, ROAD, record_step=0.4)

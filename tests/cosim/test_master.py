@@ -34,7 +34,7 @@ def test_steps_begin_at_multiples_of_the_step_and_the_last_ends_at_the_stop_time
     assert result.series["a.y"][-1] == pytest.approx(stop)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_step_times_of_long_runs_do_not_drift(make):
     part = make.integrator()
     run(System({"a": part}, constants={"a.u": 0.0}), Scenario(30.0, record_step=1.0), step=1e-3, compared=False)

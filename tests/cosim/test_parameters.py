@@ -36,6 +36,7 @@ def scenario(bumps) -> Scenario:
     return Scenario(0.3, bumps, {"a": "car.road"})
 
 
+@pytest.mark.nightly
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.fixed_dictionaries({}, optional={
     "compression_scale": st.floats(0.2, 3.0), "rebound_scale": st.floats(0.2, 3.0),

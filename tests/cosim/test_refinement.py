@@ -264,7 +264,7 @@ def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any)
     assert result.step < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_gauss_seidel_is_replaced_only_after_two_unstable_runs(parts: Any) -> None:
     """Stable runs never cause a change of scheme, however many of them the tolerance needs."""
 

@@ -84,6 +84,7 @@ def test_a_car_at_rest_has_no_coupling_error_and_keeps_a_large_step(quarter_cars
     assert result.is_clean and result.coupling_error <= result.tolerance
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("compared", [True, False])
 @pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi()], ids=str)
 def test_a_run_that_oscillates_between_recorded_points_is_not_usable(make: Any, algorithm: Any, compared: bool) -> None:

@@ -143,6 +143,7 @@ def test_a_component_that_interpolates_its_inputs_follows_the_drive_between_coup
     assert integral_errors(make, drive, algorithm, parts * 0.002, RAMPS) < 1e-14
 
 
+@pytest.mark.nightly
 @same_make
 @given(
     seed=st.integers(0, 1000),

@@ -89,6 +89,7 @@ def test_an_interrupted_iteration_resumes_to_the_bit(iteration, tmp_path):
             assert (copy / name).read_bytes() == (iteration / name).read_bytes()
 
 
+@pytest.mark.nightly
 def test_the_two_verbs_do_with_a_rig_what_simulate_does(iteration, track, tmp_path):
     folder = tmp_path / "rig"
     eightpost("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", folder)

@@ -43,6 +43,7 @@ def test_the_shock_velocity_is_the_rate_of_the_displacement(host, seed):
     np.testing.assert_allclose(found, host.shock_motion(state)[0], atol=1e-6)
 
 
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("loop", "step", "velocity"), [("A", 4e-3, 1.2), ("A", 2e-3, 0.5), ("C", 8e-3, 0.8), ("C", 4e-3, 0.3)]

@@ -73,7 +73,7 @@ def test_the_reference_is_the_monolithic_solution_of_the_tests(hosts, monolithic
         assert np.abs(ours - true).max() < 2e-5 * true.std()
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("loop", "step", "velocity", "tire_force"),
     [
@@ -98,8 +98,7 @@ def test_loop_a_is_about_first_order_and_loop_b_second(error, loop, low, high):
     assert low < math.log2(coarse / fine) < high
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("loop", ["A", "B", "C"])
 @pytest.mark.parametrize("program", ["c_host", "fmpy_host"])
 def test_programs_with_the_same_integrator_have_the_same_motion(run, program, loop):
@@ -115,6 +114,7 @@ def test_an_implicit_host_keeps_its_second_order(error):
     assert fine < 0.25
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("program", ["libcosim_host", "fmpy_host"])
 def test_hosts_that_step_in_parallel_have_errors_of_several_percent_at_1_ms(error, program):
     assert 3.0 < max(error(program, "J", 1e-3)) < 9.0

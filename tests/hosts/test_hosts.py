@@ -262,6 +262,7 @@ def test_a_run_with_a_later_start_time_gives_the_same_outputs(fmus, tmp_path, c_
     assert_agree(by_fmpy(later, tmp_path), expected)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("folder", ["with spaces", "größe-速度", "100%", "%20", "#1", "a+b&c;d", "-dash"])
 def test_a_c_program_loads_from_any_folder(fmus, tmp_path, c_host, folder):
     case = case_of(fmus["lpnl2"])
@@ -295,6 +296,7 @@ def test_the_c_program_reports_a_call_that_the_fmu_refuses(fmus, tmp_path, c_hos
     assert "velocity" in ran.stderr and "the FMU refused: fmi2SetReal" in ran.stderr
 
 
+@pytest.mark.nightly
 def test_the_c_program_compiles_for_windows(tmp_path):
     toolchain = find_toolchain()
     if not isinstance(toolchain, Zig):

@@ -26,6 +26,7 @@ def subjects(fmus, fmus3, request):
     return {(name, 2): Subject(fmus[name], 2, 64), (name, 3): Subject(fmus3[name], 3, 64)}
 
 
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("tool", LIGHT)
@@ -41,6 +42,7 @@ def test_a_tool_gives_the_results_of_the_fmu_stepped_directly(subjects, tool, ki
             assert value <= TOLERANCES.get((tool, kind), 0.0)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("run", [co_simulation, euler, exchange])
 def test_the_direct_results_of_both_versions_are_equal(subjects, run):
     one, other = (run(subject) for subject in subjects.values())

@@ -11,6 +11,7 @@ def host(program):
     return program("pathsim_host", "pathsim", "pathsim_fmi")
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("loop", ["A", "C"])
 def test_a_car_in_pathsim_moves_as_with_any_other_runge_kutta_method(host, program, motion_of, loop):
     ours, other = motion_of(host, loop, 2e-3), motion_of(program("python_host"), loop, 2e-3)
@@ -25,6 +26,7 @@ def test_model_exchange_has_a_small_error_and_keeps_a_high_order(host, error_of)
     assert math.log2(fine[0] / finer[0]) > 3.0
 
 
+@pytest.mark.repeated
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["ME, FMUs only", "ME, car.fmu"])
 def test_model_exchange_of_the_car_or_with_own_dampers_gives_the_same_motion(host, motion_of, loop):
@@ -33,7 +35,7 @@ def test_model_exchange_of_the_car_or_with_own_dampers_gives_the_same_motion(hos
     np.testing.assert_allclose(ours.tire_force, other.tire_force, atol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fmus_that_step_one_after_the_other_are_loop_a_with_a_late_tire_force(host, error_of):
     alone, own = error_of(host, "A, FMUs only", 1e-3), error_of(host, "A", 1e-3)
     assert alone[0] == pytest.approx(own[0], rel=0.2)

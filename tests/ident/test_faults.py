@@ -26,7 +26,7 @@ def with_force(test, force):
     return replace(test, series=test.series.with_channel("force", "N", force))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @few
 @given(seed=st.integers(0, 10_000), count=st.integers(20, 200), size=st.floats(1500.0, 8000.0))
 def test_spikes_are_removed_and_counted(record, seed, count, size):
@@ -41,7 +41,7 @@ def test_spikes_are_removed_and_counted(record, seed, count, size):
     assert fit.shock.fit["weighed_down"] == fit.downweighted
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @few
 @given(start=st.integers(3000, 17000), length=st.integers(60, 200))
 def test_a_dropout_is_downweighted_or_reported(record, start, length):

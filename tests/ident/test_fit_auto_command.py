@@ -40,6 +40,7 @@ def test_the_default_compares_all_laws_and_the_same_input_gives_the_same_bytes(d
     assert fitted(dyno, "--law", "auto")[1] == written
 
 
+@pytest.mark.nightly
 def test_a_law_by_name_and_the_dissertations_recipe_compare_nothing(dyno):
     for words, law in (("--law", "lpf1"), "lpf1"), (("--recipe", "boggs"), "lpnl2"):
         shown, written = fitted(dyno, *words)

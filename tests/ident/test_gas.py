@@ -66,6 +66,7 @@ def test_without_displacement_only_the_preload_is_estimated(with_gas):
     assert any("no displacement" in change for change in fit.changes)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("recipe", ["joint", "boggs"])
 def test_a_gas_spring_never_pulls(curve, law_record, recipe):
     record = law_record(Lpf1(curve, 1e-4, port=Port()), 1)

@@ -172,7 +172,7 @@ def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
     assert choice.law == "hysteresis"
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("law", "name"), [(Polylinear, "polylinear"), (lambda curve: Maxwell(curve, 1.5e6), "maxwell")]
 )
@@ -218,6 +218,7 @@ def test_the_step_of_the_search_follows_the_gradient_of_the_cost(has_stop):
     assert -2.0 * right == pytest.approx(np.array(slopes), rel=0.02, abs=1e-3 * np.abs(slopes).max())
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("has_stop", [False, True])
 def test_the_linear_parameters_are_the_best_ones_for_given_states(has_stop):
     problem, point = projection(has_stop=has_stop)
@@ -241,6 +242,7 @@ def test_a_free_element_may_be_negative_and_others_may_not():
     assert found[2] < 0.0
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("has_stop", [False, True])
 def test_the_derivatives_of_the_force_are_those_of_differences(has_stop):
     problem, point = projection(has_stop=has_stop)

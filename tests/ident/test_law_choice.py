@@ -82,6 +82,7 @@ def test_the_same_law_is_chosen_on_a_part_of_the_record(rising, law_record):
     assert choose_law(record, segment=(1.0, 5.0)).law == choose_law(record, segment=(5.0, 10.0)).law == "lpf1"
 
 
+@pytest.mark.nightly
 def test_noise_alone_gives_the_simplest_law_and_is_not_usable(rising, law_record):
     record = law_record(made_by(Lpf1, rising), 1, rate=RATE)
     noise = np.random.default_rng(3).standard_normal(len(record.series))

@@ -65,6 +65,7 @@ def test_a_short_record_is_fitted_except_for_its_edges(record):
     assert reported(prepared.changes, "filter's edges", "4 s")
 
 
+@pytest.mark.nightly
 def test_seconds_count_from_the_start_of_the_record(record):
     late = TimeSeries(record.series.time + 700.0, record.series.values, record.series.names, record.series.units)
     early, shifted = fit_shock(record, "lpf1"), fit_shock(DynoTest(late), "lpf1")

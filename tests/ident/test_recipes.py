@@ -16,7 +16,7 @@ DATA = Path(__file__).parents[2] / "examples" / "data"
 LAWS = ("polylinear", "lpf1", "lpnl2")
 
 
-@pytest.fixture(scope="module", params=["A", pytest.param("B", marks=pytest.mark.nightly), "C"])
+@pytest.fixture(scope="module", params=["A", *(pytest.param(one, marks=pytest.mark.nightly) for one in "BC")])
 def build(request):
     return request.param
 

@@ -63,6 +63,7 @@ def test_an_order_can_be_requested(curve, law_record):
         fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1", order=16)
 
 
+@pytest.mark.nightly
 def test_runs_share_the_curve_and_keep_their_gas_offsets(curve, law_record):
     runs = [law_record(Lpf1(curve, 1.3e-3, port=Port(gas_preload=p, gas_stiffness=700.0)), 1) for p in (100.0, 200.0)]
     fit = fit_shock(runs, "lpf1")
@@ -73,7 +74,7 @@ def test_runs_share_the_curve_and_keep_their_gas_offsets(curve, law_record):
     assert len(fit.measured) == len(fit.predicted) == 2 * 18001
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_law_known_by_its_file_alone_is_fitted(curve, law_record):
     truth = LAWS["maxwell"](curve, 4e6)
     fit = fit_shock(law_record(truth, 1), "maxwell")

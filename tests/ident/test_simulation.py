@@ -38,7 +38,7 @@ def record(velocity, time):
     return TimeSeries.from_channels(time, {"velocity": ("m/s", velocity), "displacement": ("m", 0.01 * velocity)})
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAWS)
 @given(velocity=velocities)
 def test_an_even_record(curve, name, velocity):

@@ -27,8 +27,7 @@ def faulty(digressive_record):
     return DynoTest(test.series.with_channel("force", "N", force))
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("law", "dynamics", "fault"),
     [

@@ -42,6 +42,7 @@ def test_the_local_polynomial_method_is_within_half_a_percent_for_the_seven_dof_
     assert _errors(seven_dof, _estimate(seven_dof, LocalPolynomial(spacing=0.2))).max() < 5e-3
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("window", ["hann", "hamming"])
 def test_the_leakage_of_windowed_blocks_decreases_with_their_length(quarter_car: Rig, window: str) -> None:
     lengths = (2.5, 5.0, 10.0, 20.0)
@@ -88,6 +89,7 @@ def test_hv_agrees_with_h1_without_noise(quarter_car: Rig) -> None:
     assert contribution_error(hv, truth, power).max() < 2.0 * contribution_error(h1, truth, power).max()
 
 
+@pytest.mark.nightly
 def test_errors_of_local_polynomials_are_a_tenth_of_those_of_windows_on_short_tests(seven_dof: Rig) -> None:
     # All five tests have the same drive, so blocks of 10 s give only 19 independent blocks for 7 inputs.
     windowed, local = (_estimate(seven_dof, recipe) for recipe in (H1(Blocks(10.0)), LocalPolynomial(spacing=0.2)))

@@ -161,6 +161,7 @@ def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(ex
         assert (np.abs(found - expected)[:, part] < 0.01 * largest).all()
 
 
+@pytest.mark.nightly
 def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
     tests = [_test(experiment, seed, friction_reach=1e-4) for seed in (3, 13)]
     found = start_values(tests, experiment)
@@ -180,6 +181,7 @@ def explained(experiment, quick):
     return tests, quick.explain(tests, experiment)
 
 
+@pytest.mark.nightly
 def test_the_recipe_recovers_a_known_car_down_to_the_noise(explained):
     _, fit = explained
     for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
@@ -194,6 +196,7 @@ def identified(experiment, quick, explained):
     return quick.vehicle_fit(fit, tests, experiment, 0.0)
 
 
+@pytest.mark.nightly
 def test_the_file_of_a_fit_carries_the_parameters_and_the_friction_of_its_own_law(identified, tmp_path):
     assert identified.stable
     write_fit(tmp_path / "car.json", identified)

@@ -69,6 +69,7 @@ def test_decisions_are_printed(done: tuple[Result, Path]) -> None:
         assert said in " ".join(done[0].output.split()), said
 
 
+@pytest.mark.nightly
 def test_a_preparation_file_replaces_rate_and_settling(files: list[Path], tmp_path: Path) -> None:
     (tmp_path / "prep.toml").write_text('rate = "62.5 Hz"\nsettling = "4 s"\n')
     result = _identify(

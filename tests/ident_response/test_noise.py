@@ -34,7 +34,7 @@ def test_the_coherence_of_a_noisy_output_is_signal_over_signal_plus_noise(
     assert found.coherence.mean() == pytest.approx(1.0 / (1.0 + ratio**2), abs=0.005)
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("recipe", [H1(Blocks(2.0)), LocalPolynomial(spacing=0.5, half_width=0.1)])
 def test_the_variance_is_that_of_repeated_estimates(generator: np.random.Generator, recipe: Recipe) -> None:
     values, variances = [], []

@@ -40,7 +40,7 @@ def test_stiffness_increases_the_frequency_and_reduces_the_damping_ratio_as_in_f
     assert [m.damping_ratio for m in modes] == sorted((m.damping_ratio for m in modes), reverse=True)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_prints_the_modes_and_writes_plots_and_responses(tmp_path: Path) -> None:
     done = _vehicle(shipped("quarter_car"), "-o", tmp_path)
     assert done.exit_code == 0, done.output

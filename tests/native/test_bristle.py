@@ -110,6 +110,7 @@ def drive_on(fmu, name, moves, time):
     return np.array(rows)
 
 
+@pytest.mark.nightly
 def test_a_port_under_a_load_below_the_sliding_force_stays_where_it_is(component):
     """Its displacement is that of the bristle; with friction that creeps it ends where it would without friction."""
     moved, step, loading = {}, 2e-3, 4000

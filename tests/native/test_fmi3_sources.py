@@ -276,6 +276,7 @@ def test_fmus_of_both_versions_link_into_one_program_also_twice_the_same_with_ot
     assert program(cc, tmp_path / "second", [*old, *renamed], folders, folders_3, "a_", "b_") == found
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("options", "name", "core"),
     [

@@ -91,6 +91,7 @@ def compare(host, c_level, name, seed, ramps, without=()):
     return differences(found[:, kept], expected[:, kept])
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [*LAWS, "seven_dof", "quarter_car"])
 def test_with_held_inputs_the_results_are_those_of_co_simulation(host, c_level, name):
     """An integrator with a relative tolerance of 1e-10 agrees to 1e-8; two laws have steps of second order."""
@@ -98,6 +99,7 @@ def test_with_held_inputs_the_results_are_those_of_co_simulation(host, c_level, 
     assert compare(host, c_level, name, seed=1, ramps=False).max() < tolerance
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [*LAWS, "seven_dof", "quarter_car"])
 def test_with_ramps_the_results_are_those_of_co_simulation(host, c_level, name):
     """Vehicles are exact with ramps too; a shock's curve is followed in pieces of 0.01 m/s."""
@@ -139,7 +141,7 @@ def random_car(seed):
     return StateSpace(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T), D, inputs, outputs, name=f"random_{seed}")
 
 
-@pytest.mark.repeated("0-150.0", "0-0.0")
+@pytest.mark.repeated
 @pytest.mark.parametrize("friction", [0.0, 150.0])
 @pytest.mark.parametrize("seed", range(4))
 def test_random_cars_have_the_results_of_co_simulation_with_and_without_friction(tmp_path, c_level, friction, seed):

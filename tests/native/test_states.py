@@ -36,6 +36,7 @@ def test_a_restored_state_continues_bit_for_bit_also_in_another_instance(host, n
     assert fmu.call("FreeFMUstate", ctypes.byref(state)) == OK
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
 def test_a_serialized_state_resumes_in_another_process(host, folders, tmp_path, name, c_level):
     fmu = host(name).start()
@@ -106,6 +107,7 @@ def test_an_invalid_state_with_a_correct_checksum_is_refused(host, name, c_level
     assert f"this state is not valid for this FMU: {reason}" in fmu.messages_text()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", ALL)
 def test_no_word_of_a_state_may_be_nan(host, name, c_level):
     """A NaN lagged force was once used as an index (a number of pieces) and as an exponent."""

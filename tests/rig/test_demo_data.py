@@ -12,7 +12,7 @@ from eightpost.units import convert
 DATA = Path(__file__).parents[2] / "examples" / "data"
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("build", ["A", "B", "C"])
 def test_a_dynamometer_file_reads_without_notes(build):
     path = DATA / f"dyno_{build}.csv"

@@ -61,6 +61,7 @@ def written(folder, content):
     return path
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("preamble", [COLONS, CELLS, BRACKETS, CELLS.replace(",", "\t"), CELLS.replace(",", ";")])
 def test_the_preamble_gives_the_conditions(tmp_path, preamble):
     separator = next((mark for mark in "\t;" if mark in preamble), ",")

@@ -37,6 +37,7 @@ def record(*, delay=0.0, lag=8e-4, stiffness=2e3, friction=0.0, highest=20.0, se
     return TimeSeries.from_channels(time, channels | {"force": ("N", force + 2.0 * noise[2])})
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None)
 @given(
     delay=st.floats(3.5e-3, 0.015), lag=st.floats(0.0, 1.5e-3), stiffness=st.floats(0.0, 2e4), seed=st.integers(0, 99)

@@ -28,7 +28,7 @@ def measured(folder: str, name: str) -> Path:
     return path
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", OHLINS)
 def test_the_18_18_runs_have_the_wrong_sign_and_are_read_if_flipped(name):
     path = measured("ohlins", name)
@@ -58,8 +58,7 @@ def test_the_lag_of_the_undocumented_force_filter_is_reported():
     assert any(re.match(r"force: it follows velocity by 2\d\.?\d* ms", note) for note in test.notes)
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", OHLINS[:2])
 def test_a_gas_force_that_is_negative_after_flipping_the_force_is_reported(name):
     test = read_dyno_test(measured("ohlins", name), flip=("force",))

@@ -118,6 +118,7 @@ def test_cavitation_limits_the_compression_force_and_gas_and_head_valve_raise_th
     assert cavitation(run).lowest == run["rebound_pressure"].min()
 
 
+@pytest.mark.nightly
 def test_only_the_soft_head_valve_at_low_gas_pressure_cavitates():
     found = {}
     for number in (1, 5, 7):

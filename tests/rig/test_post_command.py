@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
@@ -51,6 +52,7 @@ def test_shocks_are_reported_by_their_names(tmp_path):
     assert "shocks demo:A: 4.2 s" in result.output
 
 
+@pytest.mark.nightly
 def test_an_identification_has_a_baseline_and_an_alternate_test_for_each_corner(tmp_path):
     folder = tmp_path / "rig"
     result = rig("--program", "identification", "--duration", "5 s", "--shock", "20 lbf.s/in",

@@ -40,7 +40,7 @@ def test_the_random_test_has_the_peaks_and_rms_values_of_the_text():
     assert series["rr.aero"].mean() > 0.0  # downforce
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_random_tests_spectrum_is_that_of_table_6_3():
     series = random_drive(CAR, 3, duration=800.0).series
     frequency, power = welch(series["rf.road"], 1250.0, nperseg=2**14)
@@ -52,7 +52,7 @@ def test_the_random_tests_spectrum_is_that_of_table_6_3():
     assert power[frequency > 6.0].sum() < 1e-4 * power.sum()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_eight_inputs_are_independent():
     series = random_drive(CAR, 3, duration=800.0).series
     likeness = np.corrcoef(series.values) - np.eye(8)

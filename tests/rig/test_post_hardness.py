@@ -44,8 +44,7 @@ def error_of(friction, *, lap_seed, duration, record):
     return float(np.sqrt(np.mean(errors**2)))
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("friction", "least", "most"), [("on", 2.5, 8.0), ("off", 0.0, 0.5)])
 def test_the_best_linear_model_is_inaccurate_with_friction_and_accurate_without(friction, least, most):
     assert least <= error_of(friction, lap_seed=1, duration=12.0, record=100.0) < most

@@ -54,6 +54,7 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
     return path
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("actuator", ["lf.road", "rr.road", "lr.aero"])
 def test_a_test_of_one_actuator_is_accepted_although_the_others_are_at_rest(tmp_path, actuator):
     car = stand_in_truth()

@@ -47,6 +47,7 @@ def test_a_force_that_is_recorded_too_early_is_reported_with_a_lower_bound_of_it
     assert reason in list(record_reasons(record(skew=skew), **known))
 
 
+@pytest.mark.nightly
 @settings(max_examples=30, deadline=None)
 @given(
     lag=st.floats(0.0, 8e-3), stiffness=st.floats(0.0, 2e4), mass=st.floats(0.0, 1.5), sines=st.sampled_from([1, 30]),

@@ -42,6 +42,7 @@ def test_a_slow_sine_follows_the_static_curve(build):
     np.testing.assert_allclose(valve_force(damper, run), static, atol=0.01 * np.abs(static).max())
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("build", BUILDS)
 def test_the_damper_is_passive(build):
     """The work done is always at least the energy stored in the fluid spring: integral F dF / k(F)."""

@@ -44,8 +44,7 @@ def fit(number, law):
     return fit_shock(seen, law, segment=(1.0, seen.series.duration))
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_lag_halves_the_error_on_another_phase_draw_unless_it_cavitates(number):
     _, unseen, cavitates = records(number)
@@ -81,6 +80,7 @@ def run(*arguments):
     return CliRunner().invoke(main, ["dyno", *arguments])
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_file_is_read_back_as_a_dynamometer_test(tmp_path, suffix):
     path = tmp_path / f"sub/dyno{suffix}"
@@ -98,6 +98,7 @@ def test_a_file_is_read_back_as_a_dynamometer_test(tmp_path, suffix):
     assert "seed 7" in note
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_file_and_the_librarys_result(tmp_path):
     paths = [tmp_path / f"{i}.parquet" for i in range(2)]
     for path in paths:

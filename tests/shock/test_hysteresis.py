@@ -163,8 +163,7 @@ def energy_minimum(law, rng, step):
 RETURNED = {Hysteresis: -1e-12, Polylinear: 0.0, Maxwell: -1e-12, Lpf1: -2e-3, Lpnl2: -1e-3}
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seeds", [8, pytest.param(40, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(("kind", "least"), RETURNED.items())
 def test_no_random_drive_takes_energy_out_of_a_passive_shock(kind, least, seeds):

@@ -60,6 +60,7 @@ def slow_sine(t):
     return 0.3 * np.sin(2.0 * np.pi * 8.0 * t)
 
 
+@pytest.mark.nightly
 def test_the_error_falls_with_the_square_of_the_step():
     start, stop = LAW.static_force(0.0), 0.03
     truth = exact(LAW, start, slow_sine, stop)
@@ -82,6 +83,7 @@ def test_one_step_however_large_the_jump_is_accurate(velocity):
     assert LAW.follow(0.0, velocity, velocity, 1.5e-3) == pytest.approx(truth, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_fast_drive_over_the_whole_curve_is_accurate_at_a_step_of_a_millisecond():
     def drive(t):
         return 0.9 * np.sin(2.0 * np.pi * 8.0 * t + 0.5)
@@ -136,6 +138,7 @@ def test_in_equilibrium_it_stays(velocity, step):
     assert LAW.follow(static, velocity, velocity, step) == static
 
 
+@pytest.mark.nightly
 @few
 @given(st.floats(-1e4, 1e4), velocities, velocities, steps, st.floats(0.05, 0.95))
 def test_two_steps_give_what_one_gives(force, start, end, step, split):

@@ -134,6 +134,7 @@ def test_the_time_of_a_part_is_the_longest_of_three_that_are_safe():
     assert _time_for(0.01, 0.002, 1.0, 1e-3, 1e-6) == pytest.approx(0.008 / 998.0)  # w never passes v
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("stiffness", [1e5, 3e6, 2.7e7, 1e9])
 @pytest.mark.parametrize(("w", "start", "end", "most"), [(0.65, 0.65, -0.5, 300), (-3.5, 7.2, -5.7, 999)])
 def test_a_step_over_the_whole_curve_takes_few_parts_and_is_that_of_many_small_ones(

@@ -247,7 +247,7 @@ INSERTED = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=150, deadline=None)
 @given(
     x_columns=st.sampled_from(["One", "Multi", "No"]),

@@ -19,7 +19,7 @@ def one_channel(values, unit="N", name="force") -> TimeSeries:
     return TimeSeries.from_channels(TIME, {name: (unit, values)})
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize("unit", ["1", "m", "K"])
 @pytest.mark.parametrize("largest", [9e307, LARGEST])
 def test_a_run_that_diverged_is_drawn_as_far_as_an_axis_reaches(unit, largest):

@@ -46,7 +46,7 @@ def test_the_threshold_is_passed_by_one_frequency_in_twenty_of_unrelated_signals
     assert 0.02 < np.mean(passed) < 0.09
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("wrong", [0, 6, 13])
 def test_an_error_put_into_one_sine_shows_at_its_place_in_the_map(truth, lagged, wrong):
     found = []

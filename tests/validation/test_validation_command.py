@@ -45,7 +45,7 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
     assert "@media print" in page
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_error_over_the_limit_exits_1_and_is_named(run):
     done = run("static.json", "data/random.csv", "--limit", "1")
     assert done.exit_code == 1
@@ -61,6 +61,7 @@ def test_a_given_kind_is_used(run):
     assert "bump: bump, given by the user" in done.output
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "message"),
     [

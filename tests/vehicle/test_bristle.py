@@ -48,6 +48,7 @@ def test_small_travel_meets_the_stiffness_and_long_travel_the_sliding_force():
     assert slow == pytest.approx(-240.0, rel=1e-5)  # below the Stribeck velocity: the static force
 
 
+@pytest.mark.nightly
 @given(LAWS, st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=60))
 def test_the_force_never_exceeds_the_static_force(law, velocities):
     z = deflections(np.array(velocities), 1e-4, law)

@@ -66,7 +66,7 @@ def test_the_error_falls_with_the_square_of_the_sub_step(monkeypatch):
     assert size[0] < 1.5e-3
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("force, reach", [(50.0, 1e-4), (200.0, 6e-5)])
 def test_a_step_of_1_ms_is_within_a_thousandth(monkeypatch, force, reach):
     model, stepper, rubbing = car("quarter_car", force, reach, spring=2e5)

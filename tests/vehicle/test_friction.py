@@ -122,6 +122,7 @@ def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
         assert (np.sqrt(np.mean((y - expected) ** 2, axis=0)) < 1e-3 * expected.std(axis=0)).all()
 
 
+@pytest.mark.nightly
 def test_on_a_random_road_the_sub_steps_agree_with_ten_times_finer_ones():
     """With 5000 random heights per second friction changes its sign often, so the error of the sub-steps is largest."""
     stepper, friction = with_friction("quarter_car", 190.0, 2e-3)
@@ -226,7 +227,7 @@ def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
     assert np.abs(free @ displacement).max() > 20.0 * creep * 0.02
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["quarter_car", "seven_dof with damper"])
 def test_very_stiff_friction_stays_bounded(name):
     """With 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times faster than the car."""

@@ -114,7 +114,7 @@ def test_first_order_hold_adds_a_direct_term_and_zero_order_hold_does_not():
     assert discretise(CAR, 0.002, "first").select(**ports).direct_terms()[0, 0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=40)
 @given(model=state_spaces())
 def test_to_python_control_and_back_is_the_same_model(model):

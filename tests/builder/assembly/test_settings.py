@@ -94,6 +94,7 @@ def test_at_the_settings_of_the_system_file_the_assembly_equals_the_separate_fmu
     assert difference(host(car, 0.004), expected).max() < 1e-9
 
 
+@pytest.mark.nightly
 def test_a_setting_that_changes_during_the_run_changes_the_corner_alone(car):
     """The other shocks follow only through the car; in the first step by less than a hundredth."""
     forces = {}

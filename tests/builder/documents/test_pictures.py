@@ -24,8 +24,7 @@ def test_the_pictures_do_not_depend_on_the_users_matplotlib_style(archives, prod
     assert again == archives[name]
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ALL)
 def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metadata(archives, name):
     for member, size in ((PICTURE, (900, 600)), ("terminalsAndIcons/icon.png", (256, 256))):

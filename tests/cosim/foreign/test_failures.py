@@ -85,6 +85,7 @@ def test_an_end_before_the_settling_time_is_an_error(odd, pair):
         run(system, replace(scenario, settling=0.6), step=1e-3, engine="python")
 
 
+@pytest.mark.repeated
 def test_the_message_on_a_discarded_step_states_the_time_reached_and_the_remedy(odd, begun, march):
     part = begun(odd, "discard")
     march(part, 3)
@@ -156,7 +157,7 @@ def test_components_can_begin_again_after_a_failed_initialization(foreign, pair)
     assert run(system, scenario, step=1e-2, engine="python").steps == 100
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("manner", "how"),
     [
@@ -177,6 +178,7 @@ def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_other_components_are
         system.components["shock"].get(("force",))
 
 
+@pytest.mark.nightly
 def test_a_crash_is_reported_with_the_last_output_and_a_new_process_is_started(foreign, begun, march):
     part = begun(IsolatedComponent(foreign(), "odd"), "abort")
     with pytest.raises(StepError) as caught:

@@ -64,6 +64,7 @@ def test_an_output_depends_on_what_its_description_states_and_on_everything_with
     assert direct["seen"] == {"u", "w[1]", "w[2]", "f", "gear", "flag", "raw"}
 
 
+@pytest.mark.repeated
 def test_values_of_every_type_are_set_and_read(three, kind):
     part = lag_fmus.begun(kind(three, "lag"), **{"m[2,1]": 7.0, "m[1,2]": 9.0})
     part.set(("u", "w[2]", "gear", "flag", "f"), (1.5, 8.0, 3.0, 1.0, 0.1))
@@ -242,8 +243,7 @@ def test_builds_for_both_versions_of_fmi_couple_to_the_same_result(three, two, r
             np.testing.assert_allclose(series[name], expected[name], rtol=0, atol=1e-13, err_msg=name)
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("algorithm", [GaussSeidel(), Implicit()], ids=["gauss-seidel", "implicit"])
 def test_the_compiled_loop_the_interpreted_one_and_isolation_give_the_same_bits(three, road, algorithm):
     def values(kind, engine):

@@ -110,7 +110,7 @@ def test_a_run_that_an_fmu_ends_or_blocks_exits_with_1_names_it_and_marks_the_fo
     assert not [*(tmp_path / "temporary").iterdir()]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_of_a_slow_fmu_comes_to_its_end_and_leaves_neither_a_mark_nor_temporary_files(case, ended, tmp_path):
     options = ["-o", tmp_path / "out", "--step", "50 ms", "--no-comparison"]  # 12 steps of 0.2 s
     found = ended("-m", "eightpost", "run", case("slow", tool=OURS), *options, EIGHTPOST_TIME_LIMIT="0.8")
@@ -131,7 +131,7 @@ def test_the_folder_of_a_run_that_did_not_finish_is_named_by_who_reads_it(case, 
     assert "warning: results in" in compared.stderr and compared.stderr.count("did not finish") == 1
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_an_fmu_that_was_not_being_called_is_not_blamed_for_the_end_of_the_process(engine, case, ended):
     found = ended("-c", IN_PYTHON + "\nimport os; os._exit(5)", case("polite"), engine)
@@ -147,6 +147,7 @@ def here(tmp_path, monkeypatch):
     assert before.restore() == ()
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 @pytest.mark.parametrize(
     ("manner", "message"),

@@ -83,6 +83,7 @@ def test_an_isolated_component_is_restored_to_a_saved_state(kind, foreign, begun
     part.finish()
 
 
+@pytest.mark.nightly
 def test_the_working_folder_of_an_isolated_component_is_removed_with_it(
     foreign, begun, march, tmp_path, temporary, monkeypatch
 ):
@@ -177,6 +178,7 @@ def parent(foreign, temporary):
     return start
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("manner", ["write", "hang"])
 def test_a_child_process_ends_if_its_parent_is_killed_and_leaves_no_folder(
     manner, parent, temporary, eventually, alive
@@ -190,7 +192,7 @@ def test_a_child_process_ends_if_its_parent_is_killed_and_leaves_no_folder(
     assert eventually(lambda: list(temporary.iterdir()) == [])
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("ending", ["an exception", "Ctrl-C"])
 def test_a_child_process_ends_if_its_parent_fails(ending, parent, temporary, eventually, alive):
     with parent("polite") as process:
@@ -217,7 +219,7 @@ record = ["odd.angle"]
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_run_command_reports_a_crash_and_compiles_missing_libraries(
     source_fmu, tmp_path, monkeypatch, foreign_library
 ):

@@ -56,6 +56,7 @@ def test_a_pythonfmu_example_with_its_own_modules_runs(slave):
     part.finish()
 
 
+@pytest.mark.repeated
 def test_an_exception_in_a_pythonfmu_example_is_a_failed_step(kind, slave):
     system = System({"slave": kind(slave("PythonSlaveWithException"), "slave")}, constants={"slave.realIn": 0.5})
     with pytest.raises(StepError, match=r"^component 'slave' \(PythonSlaveWithException.fmu\) failed to step .*0 s"):

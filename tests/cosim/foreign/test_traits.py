@@ -66,6 +66,7 @@ def test_the_message_on_a_parameter_of_the_wrong_type_states_the_expected_type(f
         System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"flag": 1}})
 
 
+@pytest.mark.repeated
 def test_an_output_that_is_nan_at_the_start_is_read_as_nan(odd, begun, march):
     part = begun(odd)
     assert math.isnan(part.get(("late",))[0])
@@ -128,6 +129,7 @@ def test_a_model_exchange_fmu_is_refused_with_advice(kind, foreign):
         kind(foreign(kind="ModelExchange"), "odd")
 
 
+@pytest.mark.nightly
 def test_a_second_instance_of_a_once_per_process_fmu_is_refused_unless_isolated(foreign, begun, march):
     path = foreign(flags=ONCE, guid="{once}")
     first, second = begun(FmuComponent(path, "first")), FmuComponent(path, "second")
@@ -199,6 +201,7 @@ def test_files_written_by_an_fmu_are_in_the_working_folder(foreign, begun, march
     part.finish()
 
 
+@pytest.mark.repeated
 def test_resources_are_found_in_paths_with_spaces_and_special_characters(kind, foreign, begun, tmp_path, monkeypatch):
     folder = tmp_path / "a folder, 100 % ü"
     folder.mkdir()
@@ -208,7 +211,7 @@ def test_resources_are_found_in_paths_with_spaces_and_special_characters(kind, f
     part.finish()
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("listed", "sources"),
     [

@@ -98,6 +98,7 @@ def test_a_value_beyond_the_limit_is_changed_downwards_with_the_same_slope(small
             assert down == pytest.approx(up, abs=0.05 * largest(effect, name))
 
 
+@pytest.mark.nightly
 def test_a_parameter_of_the_vehicle_has_an_effect_on_all_setups_and_another_one_with_each_build(small):
     folder, result = small
     car = Uncertain("car", ("lf.friction_force",), np.array([0.0]), np.array([[20.0**2]]))
@@ -112,6 +113,7 @@ def test_a_parameter_of_the_vehicle_has_an_effect_on_all_setups_and_another_one_
     assert certainty.levels["total tire force"].basis == "file"
 
 
+@pytest.mark.nightly
 def test_builds_whose_fits_had_the_same_test_have_correlated_errors(small, effect):
     folder, result = small
     change = np.sin(np.arange(60.0))
@@ -155,6 +157,7 @@ def test_builds_state_their_parameters_and_those_that_state_nothing_are_unknown(
     assert stated_parameters(result)[1] == ("middle", "stiff")
 
 
+@pytest.mark.nightly
 def test_correlated_parameters_have_the_variance_of_their_covariance(small):
     """Two scales of one build that are fully correlated act as one parameter."""
     folder, result = small

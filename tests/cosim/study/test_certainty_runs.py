@@ -34,6 +34,7 @@ from eightpost.signals import TimeSeries
 from .assessed import NOISE, assessed, lag, paired, run, two_setups
 
 
+@pytest.mark.nightly
 def test_conditioning_equals_that_of_an_independently_built_joint_normal_distribution():
     """Given the scales, medians and variances of all levels are those of the dense joint distribution."""
     study = assessed({"a": lambda d: np.exp(0.01 * d[:, 2] - 0.02 * d[:, 3]), "b": lambda d: np.exp(0.03 * d[:, 3])})
@@ -106,6 +107,7 @@ def test_a_rig_run_of_both_setups_decides_between_them():
     assert low[0] < 1.01 < high[0] and np.log(high / low)[0] < 4.0 * 2.8 * 0.001
 
 
+@pytest.mark.nightly
 def test_rig_runs_that_agree_make_the_intervals_narrower_everywhere():
     study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.05, 0.2))
     levels = study.values("a")
@@ -129,6 +131,7 @@ def test_a_record_that_contradicts_the_prediction_is_named():
     np.testing.assert_allclose(found.levels["a"].expected, without.levels["a"].expected, rtol=1e-9)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("good", "wrong"), [(0, 7), (7, 0)])
 def test_of_two_equal_setups_with_different_levels_the_one_far_from_the_prediction_is_left_out(good, wrong):
     """Each of the two is impossible given the other one, which alone does not say which record is wrong."""

@@ -63,6 +63,7 @@ def test_the_slopes_confidence_interval_covers_the_truth_at_its_level():
     assert held / 1000 == pytest.approx(0.9, abs=0.03)
 
 
+@pytest.mark.nightly
 def test_the_lines_error_is_that_of_its_predicted_levels():
     generator = np.random.default_rng(2)
     lines = [comparison(PREDICTED + generator.normal(size=5)).line for _ in range(2000)]
@@ -139,6 +140,7 @@ def test_repeated_runs_are_averaged_and_give_the_run_to_run_deviation():
     assert found.run_to_run == pytest.approx(np.sqrt((2.0 + 2.0) / 3.0))
 
 
+@pytest.mark.nightly
 def test_the_interval_of_a_rig_run_covers_it_at_its_level_however_few_the_repeats():
     """True levels are known here, so that the intervals contain run-to-run noise only; two runs of one setup."""
     generator, inside = np.random.default_rng(3), []

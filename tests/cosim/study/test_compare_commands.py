@@ -90,7 +90,7 @@ def _fields(port: Port) -> dict[str, float]:
     return {name: getattr(port, name) for name in Port.__slots__}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     shown = eightpost("select", folder, "--measure", "total tire force=2")
     assert shown.exit_code == 0, shown.output
@@ -125,7 +125,7 @@ def test_sensitivity_prints_shares_and_writes_every_term(folder):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
@@ -213,6 +213,7 @@ def pages(monkeypatch) -> list[tuple]:
     return calls
 
 
+@pytest.mark.nightly
 def test_robust_takes_the_entries_of_the_file_and_checks_the_linear_effects(folder, tmp_path, pages):
     path = tmp_path / "uncertain.toml"
     path.write_text(
@@ -278,6 +279,7 @@ def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured
     assert read_certainty(sure / "certainty.parquet").is_known
 
 
+@pytest.mark.nightly
 def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_path):
     shown = eightpost("compare", folder, "--measured", folder, "-o", tmp_path)
     assert json.loads((tmp_path / "comparison.json").read_text())["measures"][0]["judged"] == 0

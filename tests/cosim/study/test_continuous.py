@@ -103,6 +103,7 @@ def scaled(study, *scales):
     return [dict.fromkeys(study.corners, Build(fmu, {"rebound_scale": scale})) for scale in scales]
 
 
+@pytest.mark.nightly
 def test_a_trial_is_the_run_of_the_study_to_the_bit_whatever_ran_before(small_study, here, tmp_path):
     study = small_study(alike=(("lf", "rf"), ("lr", "rr")))
     requested = Requested(study, tmp_path)

@@ -33,6 +33,7 @@ def exhaustive(fmus, tmp_path_factory):
     return folder, run_study(study(fmus), folder, InProcess())
 
 
+@pytest.mark.nightly
 def test_setups_without_an_uncertain_shock_have_no_spread(exhaustive):
     folder, nominal = exhaustive
     setups = leading(nominal, 25).tolist()

@@ -113,8 +113,7 @@ def test_with_a_straight_shock_the_coupled_fmus_equal_the_exact_closed_loop(fmus
         assert difference(found, exact, name) < 1e-9
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("car", "shock"),
     [("rubbing", shock) for shock in LAWS]

@@ -59,7 +59,7 @@ def test_the_faster_pole_of_a_block_is_limited_too(w: float, zeta: float) -> Non
     assert blocks.zeta[0] >= np.clip(0.5 * (w / fastest - 1.0), 2e-3, 0.7)
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize("seed", range(4))
 def test_any_stable_model_is_recovered(seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -106,6 +106,7 @@ def test_a_displacement_is_the_integral_of_its_velocity(quarter_car: StateSpace)
     np.testing.assert_allclose(2j * np.pi * FREQUENCY * H[x], H[v], rtol=1e-6, atol=1e-9 * np.abs(H[v]).max())
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("lags", [True, False])
 def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car: StateSpace, lags: bool) -> None:
     found = CommonPoleFit(high=HIGH, lags=lags).fit(noisy(quarter_car, 0.03, 6))
@@ -116,6 +117,7 @@ def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car: StateSp
     assert (np.abs(gain[row]) < 1e-12 * largest[row]).all()
 
 
+@pytest.mark.nightly
 def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace) -> None:
     # The road acts through k_t + s c_t: 0.00125 s is 2.5 lbf.s/in on 2000 lbf/in.
     exact = response_of(quarter_car, FREQUENCY)

@@ -54,6 +54,7 @@ def known_shock(**conditions):
 # ---- Builds ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_build_is_the_given_one_else_that_in_the_file_else_the_name_of_the_file(tmp_path):
     a, b, c = (written(tmp_path / f"{name}.csv", build=build) for name, build in
                (("a", "front"), ("b", None), ("c", "rear")))  # fmt: skip
@@ -61,6 +62,7 @@ def test_the_build_is_the_given_one_else_that_in_the_file_else_the_name_of_the_f
     assert [one.setting.build for one in found] == ["front", "b", "spare"]
 
 
+@pytest.mark.nightly
 def test_a_shock_belongs_to_the_build_of_the_record_that_it_was_fitted_to(tmp_path):
     record = written(tmp_path / "run.csv", build="front")
     inputs = ({"name": "run.csv", "sha256": sha256_of(record)},)
@@ -253,7 +255,7 @@ def test_a_corner_needs_positive_values(values):
         CarCorner("lf", *values)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_verdict_has_the_findings_of_records_and_shocks():
     good = entry_of_test(read_dyno_test(DATA / "dyno_A.csv"), "a", "A")
     table = entry_of_table(PeakVelocityTable([0.1, 0.2], [10.0, 20.0], [-10.0, -20.0]), "t", "T")

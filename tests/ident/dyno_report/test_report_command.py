@@ -60,6 +60,7 @@ def test_the_report_of_the_examples_has_every_section(examples):
     assert not re.search("https?://", re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL))
 
 
+@pytest.mark.nightly
 def test_the_gas_force_of_the_examples_is_that_of_their_damper(entries):
     """The demo damper has 46 lbf of gas; no curve of force over velocity shows it without the bias of its lag."""
     assert [entry.test is not None for entry in entries[: len(RECORDS)]] == [True] * len(RECORDS)
@@ -103,6 +104,7 @@ def test_a_record_that_is_not_usable_exits_1_and_the_page_is_written(tmp_path):
 OLD = "<html>old</html>"
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -84,6 +84,7 @@ def numbers(lines: list[str]) -> np.ndarray:
 # ---- Choice of points -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None)
 @given(
     st.lists(st.floats(0.05, 1.0), min_size=3, max_size=6),

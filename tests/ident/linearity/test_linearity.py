@@ -40,6 +40,7 @@ def singles() -> tuple[RigTest, ...]:
     return single("lf.road"), single("rr.road", seed=2)
 
 
+@pytest.mark.nightly
 def test_a_linear_car_is_predicted_by_a_linear_model(singles: tuple[RigTest, ...]) -> None:
     found = judged(*singles)
     assert found.inputs == ("lf.road", "rr.road")
@@ -51,6 +52,7 @@ def test_a_linear_car_is_predicted_by_a_linear_model(singles: tuple[RigTest, ...
     assert all(sum(each.shares.values()) == pytest.approx(1.0) for each in found.verdicts)
 
 
+@pytest.mark.nightly
 def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> None:
     verdict = judged(*singles, thresholds=LOW).verdict(*FAR)
     assert verdict.condition is Condition.II
@@ -58,7 +60,7 @@ def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> N
     assert verdict.level < -12.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> None:
     found = judged(*singles)
     (path,) = [p for p in found.paths if (p.output.name, p.input.name) == NEAR]
@@ -107,6 +109,7 @@ def test_a_coherent_response_that_changes_with_the_amplitude_is_reported() -> No
     assert found.verdict(*NEAR).coherence > 0.99
 
 
+@pytest.mark.nightly
 def test_an_actuator_with_only_noise_is_at_rest() -> None:
     test = single("lf.road")
     noise = 1e-5 * np.random.default_rng(4).standard_normal((3, len(test.series)))

@@ -95,6 +95,7 @@ def test_the_gate_accepts_the_true_structure_and_never_one_without_a_mode(model)
     assert "the model lacks an effect" in lacking[0].summary()
 
 
+@pytest.mark.nightly
 def test_the_gate_names_the_frequency_of_the_missing_mode(model):
     record, true = _random_record(model, 7, 0.3)
     gate = OutputError().fit(model, resonators(0.0, fixed=SECOND), [record]).gate
@@ -136,8 +137,7 @@ def _wells(start):
     return ParameterTable(tuple(Parameter(name, unit, s, 1e-4, 100.0, "logarithmic") for name, unit, s in pairs))
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("start", [0.5, 2.0, 3.0])
 def test_multiple_shooting_converges_on_a_chaotic_oscillator_where_single_shooting_does_not(start):
     model = SteppedModel(

@@ -87,7 +87,7 @@ def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good: TimeSeries, 
         assert word in said
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_line_of_a_csv_file_is_reported(good: TimeSeries, tmp_path: Path) -> None:
     path = written(good, tmp_path / "rig.csv", keep=FAULTS["dropped samples"][1])
     code, said = run("inspect", path)
@@ -96,7 +96,7 @@ def test_the_line_of_a_csv_file_is_reported(good: TimeSeries, tmp_path: Path) ->
     assert f"error: {path}, line {first + 1 + 901}" in said
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize("fault", FAULTS)
 def test_identify_rejects_the_same_files(good: TimeSeries, tmp_path: Path, fault: str) -> None:
     change, keep, words = FAULTS[fault]

@@ -68,6 +68,7 @@ def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
     assert float(found.text.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["lr.chassis_acceleration", "rf.hub_acceleration", "rr.displacement", "lf.tire_force"])
 def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound: TimeSeries, name: str) -> None:
     found = only(record_findings(with_row(sound, name, -sound[name]), CORNERS))
@@ -173,6 +174,7 @@ def test_a_deviation_of_few_blocks_is_exceeded_as_rarely_as_a_known_one() -> Non
     assert few_blocks_factor(9) > few_blocks_factor(16) > few_blocks_factor(10_000) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("pair", [("lf", "rf"), ("lr", "rr"), ("rf", "lr")])
 def test_pots_and_load_cells_that_are_swapped_together_are_named(sound: TimeSeries, pair: tuple[str, str]) -> None:
     series = sound
@@ -243,7 +245,7 @@ def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: 
     assert "check its calibration" in said
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["lf.displacement", "rr.force", "lr.tire_force"])
 def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name: str) -> None:
     late = advance_channels(sound, {name: -0.012})
@@ -255,7 +257,7 @@ def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name
     assert f"warning {name} is " in said
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_inspect_checks_all_forces_by_the_mass_of_the_car(sound: TimeSeries, tmp_path: Path) -> None:
     path = written(sound, tmp_path / "rig.parquet")
     assert run("inspect", path)[0] == 0

@@ -87,6 +87,7 @@ def forces(law, velocity):
     return np.array([law.curve.force(v) for v in velocity])
 
 
+@pytest.mark.nightly
 def test_four_files_predict_the_fifth_as_well_as_its_own_fit():
     fit = fit_settings(rebound_table().without(2))
     found = fit.shock.at(clicks={"rebound": 14}).law
@@ -117,6 +118,7 @@ def test_the_bands_cover_the_true_curves_of_random_systems_between_the_measured_
     assert np.mean(covered) > 0.93
 
 
+@pytest.mark.nightly
 def test_clicks_and_temperature_are_separated_and_the_gas_force_is_linear_in_temperature():
     axes = (
         Axis("rebound", (0.0, 14.0, 28.0), 14.0),
@@ -277,7 +279,7 @@ def test_temperatures_within_three_kelvin_are_one_setting():
     assert joined_temperatures([313.0, 300.0, 314.0, 301.0]) == pytest.approx([313.5, 300.5, 313.5, 300.5])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_clicks_counted_the_wrong_way_are_a_doubt():
     wrong = rebound_table()
     wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))

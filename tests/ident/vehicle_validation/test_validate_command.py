@@ -74,7 +74,7 @@ def test_the_page_begins_with_the_verdict_and_is_self_contained(done: tuple[Resu
         assert f'<section id="{section}">' in text, section
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     result = run("slow.json")
     assert result.exit_code == 1, result.output

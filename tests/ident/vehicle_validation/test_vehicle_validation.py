@@ -114,8 +114,7 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("gain", [0.88, 1.14])
 def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     corner: VehicleFit, setups: list[RigTest], gain: float
@@ -131,8 +130,7 @@ def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
     assert float(stated[2]) < 0.3
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (0.75, 4), (1.1, 3)])
 def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
     corner: VehicleFit, setups: list[RigTest], gain: float, records: int
@@ -216,6 +214,7 @@ def test_the_fits_own_records_do_not_validate_the_car(corner: VehicleFit, setups
     assert found.reasons[0].statement.startswith("no record validates the car")
 
 
+@pytest.mark.nightly
 def test_no_criterion_applies_to_a_record_on_which_friction_holds_the_car() -> None:
     fit = truth_fit("quarter_car")
     gentle = quarter_test(kind="sine", frequency=1.0, amplitude=0.02 * INCH, friction=COULOMB)
@@ -226,6 +225,7 @@ def test_no_criterion_applies_to_a_record_on_which_friction_holds_the_car() -> N
     assert any("barely move" in reason.statement and reason.origin == "r1" for reason in found.reasons)
 
 
+@pytest.mark.nightly
 def test_a_record_beyond_the_fits_tests_is_reported_and_limits_the_verdict(
     corner: VehicleFit, setups: list[RigTest]
 ) -> None:

@@ -65,7 +65,7 @@ def test_curves_through_knots_and_polynomials_can_be_mixed(fmus):
     assert differing(study, random_setups(study, 8)) == []
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", FRICTION)
 def test_every_friction_has_the_bits_of_the_vehicle(fmus, kind):
     vehicle = Vehicle(fmus["seven_dof"], parameters=at_corners(FRICTION[kind]))
@@ -141,6 +141,7 @@ def test_fused_operations_change_the_last_bits_only(fmus):
         assert (fast != exact).any()
 
 
+@pytest.mark.nightly
 def test_a_setup_that_diverges_is_retired_and_changes_no_other(fmus):
     builds = random_builds(fmus, ["lpnl2"], 4, seed=71)
     wild = Build(fmus["polylinear"], {"compression_scale": 400.0, "rebound_scale": 400.0})

@@ -54,7 +54,7 @@ def evaluator(study):
     return Evaluator(study)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rows_have_the_columns_marks_and_values_of_the_fmus(study, evaluator):
     setups = random_setups(study, 11, seed=3)
     coupling = replace(COUPLING, errors=errors(study))

@@ -83,6 +83,7 @@ def test_the_objective_comes_first_then_what_gets_worse_and_the_rest_is_counted(
     assert answer.unlisted == "4 more are better."
 
 
+@pytest.mark.nightly
 def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(few, certain):
     sheet = sheet_of(few, certainty=certain(few))
     assert "eightpost shapes searches" in _text(page(sheet, Extras()))
