@@ -161,6 +161,23 @@ def test_parameters_outside_their_range_are_refused_and_the_call_has_no_effect(h
     assert fmu.get(first) == [0.0]
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_the_ends_of_a_parameters_range_belong_to_it(host, name):
+    fmu = host(name)
+    parameters = [v for v in fmu.description.modelVariables if v.causality == "parameter"]
+    ends = [(v.name, float(end)) for v in parameters for end in (v.min, v.max) if end is not None]
+    assert [end for end in ends if fmu.set_named(dict([end])) != OK] == []
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_value_above_the_largest_one_is_refused(host, name):
+    fmu = host(name)
+    bounded = [v for v in fmu.description.modelVariables if v.causality == "parameter" and v.max is not None]
+    assert bounded
+    for variable in bounded:
+        assert fmu.set_named({variable.name: float(variable.max) * 1.001}) == ERROR
+
+
 def test_an_overflow_discards_the_step_and_keeps_all_values(host):
     fmu = host("lpnl2").start()
     before = fmu.all()
