@@ -214,12 +214,12 @@ def test_a_value_that_is_its_default_may_be_left_out(files, read) -> None:
 @pytest.mark.parametrize("kind", READ)
 def test_reading_and_writing_keeps_what_was_judged_and_what_was_edited(kind, files, read, folder: Path) -> None:
     write = write_shock if kind == "shock" else lambda model, path: write_vehicle(path, model)
-    write(READ[kind](folder / f"{kind}.json"), folder / "again.json")
-    assert (folder / "again.json").read_bytes() == (folder / f"{kind}.json").read_bytes()
+    write(READ[kind](folder / f"{kind}.json"), folder / f"again_{kind}.json")
+    assert (folder / f"again_{kind}.json").read_bytes() == (folder / f"{kind}.json").read_bytes()
     place = ("curve", "inner", 1) if kind == "shock" else ("C", 0, 0)
     changed = read(kind, edited(files[kind], place, 17.5))
-    write(changed, folder / "again.json")
-    once_more = READ[kind](folder / "again.json")
+    write(changed, folder / f"edited_{kind}.json")
+    once_more = READ[kind](folder / f"edited_{kind}.json")
     assert rules(once_more) == [EDITED]
     assert once_more.validity == changed.validity  # the first file in which it was found
 

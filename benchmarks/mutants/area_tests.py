@@ -45,7 +45,7 @@ def arguments_of(file: Path) -> list[str]:
     """Return the arguments of pytest for a source, a test, or a folder of either.
 
     Raises:
-        ValueError: It is none of these.
+        ValueError: It is something else.
     """
     path = file.resolve()
     if path.is_relative_to(ROOT / "tests") and path.exists():

@@ -136,7 +136,7 @@ class Shock(Summarized):
 
 
 def _stated(value: Any) -> Any:
-    """Return a value's fields, and theirs, that do not have their defaults: a later version may have further fields."""
+    """Return the fields without their defaults, also inside fields: a later version may have further fields."""
     if isinstance(value, tuple):
         return [_stated(one) for one in value]
     if not dataclasses.is_dataclass(value):

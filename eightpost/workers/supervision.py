@@ -128,7 +128,7 @@ class Record:
 
     @property
     def folder(self) -> str:
-        """Folder for temporary files, which the other process removes; empty if there is none."""
+        """Folder for temporary files, which the other process removes; empty before it is created."""
         return self._read(_FOLDER)
 
     @folder.setter
@@ -311,7 +311,7 @@ class _Watch:
         found: Record of the process.
 
     Attributes:
-        hung: Error for the FMU that does not return; empty if there is none.
+        hung: Error for the FMU that does not return; empty while all return.
     """
 
     def __init__(self, found: Record) -> None:
@@ -335,7 +335,7 @@ class _Command:
     Args:
         child: Number of its process.
         told: End of the pipe that says which signals it received.
-        found: Its record.
+        found: Record of the child.
     """
 
     def __init__(self, child: int, told: int, found: Record) -> None:

@@ -53,6 +53,8 @@ fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
 #: Symbols without code that zig's linker adds to a Mach-O file.
 LINKER_MARKS = {"___dso_handle", "__mh_dylib_header"}
 EXPORTS = {"fmi2GetVersion", "fmi2FreeInstance", "fmi2GetReal", "fmi2GetBoolean"}
+pytestmark = pytest.mark.usefixtures("all_platforms")
+
 LIBRARY = Library("little", {"little.c": SOURCE.encode()})
 
 

@@ -100,7 +100,7 @@ def test_a_run_that_an_fmu_ends_or_blocks_exits_with_1_names_it_and_marks_the_fo
     manner, declared, when, case, ended, tmp_path
 ):
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "result.json").write_text("of an earlier run")
+    (tmp_path / "out" / "result.json").write_text('{"kind": "result"}')
     options = ["-m", "eightpost", "run", case(manner, **declared), "-o", tmp_path / "out", "--step", "10 ms"]
     found = ended(*options, EIGHTPOST_TIME_LIMIT="1")
     assert found.returncode == 1
