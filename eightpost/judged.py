@@ -48,7 +48,7 @@ def _canonical(value: Any) -> Any:
 def edited(origin: str) -> Verdict:
     """Return the verdict on numbers that are not those that were judged, in a file or model of this name."""
     statement = "edited after the fit or run: its numbers are not those that were judged"
-    return Verdict([EDITED.reason(statement, figure=f"its digest is not the entry {KEY}", origin=origin)])
+    return Verdict([EDITED.reason(statement, figure=f"its digest differs from the entry {KEY!r}", origin=origin)])
 
 
 def edits_in(verdict: Verdict) -> tuple[Reason, ...]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from eightpost.errors import FileFormatError
 from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
 from eightpost.ident.validation.vehicle_verdict import vehicle_verdict
 from eightpost.ident.validation.vehicles import validate_vehicle
+from eightpost.ident.vehicle import read_fit, write_fit
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.verdict import Grade
 
@@ -42,6 +46,42 @@ def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
     assert port[-2:] == [4.0, 0.25]
     assert not certainty_table(corner).rows
     assert not port_table(corner).rows
+
+
+def written(place: Path, document: dict[str, Any], **changes: object) -> None:
+    place.write_text(json.dumps(document | changes, indent=5), encoding="utf-8")
+
+
+def test_an_edited_car_or_report_of_its_fit_is_unknown_without_uncertainty(corner: VehicleFit, tmp_path: Path) -> None:
+    fit = with_validity(replace(corner, trust=TRUST))
+    car, _, report = write_fit(tmp_path / "car.json", fit)
+    known, figures = (json.loads(path.read_text()) for path in (car, report))
+    written(car, known)  # white space changes nothing
+    written(report, figures)
+    assert read_fit(car).trust == TRUST and read_fit(car).verdict == fit.verdict
+    written(report, figures, residual={"velocity": 0.001})
+    found = read_fit(car)
+    assert [reason.origin for reason in found.verdict.reasons] == ["car.fit.json"]
+    assert found.trust is None and found.verdict.grade is Grade.UNKNOWN
+    written(report, figures)
+    written(car, known, A=(1.001 * fit.vehicle.state_space.A).tolist())
+    found = read_fit(car)
+    assert [reason.origin for reason in found.verdict.reasons] == ["car.json"]
+    assert found.trust is None and found.verdict.grade is Grade.UNKNOWN
+
+
+def test_a_report_of_another_fit_is_refused(corner: VehicleFit, tmp_path: Path) -> None:
+    car, _, report = write_fit(tmp_path / "car.json", with_validity(corner))
+    known, figures = (json.loads(path.read_text()) for path in (car, report))
+    for own, stated in (
+        ({"validity": known["validity"] | {"judged": "0" * 64}}, {}),
+        ({"validity": known["validity"] | {"judged": None}}, {}),
+        ({"validity": known["validity"] | {"judged": None}}, {"vehicle_judged": None}),
+    ):
+        written(car, known, **own)
+        written(report, figures, **stated)
+        with pytest.raises(FileFormatError, match="belongs to another vehicle"):
+            read_fit(car)
 
 
 @pytest.mark.nightly
