@@ -1,6 +1,6 @@
 """The command line: `eightpost` or `python -m eightpost`.
 
-Exit codes: 0 done, 1 ran but not acceptable, 2 wrong input.
+Exit codes: 0 done, 1 not acceptable or not completed, 2 wrong input.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rich.markup import escape
 
 from eightpost import __version__, completion
 from eightpost.errors import EightpostError, InputError, suggestion
-from eightpost.workers.supervision import supervised
+from eightpost.workers.supervision import supervised, tell
 
 _NAME = "eightpost"
 
@@ -72,7 +72,7 @@ class _Verbs(click.Group):
         work = partial(super().__call__, *args, **kwargs)
         is_program = not args and "args" not in kwargs and f"_{_NAME.upper()}_COMPLETE" not in os.environ
         if is_program and not VERBS.keys().isdisjoint(sys.argv[1:]):
-            sys.exit(supervised(work, _complain))
+            os._exit(supervised(work, _complain))  # the command's own process has cleaned up
         return work()
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -152,6 +152,7 @@ def main(verbose: bool) -> None:
       eightpost run examples/seven_dof.toml -o out/
     """
     _check_names()
+    completion.tell = tell
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
     level = logging.DEBUG if verbose else logging.CRITICAL
     logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(level, Console(stderr=True))])

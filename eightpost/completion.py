@@ -10,14 +10,15 @@ import logging
 import shlex
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from eightpost.workers import supervision
-
 #: Name of the mark in the folder.
 MARK = "unfinished.txt"
+
+#: Function that takes a sentence about earlier results, which another process prints if this one ends. Commands set it.
+tell: Callable[[str], None] | None = None
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -47,8 +48,8 @@ def begin(folder: str | Path) -> None:
             encoding="utf-8",
         )
     _marked[folder] = str(shown), is_new
-    if supervision.record is not None and not _is_bare(folder):
-        supervision.record.remains = _remains(shown)
+    if tell is not None and not _is_bare(folder):
+        tell(_remains(shown))
 
 
 @contextmanager

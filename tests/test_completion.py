@@ -19,7 +19,7 @@ from eightpost.workers import supervision
 def out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An output folder, relative, that does not exist yet."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(supervision, "record", None)
+    monkeypatch.setattr(completion, "tell", None)
     monkeypatch.setattr("sys.argv", ["/bin/eightpost", "run", "a case.toml"])
     return Path("deep", "out")
 
@@ -100,6 +100,7 @@ def test_the_supervising_process_knows_what_remains_if_this_process_ends(
 ) -> None:
     record = supervision.Record(mmap.mmap(-1, supervision.SIZE))
     monkeypatch.setattr(supervision, "record", record)
+    monkeypatch.setattr(completion, "tell", supervision.tell)
     if holds:
         out.mkdir(parents=True)
         (out / "result.json").touch()

@@ -16,7 +16,7 @@ from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.shock import read_shock
-from eightpost.validity import Validity
+from eightpost.validity import Validity, judged
 from eightpost.verdict import Verdict
 
 BANK = Path(__file__).resolve().parents[1] / "examples" / "bank"
@@ -59,7 +59,7 @@ def test_the_fmu_of_a_fitted_shock_states_the_standard_errors_of_its_fit():
     assert set(found) == {"time_constant", "lag_zero_force", "compression_scale", "rebound_scale"}
     assert found["time_constant"].deviation == pytest.approx(shock.fit["parameters"]["time_constant"]["standard_error"])
     assert found["time_constant"].copies is None
-    pooled = replace(
+    pooled = judged(
         shock, fit={**shock.fit, "between_builds": {"parameters": {"time_constant": {"standard_deviation": 2e-4}}}}
     )
     again = validity_of(pooled).uncertainty

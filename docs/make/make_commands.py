@@ -24,7 +24,7 @@ All commands of `eightpost` in the order of the work, with all their options, as
 This page is generated: `python docs/make/make_commands.py` writes it.
 
 A quantity is given with its unit, e.g. `--amplitude '10 mm'`, unless the option names the unit. Exit codes: 0 if the
-command succeeded, 1 if its result is not acceptable, 2 if the input is wrong.
+command succeeded, 1 if its result is not acceptable or it did not complete, 2 if the input is wrong.
 
 """
 

@@ -9,6 +9,7 @@ This file runs as a program, too, without the package, so it uses only the stand
 
 from __future__ import annotations
 
+import gc
 import mmap
 import os
 import select
@@ -26,7 +27,7 @@ from typing import Any, NoReturn
 def _stated_limit() -> float:
     with suppress(ValueError):
         if (seconds := float(os.environ.get("EIGHTPOST_TIME_LIMIT", ""))) > 0.0:
-            return seconds
+            return min(seconds, 1e6)
     return 30.0
 
 
@@ -167,6 +168,12 @@ class Record:
         return self.memory[place[0] : sum(place)].split(b"\0")[0].decode("utf-8", "replace")
 
 
+def tell(text: str) -> None:
+    """Let the other process, if there is one, print a sentence if this command does not complete."""
+    if record is not None:
+        record.remains = text
+
+
 #: Record of this process, if another process reads it.
 record: Record | None = None
 #: Whether this process is a worker, which its pool supervises by heartbeats.
@@ -194,6 +201,7 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
     (told, tell), (life, hold) = os.pipe(), os.pipe()
     passed = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed)
+    gc.freeze()  # otherwise each collection in the child copies the memory that both share
     parent, child = os.getpid(), os.fork()
     if child == 0:
         os.close(told)
@@ -218,7 +226,8 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
 
 def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str], None]) -> int:
     """Do the same with a new process, because there is no fork."""
-    assert sys.platform == "win32"  # for the type checker
+    if sys.platform != "win32":  # for the type checker
+        raise NotImplementedError
     import subprocess  # noqa: PLC0415
 
     from eightpost.workers.process import python_command  # noqa: PLC0415
@@ -311,7 +320,7 @@ class _Watch:
         found: Record of the process.
 
     Attributes:
-        hung: Error for the FMU that does not return; empty while all return.
+        hung: Error for the FMU that does not return; empty until then.
     """
 
     def __init__(self, found: Record) -> None:
