@@ -323,11 +323,11 @@ def test_the_digest_of_a_drive_depends_on_its_content_only():
 
 def test_a_failed_write_leaves_the_old_page_unchanged(run, tmp_path, monkeypatch):
     path = tmp_path / "report.html"
-    path.write_text("old")
+    path.write_text("<html>")
     monkeypatch.setattr("pathlib.Path.replace", _refuse)
     with pytest.raises(OutputError, match="disk full"):
         write_report(path, *run)
-    assert path.read_text() == "old"
+    assert path.read_text() == "<html>"
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 
