@@ -57,6 +57,7 @@ class Kind:
         return _json(self.document) if self.document else _CONTENT.get(suffix.lower(), _TEXT)
 
 
+AIM = Kind("the curves to aim at", "shapes.json", (".json",), "shapes")
 FMU = Kind("an FMU", "car.fmu", (".fmu",))
 PACKAGE = Kind("an SSP package", "car.ssp", (".ssp",))
 PAGE = Kind("a page", "report.html", (".html", ".htm"))
@@ -169,13 +170,13 @@ def _may_replace(path: Path) -> bool:
 # ---- The rule -------------------------------------------------------------------------------------------------------
 
 
-def check_file(path: Path, kind: Kind, option: str = "-o") -> None:
+def check_file(path: Path, kind: Kind, option: str = "") -> None:
     """Check that a file of some kind can be written without loss, before any computation.
 
     Args:
         path: File to write.
         kind: Kind of the file.
-        option: Option that names the file, for the message.
+        option: Option that names the file, for the message; empty for an argument of a function.
 
     Raises:
         InputError: The path is a folder, an input of the running command or a file of another kind, its suffix is not
@@ -187,7 +188,7 @@ def check_file(path: Path, kind: Kind, option: str = "-o") -> None:
         *others, last = kind.suffixes
         ends = f"{', '.join(others)} or {last}" if others else last
         proposed = path.with_suffix(Path(kind.example).suffix)
-        raise InputError(f"{path}: {kind.name} ends in {ends}; write {option} {proposed}")
+        raise InputError(f"{path}: {kind.name} ends in {ends}; write {f'{option} {proposed}'.strip()}")
     check_folder(path.parent)
     if kind.suffixes:
         _check_content(path, kind.content(path.suffix))

@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eightpost.archive import open_archive, write_archive
@@ -12,7 +13,9 @@ from eightpost.errors import InputError, OutputError
 from eightpost.files import atomic_path, json_content, read_text, reading, sha256_of
 from eightpost.outputs import (
     EXPORT,
+    FMU,
     PICTURE,
+    RECORD,
     SHOCK,
     TABLE,
     check_file,
@@ -21,6 +24,8 @@ from eightpost.outputs import (
     recorded,
     replacing,
 )
+from eightpost.report.pictures import new_figure, save
+from eightpost.signals import TimeSeries, write_series
 
 CONTENTS = {
     b"\x89PNG\r\n\x1a\n...": "a PNG picture",
@@ -144,7 +149,7 @@ def test_a_refusal_names_the_file_the_reason_and_the_remedy(tmp_path, monkeypatc
         ("old.json/a.parquet", TABLE, "old.json is a file, not a folder; choose another output folder"),
     ):  # fmt: skip
         with pytest.raises(InputError) as caught:
-            check_file(Path(name), kind)
+            check_file(Path(name), kind, "-o")
         assert str(caught.value).replace(os.sep, "/") == said
     for name, kind in (("A.SVG", PICTURE), ("a.info", EXPORT), ("new/a.parquet", TABLE)):
         check_file(Path(name), kind)
@@ -185,3 +190,23 @@ def test_the_folder_that_is_asked_for_permission_is_the_nearest_that_exists(tmp_
     with pytest.raises(OutputError, match=r"is read-only"):
         check_folder(tmp_path / "new" / "out")
     assert asked == [tmp_path]
+
+
+def test_what_is_written_has_the_content_of_its_kind_so_that_it_can_be_written_again(tmp_path):
+    series = TimeSeries.from_channels(np.arange(5) / 100.0, {"x": ("m", np.arange(5.0))})
+    figure = new_figure(1.0, 1.0)
+    for kind, write_one in (
+        (RECORD, lambda path: write_series(series, path)),
+        (PICTURE, lambda path: save(figure, path)),
+        (FMU, lambda path: write_archive(path, {"a": b""})),
+    ):
+        for suffix in kind.suffixes:
+            write_one(tmp_path / f"a{suffix}")
+            check_file(tmp_path / f"a{suffix}", kind)
+
+
+def test_a_picture_of_another_suffix_is_refused_by_the_library_too(tmp_path):
+    with pytest.raises(InputError, match=r"a\.csv: a picture ends in \.png, \.pdf or \.svg; write .*a\.png$"):
+        save(new_figure(1.0, 1.0), tmp_path / "a.csv")
+    with pytest.raises(InputError, match="is a folder"):
+        save(new_figure(1.0, 1.0), tmp_path)

@@ -33,8 +33,8 @@ _LABELS = 30
 @click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
               help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
 @click.option("-o", "--output", type=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
-              help="Picture of the changes (.png); default: none. With --measured: output folder; default: compared/ "
-              "in the folder of the study.")  # fmt: skip
+              help="Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; "
+              "default: compared/ in the folder of the study.")  # fmt: skip
 @click.option("--measured", type=FilePath(), metavar="LIST",
               help="List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as "
               "the selection.csv of `eightpost select`, or its folder. Default: compare runs.")  # fmt: skip

@@ -75,10 +75,10 @@ def optimise(
     console = Console()
     check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
-    check_outputs(ctx)  # the files that the study names are now known
     for name in objectives:
         described.measure(name)
     requested, search = Requested(described, output), Search(objectives, evaluations, seed)
+    check_outputs()  # the files that the study names are now known
     show_study(console, requested, f"at most {evaluations} to be evaluated")
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
     completion.begin(output)

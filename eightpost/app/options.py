@@ -40,8 +40,8 @@ class Verb(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Check the outputs, and record all files that the verb reads: none of them is replaced."""
-        with recorded(self._inputs(ctx)):
-            check_outputs(ctx)
+        with recorded([*self._inputs(ctx), *ctx.meta.get(_MAPS, ())]):
+            check_outputs()
             return super().invoke(ctx)
 
     def _inputs(self, ctx: click.Context) -> list[Path]:
@@ -96,7 +96,7 @@ class OutputFile(FilePath):
         is_folder: Callable[[Mapping[str, Any]], bool] | None = None,
     ) -> None:
         super().__init__()
-        self.name = "file"
+        self.name = "path" if is_folder else "file"
         self.kind, self.default, self.is_folder = kind, default, is_folder
 
     def check(self, path: Path, option: str, given: Mapping[str, Any]) -> None:
@@ -126,14 +126,15 @@ class OutputFolder(FilePath):
         check_folder(path, self.files)
 
 
-def check_outputs(ctx: click.Context) -> None:
-    """Check all outputs of a verb, and set those that are not given.
+def check_outputs() -> None:
+    """Check all outputs of the running verb, and set those that are not given.
 
     Every verb begins with it. A verb that computes for long calls it again when it has read its inputs, because they
     name further inputs.
     """
-    given = ctx.params
-    for parameter in ctx.command.params:
+    context = click.get_current_context()
+    given = context.params
+    for parameter in context.command.params:
         kind, name = parameter.type, parameter.name or ""
         if isinstance(kind, OutputFile | OutputFolder):
             if given[name] is None and kind.default:
@@ -225,6 +226,10 @@ class Assignment(click.ParamType):  # type: ignore[type-arg]
         return left, right
 
 
+#: Entry of a context's `meta` with the files of channel maps, which are read before the verb is called.
+_MAPS = f"{__name__}.maps"
+
+
 class ChannelMapFile(click.ParamType):  # type: ignore[type-arg]
     """A TOML file with a channel map, which the verb receives as the map."""
 
@@ -234,7 +239,11 @@ class ChannelMapFile(click.ParamType):  # type: ignore[type-arg]
         """Return the content of the file."""
         from eightpost.signals import ChannelMap
 
-        return value if isinstance(value, ChannelMap) else ChannelMap.read(Path(value))
+        if isinstance(value, ChannelMap):
+            return value
+        if ctx:
+            ctx.meta.setdefault(_MAPS, []).append(Path(value))
+        return ChannelMap.read(Path(value))
 
 
 def map_option(page: str, files: str = "files") -> Callable[[Function], Function]:

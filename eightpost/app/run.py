@@ -115,7 +115,7 @@ def run(
     given = Given(drive, stop, record_step, dict(inputs))
     swapped = {name: Path(file) for name, file in swaps}
     case = read_case(case_file, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
-    check_outputs(ctx)  # the files that the system names are now known
+    check_outputs()  # the files that the system names are now known
     case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
     for note in case.notes:

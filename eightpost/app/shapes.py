@@ -26,6 +26,7 @@ from eightpost.app.options import (
 )
 from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
+from eightpost.outputs import AIM, PAGE
 
 if TYPE_CHECKING:
     from cosim.study.study import Study
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 
 @click.command(cls=Verb)
 @click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
+@click.option("-o", "--output", default=Path("out"), show_default=True,
+              type=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
               help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
               "results.")  # fmt: skip
 @click.option("--for", "objective", metavar="MEASURE",
@@ -126,7 +128,6 @@ def shapes(
         uncertain=sure,
     )
     described = read_with_fmus(console, study_file, output)
-    check_outputs(ctx)  # the files that the study names are now known
     searched_groups(described, corners)
     if objective is not None:
         described.measure(objective)
@@ -176,6 +177,7 @@ def _search(
     from eightpost.app.shape_search import aim, bank_plan
 
     requested = Requested(described, output)
+    check_outputs()  # the files that the study names are now known
     show_study(console, requested, bank_plan(requested))
     with running_workers(workers, scheduler) as pool:
         with console.status("choosing the coupling step"):

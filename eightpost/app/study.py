@@ -115,12 +115,12 @@ def study(
     _stop_at_sigterm()
     check_report_folder(output, "study")
     described = read_with_fmus(console, study_file, output)
-    check_outputs(ctx)  # the files that the study names are now known
     if rank is not None:
         described.measure(rank)
     for index in traced:
         described.space.setup(index)
     sweep = Sweep(described, output)
+    check_outputs()  # the files that the study names are now known
     show_study(console, sweep)
     completion.begin(output)
     with running_workers(workers, scheduler, patience=patience) as pool:

@@ -14,6 +14,7 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.extras import needs
 from eightpost.files import atomic_path
+from eightpost.outputs import PICTURE, check_file
 
 with needs("report", "drawing pictures"):
     import matplotlib
@@ -122,10 +123,11 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110, **options: Any) ->
 
     Args:
         figure: Figure to save.
-        path: File to write; its suffix is its format.
+        path: File to write; its suffix is its format (.png, .pdf, .svg).
         dpi: Resolution [1/in].
         options: Options of matplotlib's savefig.
     """
+    check_file(Path(path), PICTURE)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dpi, **options)
 

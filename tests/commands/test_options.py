@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from eightpost.__main__ import main
 from eightpost.app import options
 from eightpost.errors import InputError, ParameterError
+from eightpost.outputs import RECORD
 from eightpost.signals import ChannelMap
 
 RENAMED = {"--channel-map": "--map", "--plots": "--plot"}
@@ -130,3 +131,18 @@ def test_a_run_and_a_study_do_not_replace_each_others_report(
     expected = refused or "missing.toml"
     assert expected in " ".join(done.output.split())
     assert (refused == "") == ("would replace it" not in done.output)
+
+
+def test_the_file_of_a_channel_map_is_an_input(tmp_path: Path) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text('[channels]\nforce = { source = "F", unit = "N" }\n')
+
+    @click.command(cls=options.Verb)
+    @options.map_option("a page")
+    @click.option("-o", "output", type=options.OutputFile(RECORD))
+    def verb(channel_map: ChannelMap, output: Path) -> None:
+        click.echo("computing")
+
+    shown = CliRunner().invoke(verb, ["--map", str(path), "-o", str(path)])
+    assert isinstance(shown.exception, InputError) and "map.csv is an input of this command" in str(shown.exception)
+    assert CliRunner().invoke(verb, ["--map", str(path), "-o", str(tmp_path / "new.csv")]).stdout == "computing\n"

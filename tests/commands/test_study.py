@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -67,6 +68,17 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     assert result.done.all() and result.baseline_row == 1
     again = CliRunner().invoke(main, [*options, "--rank", "aero number"])
     assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
+
+
+@pytest.mark.parametrize("verb", ["study", "optimise", "shapes"])
+def test_a_study_never_replaces_its_drive_file_and_runs_nothing(file, tmp_path, verb):
+    drive = tmp_path / "out" / "results.parquet"
+    drive.parent.mkdir()
+    shutil.copy(TRACK, drive)
+    file.write_text(file.read_text().replace(str(TRACK), str(drive)))
+    ran = CliRunner().invoke(main, [verb, str(file), "-o", str(tmp_path / "out")])
+    assert ran.exit_code == 2 and "results.parquet is an input of this command" in ran.output, ran.output
+    assert drive.read_bytes() == TRACK.read_bytes() and list(drive.parent.iterdir()) == [drive]
 
 
 @pytest.mark.nightly

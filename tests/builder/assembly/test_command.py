@@ -1,10 +1,14 @@
 """`eightpost build --assemble`."""
 
+import tomllib
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
 
 from builder.native.platforms import this_platform
 from eightpost.app.build import build as command
+from eightpost.errors import InputError
 
 
 @pytest.mark.nightly
@@ -23,3 +27,12 @@ def test_the_command_takes_a_system_file_or_sources(system_file):
     assert both.exit_code == 2 and "omit SOURCES" in both.output
     neither = CliRunner().invoke(command, [])
     assert neither.exit_code == 2 and "Missing argument" in neither.output
+
+
+def test_an_assembly_never_replaces_a_part_of_it_and_compiles_nothing(system_file, monkeypatch):
+    monkeypatch.setattr("builder.assembly.assembled_fmu.compiled", None)
+    part = Path(tomllib.loads(system_file.read_text())["components"]["car"]["fmu"])
+    before = part.read_bytes()
+    ran = CliRunner().invoke(command, ["--assemble", str(system_file), "-o", str(part)])
+    assert isinstance(ran.exception, InputError) and f"{part} is an input of this command" in str(ran.exception)
+    assert part.read_bytes() == before

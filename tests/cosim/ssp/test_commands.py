@@ -67,6 +67,17 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_overwritten(folder
     assert ran.exit_code == 2 and "twice.ssp is an input of this command and would be replaced" in ran.output
 
 
+def test_a_run_never_replaces_the_drive_file_that_its_system_names(folder, monkeypatch):
+    monkeypatch.setattr("cosim.run", None)
+    (folder / "out").mkdir()
+    drive = shutil.copy(folder / "road.csv", folder / "out" / "series.csv")
+    (folder / "corner.toml").write_text(SYSTEM_FILE.replace("road.csv", "out/series.csv"))
+    ran = CliRunner().invoke(main, ["run", str(folder / "corner.toml"), "-o", str(folder / "out")])
+    assert ran.exit_code == 2 and "series.csv is an input of this command and would be replaced" in ran.output
+    assert drive.read_bytes() == (folder / "road.csv").read_bytes()
+    assert list((folder / "out").iterdir()) == [drive]
+
+
 def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folder, monkeypatch):
     monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     (folder / "corner.ssd").write_bytes(corner(CAR_ALONE + SHOCK))

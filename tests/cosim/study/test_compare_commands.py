@@ -125,6 +125,13 @@ def test_sensitivity_prints_shares_and_writes_every_term(folder):
     )
 
 
+def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(folder):
+    before = (folder / "results.parquet").read_bytes()
+    shown = eightpost("sensitivity", folder, "-o", folder / "results.parquet")
+    assert shown.exit_code == 2 and "results.parquet is an input of this command" in " ".join(shown.stderr.split())
+    assert (folder / "results.parquet").read_bytes() == before
+
+
 @pytest.mark.nightly
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
     shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
