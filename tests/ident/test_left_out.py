@@ -11,10 +11,13 @@ import pytest
 from builder.documents.reference import Disclosure
 from builder.documents.validity import validity_member
 from eightpost.ident import fit_shock
+from eightpost.ident.shock.curve_uncertainty import _by_speed
+from eightpost.ident.shock.uncertainty import blocks_of
 from eightpost.left_out_blocks import FittedParameter, correlation_of, left_out_of
 from eightpost.shock import Lpf1
 from eightpost.shock.fit_uncertainty import shock_uncertainty
 from eightpost.validity import MEMBER, Validity, judged
+from tests.ident.test_confidence_figures import runs_of
 
 NAMES = ("compression_scale", "rebound_scale", "time_constant")
 
@@ -50,6 +53,16 @@ def test_the_order_of_the_runs_does_not_matter(fitted):
     assert min(first.velocity[:half]) > max(first.velocity[half:])  # the blocks of the fastest run come first
     for name in NAMES:
         assert np.dot(first.changes[name], second.changes[name]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_blocks_are_in_the_order_of_the_speed_of_their_runs_and_those_of_a_run_in_the_order_of_time():
+    runs = runs_of((300, 300, 300))
+    runs.row_velocity = np.repeat([0.1, -0.3, 0.2], 300)
+    blocks = blocks_of(runs)
+    starts = [blocks[k].start for k in _by_speed(runs)]
+    size = blocks[0].stop
+    assert len(starts) == len(blocks) > 20
+    assert starts == [*range(300, 600, size), *range(600, 900, size), *range(0, 300, size)]
 
 
 def test_the_fmu_states_what_the_shock_file_does_and_nothing_for_a_band_without_factors(fitted):
