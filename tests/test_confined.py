@@ -42,6 +42,7 @@ def test_a_file_is_not_refused_because_an_earlier_one_damaged_the_process(record
     np.testing.assert_array_equal(read_series(record)["force"], np.arange(100.0))
 
 
+@pytest.mark.nightly
 def test_a_file_that_takes_too_long_is_refused(record, monkeypatch):
     monkeypatch.setattr(confined, "_TIME", 0.5)
     slow = record.with_name("slow.mat")

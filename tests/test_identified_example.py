@@ -42,6 +42,7 @@ def test_its_study_has_the_shipped_bank_and_the_same_shocks_in_front():
     assert content["alike"] == [["lf", "rf"]] and len(files) ** 3 == 343
 
 
+@pytest.mark.nightly
 def test_what_is_best_for_the_ride_heights_is_not_best_for_the_tire_forces():
     vehicle = read_vehicle(FOLDER / "car.json")
     lap = read_series(FOLDER / "lap.parquet").window(0.0, 12.0).resample(1000.0)

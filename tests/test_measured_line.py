@@ -29,8 +29,7 @@ RECORDS = {
 NUMBERS = ("static", "simulation", "reset", "steps", "initial_dependencies", "dependencies", "derivatives", "ports")
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not DATA, reason="EIGHTPOST_DATA does not name the folder of measured records")
 @pytest.mark.parametrize("record", RECORDS)
 def test_a_measured_shock_becomes_an_fmu_that_damps_the_car(record, tmp_path):

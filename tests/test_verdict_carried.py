@@ -97,6 +97,7 @@ def run(folder: Path, shock: str, record: str = '["corner.velocity", "corner.dis
     return done, json.loads((out / "result.json").read_text()), (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.nightly
 def test_a_measurement_lag_and_an_exceeded_range_are_reported_from_the_fit_to_the_run(folder: Path) -> None:
     """A shock with a lag of 40 ms, and a run that is mostly outside the fitted velocities, must not be usable."""
     done, document, page = run(folder, "late.fmu")
@@ -235,6 +236,7 @@ def test_an_assembly_has_the_verdicts_of_its_parts_and_the_ranges_of_its_own_var
     assert [covered.variable for covered in whole.ranges if covered.kind != "condition"] == ["car.lf.displacement"]
 
 
+@pytest.mark.nightly
 def test_a_vehicle_file_keeps_its_verdict(tmp_path: Path) -> None:
     car = read_vehicle(shipped("quarter_car"))
     reason = Reason("r", "fit of the vehicle", Grade.LIMITED, "s", "7 %", "run.csv", "do it")
@@ -248,7 +250,7 @@ def test_a_vehicle_file_keeps_its_verdict(tmp_path: Path) -> None:
     assert Validity.from_json(json.loads(members[MEMBER])) == known
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validation_writes_its_verdict_into_the_shock_when_asked(tmp_path: Path) -> None:
     fitted = fit_shock(read_dyno_test(EXAMPLES / "data" / "dyno_A.csv"), "polylinear", name="A").shock
     write_shock(fitted, tmp_path / "A.json")

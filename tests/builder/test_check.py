@@ -166,8 +166,7 @@ NOT_OFFERED = {
 }
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", NOT_OFFERED)
 def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name, tmp_path):
     """Check FMUs with features that ours lack: integers, strings, enumerations, aliases, one instance per process."""
@@ -193,7 +192,7 @@ def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule
     assert any(skipped.what.startswith("reset: a reset later than") for skipped in report.skipped)
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("fault", ["-DRESET_KEEPS_TIME", "-DRESET_FAILS_AFTER=900"])
 def test_a_reset_that_keeps_the_time_or_fails_late_is_reported(fault, tmp_path):
     """Check two defects: a reset that keeps the time (20-sim), and one that fails after twice the 500 steps."""
@@ -395,6 +394,7 @@ def compilers(tmp_path, monkeypatch):
     return put
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
 def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, compilers):
     compilers("echo 'xcrun: error: invalid active developer path' >&2; exit 1")

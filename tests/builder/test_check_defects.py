@@ -162,6 +162,7 @@ def compiled(tmp_path_factory):
     return defects.recompiler(tmp_path_factory)
 
 
+@pytest.mark.repeated(5)
 @pytest.mark.slow
 @pytest.mark.parametrize("bundle", BUNDLES)
 def test_defects_in_the_code_are_found_by_their_rules(bundle, fmus, tmp_path, compiled):

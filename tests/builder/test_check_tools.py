@@ -29,6 +29,7 @@ def test_fmpy_accepts_every_plain_name(names):
     assert found_by_fmpy(names) == []
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     "name", ["1x", "a b", "a..b", "a[", "a[x]", "a\n", "der(a", "der(a,)", "x\u0661", "é", "", "a."]
 )
@@ -46,7 +47,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("change", CHANGES)
 def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
     (old, new), word = CHANGES[change]

@@ -45,7 +45,7 @@ def test_the_xml_files_are_valid_against_the_schemas_of_fmi_3(fmus3, name):
         etree.XMLSchema(etree.parse(str(folder / schema))).assertValid(etree.fromstring(members[member]))
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ALL)
 def test_the_validator_of_fmpy_reports_nothing(fmus3, name):
     assert validate_fmu(str(fmus3[name])) == []

@@ -123,6 +123,7 @@ def test_fmi_3_gives_the_same_forces_as_fmi_2(built):
     assert forces[0] == forces[1]
 
 
+@pytest.mark.nightly
 def test_a_restored_state_continues_with_its_own_setting(built):
     fmu = FmuComponent(built("lpf1"), "shock")
     fmu.begin(0.0, 1.0, {})

@@ -160,6 +160,7 @@ def agree(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max(axis=0).min())
 
 
+@pytest.mark.nightly
 def test_libcosim_runs_the_package_and_gives_our_results(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     expected = jacobi(car)

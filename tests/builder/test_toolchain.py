@@ -177,6 +177,7 @@ def test_the_signature_for_apple_processors_matches_every_page(binaries):
     assert there == computed and there
 
 
+@pytest.mark.nightly
 def test_the_same_sources_give_the_same_bytes_in_another_folder_without_the_cache(binaries, zig, tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(zig_of(tmp_path / "other")))
     (again,) = compile_libraries([LIBRARY], toolchain=zig)
@@ -207,6 +208,7 @@ def test_no_library_contains_the_path_of_its_build(binaries):
         assert not [place for place in places if place in content], name
 
 
+@pytest.mark.nightly
 def test_zig_keeps_no_library_in_its_permanent_cache(zig, binaries):
     name = f"only_here_{os.urandom(8).hex()}"
     only_here = Library(name, {f"{name}.c": SOURCE.encode()})

@@ -252,6 +252,7 @@ def free_mass() -> StateSpace:
     )
 
 
+@pytest.mark.nightly
 def test_a_model_without_a_steady_state_refuses_an_equilibrium_start(tmp_path):
     write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", free_mass()))
     (built,) = build([tmp_path / "free.json"], tmp_path, target="python")

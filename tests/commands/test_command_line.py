@@ -58,6 +58,7 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
     assert output.with_suffix(".png").stat().st_size > 10_000
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

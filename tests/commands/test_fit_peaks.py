@@ -25,6 +25,7 @@ def table(tmp_path):
     return path
 
 
+@pytest.mark.nightly
 def test_each_setting_becomes_a_shock_through_its_points(table, tmp_path):
     code, shown = fit(table, "-o", tmp_path / "valve.json", "--build", "V17")
     assert code == 0, shown

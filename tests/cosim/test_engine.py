@@ -157,7 +157,7 @@ assert not {"llvmlite", "numba"} & set(sys.modules)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_interpreted_runs_load_no_compiler_and_give_bit_identical_results(
     quarter_cars: Join, bumps: Drivefile, fmus: dict[str, Path], tmp_path: Path
 ) -> None:

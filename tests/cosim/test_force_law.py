@@ -76,6 +76,7 @@ def test_trial_points_in_any_order_leave_no_trace(laws, name, data, h):
     assert disturbed == plain
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", LAWS)
 @given(first=POINTS, others=st.lists(POINTS, min_size=1, max_size=3), h=STEPS)
 @settings(max_examples=15)

@@ -105,6 +105,7 @@ def truth(shocks):
     return solved
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(("name", "low", "high"), [("polylinear", 3.7, 4.3), ("lpf1", 1.8, 2.3)])
 def test_runge_kutta_keeps_fourth_order_without_lag_and_has_the_second_order_of_ramps_with_lag(
     fmus, truth, name, low, high

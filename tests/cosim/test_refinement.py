@@ -339,7 +339,7 @@ def test_fixed_step_components_are_compared_at_half_the_step_if_twice_the_step_d
     assert 0.5 * true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("record_step", "fewest", "every"),
     [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],

@@ -10,7 +10,7 @@ from tests import language
 from tests.language import expressions, fragments, python_files, text_files
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_descriptions_of_arguments_begin_with_a_noun_or_verb_phrase() -> None:
     found = [finding for path in python_files() for finding in fragments(path)]
     assert not found, "\n".join(map(str, found))

@@ -43,8 +43,7 @@ def test_the_shock_velocity_is_the_rate_of_the_displacement(host, seed):
     np.testing.assert_allclose(found, host.shock_motion(state)[0], atol=1e-6)
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("loop", "step", "velocity"), [("A", 4e-3, 1.2), ("A", 2e-3, 0.5), ("C", 8e-3, 0.8), ("C", 4e-3, 0.3)]
 )
@@ -54,6 +53,7 @@ def test_the_loops_have_errors_below_the_stated_ones(host, error_of, loop, step,
     assert found[1] < velocity
 
 
+@pytest.mark.nightly
 def test_loop_a_is_about_first_order_and_worse_than_loop_c(host, error_of):
     coarse, fine = (error_of(host, "A", step)[0] for step in (4e-3, 2e-3))
     assert 0.9 < math.log2(coarse / fine) < 1.7

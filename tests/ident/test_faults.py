@@ -70,12 +70,14 @@ def test_a_segment_outside_the_record_is_refused(record, start, length):
         fit_shock(record, "lpf1", segment=(start, start + length))
 
 
+@pytest.mark.nightly
 def test_a_clean_record_loses_nothing_to_robustness(record):
     plain, robust = fit_shock(record, "lpf1", robust="none"), fit_shock(record, "lpf1")
     assert robust.downweighted == 0
     assert robust.shock.law == plain.shock.law
 
 
+@pytest.mark.nightly
 @given(st.lists(st.floats(-5.0, 5.0), min_size=30, max_size=60), st.integers(10, 20), st.floats(200.0, 1e4))
 def test_a_lone_spike_is_found_whatever_the_noise(noise, place, size):
     raw = np.array(noise)

@@ -58,6 +58,7 @@ def test_a_clean_record_gives_no_such_warning(fit, record):
     assert not any("temperature" in warning for warning in shock["fit"]["warnings"])
 
 
+@pytest.mark.nightly
 def test_the_tables_of_a_file_are_fitted_together_and_a_note_names_its_run(fit, record):
     clean, warm = table(record, duration=3.0), table(record, duration=3.0, warming=20.0)
     shown, shock = fit(f"{clean}\n{warm}")

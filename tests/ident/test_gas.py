@@ -38,6 +38,7 @@ def test_estimate_finds_preload_and_stiffness(with_gas, gas_port):
     assert fit.shock.law.curve.force(0.0) == 0.0
 
 
+@pytest.mark.nightly
 def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_port):
     fit = fit_shock(with_gas, "lpf1", gas="included")
     assert fit.shock.law.port == Port()
@@ -46,6 +47,7 @@ def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_p
     assert evaluate(fit.shock, with_gas).percent < 0.3
 
 
+@pytest.mark.nightly
 def test_subtracted_gives_the_same_curve_on_a_record_without_gas(without_gas):
     fit = fit_shock(without_gas, "lpf1", gas="subtracted")
     assert fit.shock.law.port == Port()
@@ -83,6 +85,7 @@ def test_the_reference_travels_with_the_shock(with_gas):
     assert offset == pytest.approx(-0.01 * fit.shock.law.port.gas_stiffness, abs=0.5)
 
 
+@pytest.mark.nightly
 def test_a_gas_force_that_pulls_is_reported(with_gas):
     """The same record seen from the other end: every channel negated, compression and rebound swapped."""
     series = with_gas.series

@@ -206,7 +206,7 @@ def test_auto_compares_the_other_laws_where_an_option_excludes_hysteresis(law_re
 # ---- The search -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("has_stop", [False, True])
 def test_the_step_of_the_search_follows_the_gradient_of_the_cost(has_stop):
     problem, point = projection(has_stop=has_stop)
@@ -259,6 +259,7 @@ def test_the_derivatives_of_the_force_are_those_of_differences(has_stop):
         assert jacobian[:, number] == pytest.approx(change, abs=2e-3 * np.abs(jacobian[:, number]).max() + 1e-9)
 
 
+@pytest.mark.nightly
 def test_the_search_on_a_thinned_record_has_the_same_rows():
     problem, point = projection(has_stop=True)
     thin = replace(problem, is_thin=True)

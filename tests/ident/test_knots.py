@@ -94,7 +94,7 @@ def test_speeds_without_data_are_bridged_and_not_invented(digressive_record):
     assert np.abs(both[0] - both[1]).max() < 0.1 * np.abs(both[1]).max()
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("options", "word"),
     [

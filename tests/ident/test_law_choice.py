@@ -50,6 +50,7 @@ def with_force(test, force):
 # ---- Which law is chosen --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_a_record_without_dynamics_gives_the_static_law_without_cross_validating_the_others(rising, law_record):
     choice = choose_law(law_record(Polylinear(rising), 1, rate=RATE), ("polylinear", "lpf1"))
     assert choice.law == "polylinear"

@@ -65,6 +65,7 @@ def test_blocks_are_in_the_order_of_the_speed_of_their_runs_and_those_of_a_run_i
     assert starts == [*range(300, 600, size), *range(600, 900, size), *range(0, 300, size)]
 
 
+@pytest.mark.nightly
 def test_the_fmu_states_what_the_shock_file_does_and_nothing_for_a_band_without_factors(fitted):
     shock = fitted(0, 1)
     document = json.loads(validity_member(shock, "shock", Disclosure.FULL)[MEMBER])

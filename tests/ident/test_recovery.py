@@ -39,6 +39,7 @@ def test_lpnl2_inside_the_class(curve, law_record):
     assert fit.percent < 0.2
 
 
+@pytest.mark.nightly
 def test_a_step_at_the_transition_is_followed_where_the_record_shows_it(curve, law_record):
     stepped = replace(curve, compression=(curve.compression[0] + 60.0, 2500.0, -300.0, 0.0))
     fit = fit_shock(law_record(Lpf1(stepped, 1.3e-3), 3), "lpf1")
@@ -54,6 +55,7 @@ def test_outside_the_class_the_held_out_error_is_under_one_percent(digressive_re
     assert fit.parameter("time_constant").value == pytest.approx(1.7e-3, rel=0.03)
 
 
+@pytest.mark.nightly
 def test_the_error_bars_hold_the_truth(curve, law_record):
     fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 6), "lpf1")
     tau = fit.parameter("time_constant")

@@ -40,7 +40,7 @@ def test_parameters_are_in_both_unit_systems(fits):
         assert word in shown
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_plot_is_written_whole(fits, tmp_path, count):
     path = tmp_path / "plots" / "fit.png"

@@ -19,6 +19,7 @@ def linear(columns, target, inequalities, start):
     )
 
 
+@pytest.mark.nightly
 @given(st.integers(0, 10_000))
 def test_bounds_alone_give_what_bounded_linear_least_squares_gives(seed):
     random = np.random.default_rng(seed)

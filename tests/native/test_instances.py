@@ -190,6 +190,7 @@ def test_an_fmu_runs_from_any_read_only_folder_without_environment_variables(fol
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("step", [1e-7, 3.3e-5, 1e-3, 0.05])
 def test_the_result_does_not_depend_on_the_step_size(host, step):
     """One step equals ten steps of a tenth for held inputs, because the step is exact.

@@ -226,7 +226,7 @@ def coupled(fmu, curve, stiffness, finer):
     return np.array(forces)[::finer]
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("scales", [(1.0, 1.0), (1.8, 0.7)])
 def test_coupling_to_a_quarter_car_keeps_second_order_across_kinks(component, scales):
     curve = Curve(8000.0, 0.2, 0.12, 0.0127, (900.0, 1500.0), (0.8, 0.9), (600.0, 800.0), scales)

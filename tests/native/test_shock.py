@@ -160,7 +160,7 @@ def loaded():
     return []
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -261,7 +261,7 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(compon
     assert fmu.get(("lagged_force",)) == pytest.approx([law.valve_force(law.start(0.05), 0.05)], rel=1e-15)
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAWS)
 def test_ramped_inputs_reduce_the_error_of_a_large_step_at_least_fivefold(component, shocks, name):
     """A smooth velocity, against the law in steps of ten microseconds: the lagged force at the coupling points."""
@@ -297,6 +297,7 @@ def test_a_fast_ramp_is_divided_into_pieces_with_second_order_accuracy(shocks):
     assert abs(law.follow(law.static_force(-0.35), -0.35, 0.35, 2e-3) - exact) < 1e-3 * abs(exact)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     "values",
     [

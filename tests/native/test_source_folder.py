@@ -108,6 +108,7 @@ def test_two_fmus_link_into_one_program_without_options_and_with_prefixes_of_the
     assert coupled(cc, unpacked, tmp_path / "second", renamed, "a_", "b_") == first
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("options", "name"),
     [

@@ -60,7 +60,7 @@ def test_there_is_no_writable_global(objects, nm):
         assert not symbols(path, "BbCDdGgSs"), name
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_locales(objects, nm):
     own, needs = set(), {}
     for name, path in objects.items():

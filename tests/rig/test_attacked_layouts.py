@@ -113,6 +113,7 @@ REFUSALS = [pytest.param(*case, id=layout) for attack in (REFUSED, third.REFUSED
             for layout, case in attack.items()]  # fmt: skip
 
 
+@pytest.mark.repeated(30)
 @pytest.mark.parametrize("write", READERS)
 def test_layout_is_read_to_the_same_values(write, tmp_path):
     test = read_dyno_test(write(tmp_path))

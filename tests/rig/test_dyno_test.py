@@ -140,6 +140,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_has_its_own_error_with_file_place_and_advice(tmp_path, fault):
     header, columns, error, message = FAULTS[fault]

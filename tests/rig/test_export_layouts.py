@@ -226,6 +226,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.repeated(20)
 @pytest.mark.parametrize("layout", READ)
 def test_an_export_is_read_to_the_same_values(layout, tmp_path):
     test = read_dyno_test(READ[layout](tmp_path))

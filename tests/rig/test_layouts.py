@@ -157,6 +157,7 @@ def check(series):
     assert series["velocity"][50:-50] == pytest.approx(V[50:-50], rel=1e-6, abs=0.02 * V.max())
 
 
+@pytest.mark.repeated(30)
 @pytest.mark.parametrize("layout", READ)
 def test_a_layout_is_read_to_the_same_values(layout, tmp_path):
     test = read_dyno_test(READ[layout](tmp_path))

@@ -46,6 +46,7 @@ def test_the_24_24_run_has_the_correct_sign():
     assert np.abs(test.series["velocity"]).max() == pytest.approx(0.127, rel=0.1)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["ensaio.vali.1", "ensaio1", "ensaio8.2"])
 def test_the_magneto_rheological_damper_is_read_with_its_measured_velocity(name):
     test = read_dyno_test(measured("labcontrol", f"labcontrol_{name}.csv"))

@@ -30,6 +30,7 @@ INCH, POUND = convert(1.0, "in", "m"), convert(1.0, "lbf", "N")
 CAR = stand_in_truth()
 
 
+@pytest.mark.nightly
 def test_the_random_test_has_the_peaks_and_rms_values_of_the_text():
     series = random_drive(CAR, 3, duration=400.0).series
     assert np.abs(series["lf.road"]).max() == pytest.approx(0.4 * INCH)

@@ -66,6 +66,7 @@ def test_a_correct_test_of_one_input_or_of_all_passes(car, which, damping, noise
     check_rig_record(test.series, test.corners)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_a_correct_bump_passes(truth):
     car = TRUTHS[truth]()
@@ -92,6 +93,7 @@ def shaken(truth):
     return recorded(car, random_drive(car, 7, duration=8.0), damping=20.74, noise=True)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("quantity", CHECKED)
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_a_channel_with_the_wrong_sign_is_reported_at_every_corner(truth, quantity):
@@ -106,6 +108,7 @@ def test_a_channel_with_the_wrong_sign_is_reported_at_every_corner(truth, quanti
             check_rig_record(turned, test.corners)
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("quantity", ["hub_acceleration", "tire_force", "road", "force"])
 @pytest.mark.parametrize("truth", ["seven_dof", "eight_post"])
 def test_swapped_corners_are_reported_on_every_axle_and_side(truth, quantity):

@@ -185,6 +185,7 @@ def test_swapped_corners_are_refused(record, tmp_path, quantity):
         read_rig_test(path)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("quantity", ["hub_acceleration", "tire_force", "force", "displacement", "road"])
 def test_a_reversed_channel_is_refused(record, tmp_path, quantity):
     path = changed(record, tmp_path, {f"lr.{quantity}": -record.series[f"lr.{quantity}"]})

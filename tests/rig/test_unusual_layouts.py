@@ -221,6 +221,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.repeated(30)
 @pytest.mark.parametrize("layout", READ)
 def test_an_unusual_layout_is_read_to_the_same_values(layout, tmp_path):
     test = read_dyno_test(READ[layout](tmp_path))

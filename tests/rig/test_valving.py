@@ -27,8 +27,7 @@ def test_the_static_curve_of_a_valving_is_found_again_with_a_level_that_is_not_i
     assert found.combinations > 10_000_000
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("build", ["C/B", "B/C"])
 def test_from_the_fit_of_a_dynamometer_test_the_shims_of_the_shock_are_found(build):
     shock = read_shock(BANK / f"{build.replace('/', '_')}.json")

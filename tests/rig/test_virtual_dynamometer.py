@@ -69,6 +69,7 @@ def test_a_softer_head_valve_lowers_the_static_error_at_150_psi_and_raises_it_at
     assert error[5] > 1.2 * error[1]
 
 
+@pytest.mark.nightly
 def test_the_errors_of_build_1_are_near_those_of_table_3_4():
     static, lagged = (fit(1, law) for law in ("polylinear", "lpf1"))
     assert static.deviation / 4.4482216 == pytest.approx(366.5, rel=0.03)

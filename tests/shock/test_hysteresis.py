@@ -222,7 +222,7 @@ def test_with_a_time_constant_of_slope_over_stiffness_it_is_close_to_maxwell():
 # ---- Forms of the law -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_compiled_loop_and_the_compiled_step_are_the_law():
     law, drive = replace(SCALED, port=Port(compression_scale=1.3, rebound_scale=0.8)), [velocity(t) for t in TIMES]
     state, expected = law.start(drive[0]), [law.valve_force(law.start(drive[0]), drive[0])]

@@ -30,6 +30,7 @@ def test_the_force_of_every_shape_rises_through_zero_and_takes_energy(compressio
     assert all(curve.force(v) * v > 0.0 for v in (-2.0, -0.3, -1e-3, 1e-3, 0.3, 2.0))
 
 
+@pytest.mark.nightly
 @settings(max_examples=15)
 @given(ANY, ANY)
 def test_the_curve_of_every_shape_is_found_again(compression, rebound):

@@ -83,6 +83,7 @@ def car(law):
     return IdentifiedVehicle("car", QUARTER, {"": 1000.0}, friction={"": law})
 
 
+@pytest.mark.nightly
 @given(law=st.builds(Friction, st.floats(0.0, 1e3), st.floats(1e-4, 0.1), LAWS, st.floats(-1e6, 1e6)))
 def test_a_bristle_and_a_spring_are_read_back_to_the_bit(law, tmp_path_factory):
     path = tmp_path_factory.mktemp("car") / "car.json"

@@ -136,6 +136,7 @@ def test_on_a_random_road_the_sub_steps_agree_with_ten_times_finer_ones():
     assert np.sqrt(np.mean((found - precise) ** 2)) < 3e-4 * np.std(precise)
 
 
+@pytest.mark.nightly
 def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
     """m1 w1'' = k d + F,  m2 w2'' = k_t (y - w2) - k d - F,  d = w2 - w1,  F = F_c tanh(d' / v_f) + c d'."""
     p, force, width, c = QUARTER.parameters, 180.0, 0.004, 900.0
@@ -175,6 +176,7 @@ def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
         assert np.abs(got[name] - values).max() < tolerance * np.abs(values).max(), name
 
 
+@pytest.mark.nightly
 def test_the_energy_loss_of_an_undamped_car_equals_the_work_of_friction():
     """In free motion of the quarter car, the loss of 1/2 m v^2 + 1/2 k d^2 is the integral of F v."""
     p = QUARTER.parameters

@@ -46,6 +46,7 @@ def test_table_5_1_in_si(monolithic):
 positive = st.floats(0.2, 5.0)
 
 
+@pytest.mark.nightly
 @given(
     scales=st.lists(positive, min_size=24, max_size=24),
     bars=st.tuples(st.floats(0.0, 1e5), st.floats(0.0, 1e5)),

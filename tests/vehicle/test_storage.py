@@ -64,6 +64,7 @@ def identified(draw):
     )
 
 
+@pytest.mark.nightly
 @ROUND_TRIP
 @given(vehicle=structural())
 def test_parameters_that_are_read_back_are_equal(tmp_path, vehicle):
@@ -71,6 +72,7 @@ def test_parameters_that_are_read_back_are_equal(tmp_path, vehicle):
     assert read_vehicle(tmp_path / "car.toml") == vehicle
 
 
+@pytest.mark.nightly
 @ROUND_TRIP
 @given(vehicle=identified())
 def test_an_identified_model_that_is_read_back_is_equal(tmp_path, vehicle):

@@ -27,6 +27,7 @@ def test_an_assemblys_error_estimates_equal_those_of_the_master(car, case):
     assert found[4] == pytest.approx(max(c.percent for c in result.coupled.values()), rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_communication_step_is_divided_into_equal_micro_steps_if_it_is_not_a_multiple(car, case):
     outputs = observed(FmuComponent(car, "car"))
     expected, _ = master(case, 0.0004, drive_step=0.002, outputs=outputs)
@@ -42,6 +43,7 @@ def test_the_error_is_of_second_order_in_the_coupling_step(car, measured):
     assert errors[-1].max() < 0.2
 
 
+@pytest.mark.nightly
 def test_an_assembly_is_a_hundred_times_more_accurate_than_separate_fmus_with_held_inputs(car, case, fmus, measured):
     """Compare with the exact response to the held roads, so that only the error of the coupling remains."""
     names, _ = measured

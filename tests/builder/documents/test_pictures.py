@@ -35,6 +35,7 @@ def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metad
         assert len(colours) > 20
 
 
+@pytest.mark.nightly
 def test_the_picture_shows_the_shocks_own_curve(shocks):
     shock = shocks["polylinear"]
     stiffer = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, compression_scale=2.0)))  # fmt: skip # noqa: E501

@@ -134,6 +134,7 @@ def test_a_refusal_of_the_fmu_reaches_the_page_with_its_reason(fmus):
     assert "lag_zero_force must be greater than lag_full_force" in found["message"]
 
 
+@pytest.mark.repeated
 def test_every_tunable_parameter_but_the_curve_has_a_control_that_can_reach_its_start_and_nothing_that_is_refused(
     shocks, fmus, law
 ):

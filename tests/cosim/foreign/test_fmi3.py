@@ -172,6 +172,7 @@ def test_inputs_that_the_fmu_does_not_let_change_within_a_step_are_held(build, t
     held.finish()
 
 
+@pytest.mark.repeated
 def test_a_restored_state_gives_the_same_bits_and_drops_slopes_of_the_undone_step(three, kind):
     part = lag_fmus.begun(kind(three, "lag"))
     part.set(("u", "w[1]"), (1.0, 4.0))
@@ -229,6 +230,7 @@ def chained(first, second, road, **options):
     return run(system, scenario, step=STEP, compared=False, **options)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("algorithm", ALGORITHMS.values(), ids=ALGORITHMS)
 def test_builds_for_both_versions_of_fmi_couple_to_the_same_result(three, two, road, algorithm):
     def result(first, second, engine):

@@ -47,6 +47,7 @@ def systems(fmus):
     return car_and_shock(fmus, isolate=False), car_and_shock(fmus, isolate=True)
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize(
     ("algorithm", "step"),
     [
@@ -246,6 +247,7 @@ def test_the_fmus_of_a_system_file_are_isolated_on_request(foreign, tmp_path):
         assert type(case.system.components["odd"]) is kind
 
 
+@pytest.mark.nightly
 def test_an_isolated_step_costs_well_under_a_millisecond(foreign, begun, march):
     part = begun(IsolatedComponent(foreign(), "odd"))
     march(part, 50)

@@ -147,6 +147,7 @@ def test_runs_of_fmus_that_hold_their_inputs_are_repeatable(parts, rough, monoli
     assert np.std(first.series["car.body"] - body) < 0.05 * np.std(body)
 
 
+@pytest.mark.nightly
 def test_static_memory_of_a_library_is_fresh_for_each_run(parts, rough):
     """The library is unloaded with its last instance, which frees its static memory."""
     system = quarter_car(parts("-DSTATIC_MEMORY"))
@@ -168,6 +169,7 @@ def test_a_repeated_run_with_a_different_result_is_an_error_that_names_the_fmu(p
     assert_same(*(run(apart, scenario(rough), step=1e-3, engine="python").series for _ in range(2)))
 
 
+@pytest.mark.nightly
 def test_runs_with_another_step_or_drive_are_not_compared(parts, rough):
     system = quarter_car(parts())
     half = Drivefile(TimeSeries.from_channels(rough.series.time, {"road": ("m", 0.5 * rough.series["road"])}))

@@ -165,6 +165,7 @@ def test_a_second_run_of_a_system_equals_the_first_bit_for_bit(odd, manner, pair
         np.testing.assert_array_equal(first[name], second[name])
 
 
+@pytest.mark.repeated
 def test_log_messages_are_formatted_with_variable_names(odd, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")
     part = begun(odd, "talk")
@@ -184,6 +185,7 @@ def test_each_component_has_its_own_logger(foreign, begun, march, caplog):
     assert [r.name for r in caplog.records if r.name.startswith("cosim.fmu")] == ["cosim.fmu.one", "cosim.fmu.two"]
 
 
+@pytest.mark.repeated
 def test_printed_output_of_an_isolated_fmu_is_logged(odd, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")
     part = begun(odd, "print")
@@ -236,6 +238,7 @@ def test_sources_are_compiled_on_request_if_there_is_no_binary(
     assert len(list((tmp_path / "cache" / "rebuilt").iterdir())) == 1
 
 
+@pytest.mark.nightly
 def test_a_damaged_library_in_the_cache_is_recompiled(
     source_fmu, begun, march, tmp_path, monkeypatch, caplog, foreign_library
 ):

@@ -98,6 +98,7 @@ def test_the_run_command_refuses_options_for_packages_with_a_system_file(folder)
     assert ran.exit_code == 2 and "--stop '1 m': cannot convert" in ran.output
 
 
+@pytest.mark.nightly
 def test_the_example_of_the_documentation_gives_the_documented_result(folder, monkeypatch):
     monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     page = (Path(__file__).parents[3] / "docs" / "how_to" / "ssp.md").read_text(encoding="utf-8")

@@ -24,6 +24,7 @@ def sines(low: float, high: float) -> np.ndarray:
     return low * np.sin(2.0 * np.pi * 5.0 * TIME) + high * np.sin(2.0 * np.pi * 40.0 * TIME)
 
 
+@pytest.mark.nightly
 @given(st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 def test_the_share_above_is_that_of_the_sines_power(low, high):
     found = power_above(sines(low, high)[np.newaxis], RATE, 16.0)

@@ -142,6 +142,7 @@ def test_of_two_equal_setups_with_different_levels_the_one_far_from_the_predicti
     assert [(one.file, one.used) for one in found.contradictions] == [(f"run_{wrong}.csv", False)]
 
 
+@pytest.mark.nightly
 def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_named_and_used():
     study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.02, 0.02))
     levels = study.values("a")

@@ -65,6 +65,7 @@ def test_the_step_needed_by_stiff_shocks_is_also_used_for_soft_ones(small_study,
     assert found_error(Evaluator(study), setup, both) <= study.accuracy
 
 
+@pytest.mark.nightly
 def test_a_build_that_fails_does_not_prevent_the_choice_of_a_coupling(small_study, fmus):
     bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
     evaluator = Evaluator(small_study(bank={"soft": Build(fmus["lpnl2"]), "stiff": bad}))

@@ -33,6 +33,7 @@ RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 20)).map(lambda p
 # ---- Which setups are run -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @given(done=RANGES, count=st.integers(0, 700), cost=st.floats(1e-5, 10.0), workers=st.integers(0, 64))
 def test_every_setup_that_is_not_completed_is_in_one_chunk(done, count, cost, workers):
     numbers = 3 * np.arange(count)

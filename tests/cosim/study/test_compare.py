@@ -54,6 +54,7 @@ def test_ranks_are_counted_pair_by_pair():
     assert comparison(measured).spearman == pytest.approx(1.0 - 6.0 * np.sum(shifts**2) / (5 * 24))
 
 
+@pytest.mark.nightly
 def test_the_slopes_confidence_interval_covers_the_truth_at_its_level():
     generator = np.random.default_rng(1)
     held = 0

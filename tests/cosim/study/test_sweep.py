@@ -140,7 +140,7 @@ def test_a_changed_study_is_run_again(small_study, here, tmp_path, finished):
     assert len(here.ran) == 16
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_setups_that_fail_are_listed_and_the_rest_is_kept(small_study, here, fmus, tmp_path, finished):
     study = small_study()
     bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})

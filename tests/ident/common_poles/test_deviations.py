@@ -58,6 +58,7 @@ def test_a_relative_deviation_does_not_depend_on_the_size_of_a_response(scale: f
     assert _relative(0.1 * size, size) == pytest.approx([0.1], rel=1e-12)
 
 
+@pytest.mark.nightly
 def test_a_misfit_above_one_deviation_raises_the_uncertainty_and_one_below_does_not(quarter_car: StateSpace) -> None:
     found = CommonPoleFit(order=4, high=19.9, floor=1e-5, max_states=4).fit(noisy(quarter_car, 0.02, 3))
     experiment = Experiment("car", ("road",), ("force",), tuple(found.model.output_names), {"": 800.0})

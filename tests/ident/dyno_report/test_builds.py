@@ -145,7 +145,7 @@ def test_a_law_without_lag_has_no_time_constant_and_a_file_without_estimates_no_
     assert entry_of_shock(shock, "s", "s").lag == shock.law.time_constant
 
 
-@pytest.mark.repeated(2)
+@pytest.mark.repeated
 @pytest.mark.parametrize("band", [None, 3, {"velocity [m/s]": "x"}, {"velocity [m/s]": [0, 1], "force [N]": [0, 1]}])
 def test_a_band_of_another_form_is_left_out(band):
     shock = read_shock(BANK[0])

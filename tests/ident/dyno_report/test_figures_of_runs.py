@@ -36,6 +36,7 @@ def entry(series, **conditions):
 # ---- Energy, hysteresis, lag ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @settings(QUICK, max_examples=40)
 @given(RATES, st.floats(0.005, 0.05), st.floats(0.5, 5.0), st.floats(0.0, 200.0), st.floats(0.0, 5000.0))
 def test_energy_per_cycle_is_that_of_viscous_and_dry_friction(rate, amplitude, frequency, friction, stiffness):
@@ -102,7 +103,7 @@ def motion_of(drive, force=None, lag=0.0):
     })  # fmt: skip
 
 
-@pytest.mark.repeated
+@pytest.mark.nightly
 @pytest.mark.parametrize(("compression", "rebound"), [(1500.0, 6000.0), (6000.0, 1500.0)])
 def test_the_force_at_rest_of_a_random_motion_has_little_of_the_bias_of_the_lag(compression, rebound):
     force = valve(viscous(compression), viscous(rebound), gas=200.0, stiffness=700.0)

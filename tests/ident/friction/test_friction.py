@@ -85,7 +85,7 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
     assert costs["bristle"] < 0.85 * costs["tanh"]  # 0.73 to 0.80 on five drives
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_friction_that_creeps_is_recognised(smooth: list[TimeSeries], experiment: Experiment) -> None:
     law = Friction(-80.0, 0.012)  # subtracting 80 N from the measured forces makes a friction of 80 N
     creeping = [with_friction(test, {"": law}) for test in smooth]

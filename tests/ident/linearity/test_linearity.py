@@ -141,6 +141,7 @@ def test_unusable_tests_are_omitted_and_reported() -> None:
     assert any("differ from record 2; change one shock at a time" in note for note in notes)
 
 
+@pytest.mark.nightly
 def test_other_shocks_on_a_quarter_car_do_not_count_as_another_amplitude() -> None:
     road = {"seconds": 30.0, "active": ("road",)}
     first = record("quarter_car", **road)

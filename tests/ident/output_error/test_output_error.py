@@ -111,6 +111,7 @@ def test_the_probability_of_the_gate_is_uniform_at_most_where_only_noise_is_left
     assert np.mean(np.array(found) < 0.1) <= 0.25
 
 
+@pytest.mark.nightly
 def test_noise_that_no_test_can_tell_from_a_missing_effect_is_not_accepted(model):
     record, _ = _random_record(model, 3, 0.3, noise=0.4)
     fit = OutputError().fit(model, resonators(0.3), [record])

@@ -77,6 +77,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good: TimeSeries, tmp_path: Path, fault: str) -> None:
     change, keep, words = FAULTS[fault]

@@ -56,7 +56,7 @@ def test_a_sound_record_has_no_finding(name: str) -> None:
     assert record_findings(test.series, test.corners) == ()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), size=st.floats(0.26, 1.6), up=st.booleans())
 def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(
@@ -115,6 +115,7 @@ def test_a_channel_that_carries_noise_is_named(sound: TimeSeries, name: str) -> 
     assert (found.rule, found.channels) == (DISCONNECTED, (name,))
 
 
+@pytest.mark.nightly
 def test_a_command_that_carries_noise_is_named(sound: TimeSeries) -> None:
     """The noise is small within the band, so that the command alone would be that of a corner at rest."""
     commanded, name = sound, "lf.road_command"
@@ -204,6 +205,7 @@ def test_one_quantity_that_is_wrong_at_all_corners_is_one_finding(sound: TimeSer
     assert "its unit is probably lbf, but it is read as N; give unit = 'lbf'" in found.remedy
 
 
+@pytest.mark.nightly
 def test_forces_that_are_all_wrong_by_one_factor_are_found_with_the_mass_only(sound: TimeSeries) -> None:
     """A car of 1.3 times the masses, stiffnesses and dampings moves in the same way."""
     series = sound
@@ -237,6 +239,7 @@ def test_a_fault_of_several_records_is_one_reason(sound: TimeSeries) -> None:
     assert reason.origin == "record 1, record 3"
 
 
+@pytest.mark.nightly
 def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: Path) -> None:
     path = written(with_row(sound, "rf.tire_force", 1.3 * sound["rf.tire_force"]), tmp_path / "rig.parquet")
     code, said = run("inspect", path)

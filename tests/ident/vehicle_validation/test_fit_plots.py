@@ -39,8 +39,7 @@ def test_a_plot_does_not_depend_on_the_plots_before_it(fit: VehicleFit, tmp_path
     assert differ(together[0], together[1])
 
 
-@pytest.mark.repeated
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["coherence", "partial_coherence", "H"])
 def test_estimate_and_coherences_are_in_the_plot(fit: VehicleFit, tmp_path: Path, kind: str) -> None:
     estimate = fit.response

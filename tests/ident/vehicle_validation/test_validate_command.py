@@ -81,7 +81,7 @@ def test_a_bad_car_exits_1_with_the_reason(run: Run) -> None:
     assert "the RMS of an output is wrong" in result.output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_user_can_set_the_limits(run: Run) -> None:
     assert run("slow.json", "--level", "500", "--limit", "500").exit_code == 0
     assert run("corner.json", "--limit", "0.01").exit_code == 1

@@ -49,6 +49,7 @@ def test_every_law_has_the_bits_of_its_fmu(fmus, law):
     assert differing(study, random_setups(study, 8)) == []
 
 
+@pytest.mark.nightly
 def test_laws_can_be_mixed_in_a_batch(fmus):
     study = study_of(fmus, random_builds(fmus, LAWS, 10, seed=11))
     assert differing(study, random_setups(study, 8)) == []

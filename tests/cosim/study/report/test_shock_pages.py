@@ -1,6 +1,7 @@
 """Curves of shocks measured on their FMUs, and the pages that the FMUs carry."""
 
 import numpy as np
+import pytest
 
 from cosim.study.report.shock_pages import VELOCITIES, copy_shock_pages, shock_curve, shock_curves
 from cosim.study.study import Build
@@ -8,6 +9,7 @@ from cosim.study.study import Build
 from ..coupled import SCALES, study
 
 
+@pytest.mark.nightly
 def test_the_curve_of_an_fmu_is_the_static_force_of_its_law(fmus, shocks):
     for name in ("polylinear", "lpf1", "lpnl2", "maxwell"):
         law = shocks[name].law

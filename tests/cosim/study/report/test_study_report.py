@@ -84,6 +84,7 @@ def test_every_unit_is_shown_in_both_systems():
     assert Scale.of("smiles").us.unit == "smiles"  # a user-defined measure may have any unit
 
 
+@pytest.mark.nightly
 def test_the_page_shows_the_best_setup_failures_and_provenance(few, sheet):
     html = page(sheet, Extras(sensitivities=available_sensitivities(few)))
     text = _text(html)
@@ -273,7 +274,7 @@ def test_every_build_of_a_large_bank_has_a_colour_of_its_own():
     assert len(set(build_colors(40))) == 40
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
     whole = surrogate(("AA/AA", "C/C", "B/B"))
     result = StudyResult(
