@@ -68,7 +68,7 @@ class _Verbs(click.Group):
     """Command group that turns the project's own errors into a message and an exit code; others show a traceback."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Run the program. A verb runs in a process of its own, whose crash or hang is reported."""
+        """Run the program; a verb in a supervised process, which cannot end unnoticed."""
         work = partial(super().__call__, *args, **kwargs)
         is_program = not args and "args" not in kwargs and f"_{_NAME.upper()}_COMPLETE" not in os.environ
         if is_program and not VERBS.keys().isdisjoint(sys.argv[1:]):

@@ -132,7 +132,6 @@ def shapes(
     if objective is not None:
         described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
-    completion.begin(output)
     try:
         found = _search(console, described, output, sources, request, workers, scheduler)
     except KeyboardInterrupt:
@@ -178,6 +177,7 @@ def _search(
 
     requested = Requested(described, output)
     check_outputs()  # the files that the study names are now known
+    completion.begin(output)
     show_study(console, requested, bank_plan(requested))
     with running_workers(workers, scheduler) as pool:
         with console.status("choosing the coupling step"):

@@ -182,7 +182,7 @@ is_worker = False
 # ---- A command, which runs in a child of the process that was started ------------------------------------------------
 
 #: Interval at which the record is read [s], and time within which a signal to both processes reaches both [s].
-_LOOK, _TOGETHER = 0.1, 0.3
+_LOOK, _TOGETHER = 0.1, 0.5
 
 
 def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> int:

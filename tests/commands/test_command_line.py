@@ -1,5 +1,6 @@
 """The command line reports its results and exits with 0 (done), 1 (not acceptable) or 2 (wrong input)."""
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from eightpost import __main__ as program
 from eightpost import __version__
 from eightpost.__main__ import VERBS, main
 from eightpost.archive import read_archive, write_archive
@@ -40,6 +42,40 @@ def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost
     assert VERBS[verb].rstrip(".") in " ".join(shown.output.split())
     if verb != "demo":
         assert "Example" in shown.output
+
+
+@pytest.mark.parametrize(
+    ("words", "completes", "is_supervised"),
+    [
+        (["run", "case.toml"], "", True),
+        (["-v", "fit", "dyno.csv"], "", True),
+        (["--help"], "", False),
+        (["--version"], "", False),
+        ([], "", False),
+        (["run", "case.toml"], "bash_complete", False),
+    ],
+)
+def test_every_command_but_help_and_completion_is_supervised(monkeypatch, words, completes, is_supervised):
+    started, codes = [], []
+    monkeypatch.setattr(program, "supervised", lambda work, _complain: started.append(work) or 7)
+    monkeypatch.setattr(os, "_exit", codes.append)
+    monkeypatch.setattr(sys, "argv", ["eightpost", *words])
+    if completes:
+        monkeypatch.setenv("_EIGHTPOST_COMPLETE", completes)
+        monkeypatch.setenv("COMP_WORDS", "eightpost ru")
+        monkeypatch.setenv("COMP_CWORD", "1")
+    with contextlib.suppress(SystemExit):
+        main(prog_name="eightpost")
+    assert (len(started), codes) == ((1, [7]) if is_supervised else (0, []))
+
+
+def test_a_call_with_arguments_is_not_a_program(monkeypatch):
+    monkeypatch.setattr(program, "supervised", None)
+    monkeypatch.setattr(sys, "argv", ["eightpost", "run"])
+    for words in ([["--version"]], []):
+        with pytest.raises(SystemExit) as ended:
+            main(*words, **({} if words else {"args": ["--version"]}))
+        assert ended.value.code == 0
 
 
 @pytest.mark.slow

@@ -184,7 +184,7 @@ def memory_functions() -> tuple[int | None, int | None]:
 def binary_path(folder: Path, identifier: str, fmi: int) -> Path | None:
     """Return the binary for this platform in an unpacked FMU of an FMI version, 2 or 3.
 
-    None if it does not exist, or if the identifier could name a file elsewhere.
+    None if it does not exist, or if the identifier could name a file outside the FMU.
     """
     if not identifier.isidentifier():
         return None
