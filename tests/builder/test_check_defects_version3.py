@@ -119,6 +119,7 @@ def test_every_rule_of_fmi_3_has_a_seeded_defect():
     assert len(seeded - own) >= 25
 
 
+@pytest.mark.repeated(30)
 @pytest.mark.parametrize("name", ON_FILE)
 def test_a_defect_in_the_files_is_found_by_its_rule(name, bases, tmp_path):
     defect = ON_FILE[name]

@@ -50,11 +50,12 @@ def nm():
         pytest.skip("no nm on this machine")
 
 
+@pytest.mark.repeated("lpnl2")
 def test_the_sources_compile_without_warnings(objects):
     assert len(objects) >= 9
 
 
-@pytest.mark.repeated
+@pytest.mark.repeated("lpnl2")
 def test_there_is_no_writable_global(objects, nm):
     for name, path in objects.items():
         assert not symbols(path, "BbCDdGgSs"), name
@@ -74,7 +75,7 @@ def test_only_instantiation_allocates_memory_and_no_function_uses_files_or_local
         assert found <= PURE, name
 
 
-@pytest.mark.repeated
+@pytest.mark.repeated("lpnl2")
 def test_every_external_name_carries_the_prefix_that_a_host_sets(objects, nm):
     external = {(name, symbol) for name, path in objects.items() for symbol in symbols(path, "TRBDC")}
     assert len({name for name, _ in external}) > 5

@@ -45,6 +45,7 @@ stop = "3 s"
         ("for (;;)", "a worker process was not responding for 3 s while it chose the coupling, so an FMU hangs"),
     ],
 )
+@pytest.mark.repeated("_exit(0)")
 def test_a_study_with_such_a_shock_has_no_result(last, message, foreign_compiler, fmus, tmp_path):
     library = foreign_compiler(tmp_path / "shock.so", f"-DLAST={last}", source=shocks.SOURCE)
     names = {"piston.speed": "velocity", "piston.travel": "displacement", "rod.force": "force"}
