@@ -58,6 +58,7 @@ def test_shock_velocities_have_no_direct_term_so_an_fmu_can_be_built(fit: Vehicl
     assert "force" in fit.vehicle.coupled().input_names
 
 
+@pytest.mark.slow
 def test_the_reduction_changes_outputs_within_its_tolerance(quarter_car: Rig) -> None:
     fits = [Boggs(reduction=part).identify(quarter_car.records, _experiment(quarter_car)) for part in (None, 0.003)]
     whole, reduced = (response_of(one.vehicle.state_space, one.response.frequency) for one in fits)
