@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
+from eightpost.ident.shock.closed import dynamics_for
+from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.clicks import best_clicks
+from eightpost.ident.shock.settings.joint_fit import _joint_model
 from eightpost.ident.shock.settings.result import fit_settings
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
@@ -22,7 +27,7 @@ from eightpost.ident.shock.settings.terms import effects_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
-from eightpost.shock import Axis, Lpf1, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
+from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
 from eightpost.shock.settings import node_weights
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
@@ -342,3 +347,15 @@ def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_
 def test_interpolated_weights_sum_to_one():
     for value in (-3.0, 0.0, 2.5, 11.0, 40.0):
         assert sum(node_weights((0.0, 5.0, 12.0), value)) == pytest.approx(1.0)
+
+
+def test_the_jacobian_of_all_settings_is_the_difference_of_their_weighted_residuals():
+    """Without a law of its own, the force is linear in every parameter."""
+    groups = [prepare_runs([record(true_law(clicks), 1)]) for clicks in (0.0, 28.0)]
+    gas, _ = gas_columns(Runs.of([runs.first for runs in groups]), "estimate")
+    model = _joint_model(groups, gas, dynamics_for(Polylinear, limits_for(groups[0].measured, RATE)))
+    random = np.random.default_rng(0)
+    model = model.weighted(random.uniform(0.1, 1.0, model.runs.target.size))
+    x, none = random.standard_normal(model.size), np.zeros(model.size)
+    moved = model.residual(x) - model.residual(none)
+    np.testing.assert_allclose(model.jacobian(none) @ x, moved, atol=1e-9 * np.abs(moved).max())
