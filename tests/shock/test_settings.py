@@ -120,6 +120,7 @@ def test_a_shock_file_without_settings_has_no_section_for_them(tmp_path):
         (lambda s: s["axes"][0].update(nodes=[5.0, 0.0, 12.0, 20.0]), "nodes must be ascending"),
         (lambda s: s["axes"][0].update(name="low speed"), "letters, digits and _"),
         (lambda s: s["terms"][0].update(axes=["bump"]), "unknown axis 'bump'"),
+        (lambda s: s["terms"][0].update(axes=["jounce", "bump"]), "unknown axis 'bump'"),
         (lambda s: s["terms"][0]["deviations"].pop(), "must have 4 rows of 27 numbers"),
         (lambda s: s["terms"][0]["deviations"][0].__setitem__(3, "soft"), "numbers only"),
         (lambda s: s.update(tested=[]), "each tested combination must have 3 values"),

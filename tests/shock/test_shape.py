@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock
+from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock, shape_fit
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.shape import CURVE_NUMBERS, SIDES, UNITS, Shape, Side, curve_parameters, range_of
 from eightpost.shock.shape_fit import BOUNDS, difference, fit_law, fit_shape
@@ -47,6 +47,22 @@ def test_the_curve_of_every_shape_is_found_again(compression, rebound):
 )
 def test_curves_that_mislead_a_fit_are_found_again(compression, rebound):
     assert fit_shape(Shape(compression, rebound).curve()).relative < 2e-4
+
+
+def test_a_search_starts_at_every_pair_of_knees_that_no_neighbour_is_better_than(monkeypatch):
+    count = shape_fit._KNEES.size
+    errors = np.random.default_rng(2).uniform(1.0, 2.0, (count, count))
+    given_errors = iter(errors.ravel())
+    monkeypatch.setattr(shape_fit, "nnls", lambda *_: (np.ones(8), next(given_errors)))
+    found = shape_fit._Problem(np.zeros((2, 2 * shape_fit._KNOTS.size)), np.zeros(2))._starts()
+    best = [
+        (i, j)
+        for i, j in np.ndindex(count, count)
+        if errors[i, j] == errors[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].min()
+    ]
+    knees = np.exp([start[shape_fit._KNEE] for start in found])
+    assert len(found) == len(best) > 3
+    np.testing.assert_allclose(knees, shape_fit._KNEES[np.array(best)])
 
 
 @pytest.mark.nightly
