@@ -41,6 +41,12 @@ def test_pauses_separate_runs(channels):
     assert not any("left out" in note for note in first.notes)
 
 
+@pytest.mark.parametrize(("pause", "runs"), [(1.0, 1), (1.8, 2)])
+def test_a_pause_is_longer_than_half_the_way_to_the_next_turning_point(pause, runs):
+    """The turning points of a sine of 0.1 Hz are 2.5 s before and after a stop in its middle."""
+    assert len(split_runs(dyno(sine(0.02, 0.1, 2), rest(pause), sine(0.02, 0.1, 2)))) == runs
+
+
 @pytest.mark.parametrize(
     ("slow", "fast"),
     [((0.02, 1.0, 8), (0.02, 2.0, 12)), ((0.02, 2.0, 10), (0.01, 2.0, 10)), ((0.002, 2.0, 10), (0.02, 3.0, 10))],
