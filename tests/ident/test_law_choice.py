@@ -13,7 +13,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident import choose_law, fit_shock
 from eightpost.ident.shock import curve_choice
 from eightpost.ident.shock.choice_verdict import RULES, choice_reasons
-from eightpost.ident.shock.cross_validation import HeldOut, left_out_blocks, left_out_runs
+from eightpost.ident.shock.cross_validation import HeldOut, _without_level, left_out_blocks, left_out_runs
 from eightpost.ident.shock.law_choice import LawScore, chosen_law
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.runs import Runs
@@ -228,6 +228,16 @@ def test_the_quarters_are_apart_from_the_rows_that_are_fitted():
         for part in block.parts:
             assert not block.kept[part].any()
         assert 0.6 < block.kept.mean() < 0.74
+
+
+def test_the_error_on_a_whole_run_is_that_of_the_best_offset_and_gain_of_the_samples_that_count():
+    measured = np.random.default_rng(4).standard_normal(50)
+    weights = np.ones(50)
+    weights[7], predicted = 0.0, 30.0 - 4.0 * measured
+    predicted[7] = 1e3
+    assert np.delete(_without_level(predicted, measured, weights), 7) == pytest.approx(np.zeros(49), abs=1e-12)
+    constant = _without_level(np.full(50, 3.0), measured, np.ones(50))
+    assert constant == pytest.approx(measured.mean() - measured)
 
 
 @pytest.mark.parametrize(("count", "fits"), [(1, 0), (2, 2), (8, 8), (11, 8)])
