@@ -126,6 +126,13 @@ def test_a_shock_file_without_settings_has_no_section_for_them(tmp_path):
         (lambda s: s.update(tested=[]), "each tested combination must have 3 values"),
         (lambda s: s.update(half_width=[]), "half_width must have a row"),
         (lambda s: s.update(parameters=["stiffness"]), "stiffness"),
+        (lambda s: s.update(axes={"name": "rebound"}), "axes must be a list of objects"),
+        (lambda s: s.update(terms=[1.0]), "terms must be a list of objects"),
+        (lambda s: s["axes"][0].update(unit=1), "name, unit and counted of an axis must be texts"),
+        (lambda s: s["axes"][0].update(lowest="0"), "lowest must be a number, not '0'"),
+        (lambda s: s["axes"][0].update(highest=True), "highest must be a number, not True"),
+        (lambda s: s.update(tested=[1.0, 2.0]), "tested must be rows of numbers"),
+        (lambda s: s["axes"][0].update(name=s["axes"][1]["name"]), "the axes must have different names"),
     ],
 )
 def test_a_wrong_entry_of_the_settings_is_refused_by_name(tmp_path, change, message):

@@ -135,3 +135,23 @@ def test_a_steeper_side_changes_that_side_at_the_speeds_that_are_named(path, sid
         parts = low.force(v) + high.force(v) - same.force(v)
         assert parts == pytest.approx(both.force(v), rel=1e-3)
     assert low.falls_at() is None or curve.falls_at() is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"lag": 0.0}, "lag must be positive, not 0.0"), ({"lag_force": -1.0}, "lag_force must be positive"),
+     ({"lag_force": 1e-3}, "lag_force must be above"), ({"gas": np.inf}, "gas must be finite, not inf")],
+)  # fmt: skip
+def test_a_number_of_a_shape_out_of_range_is_named(change, message):
+    side = Side(2000.0, 2000.0, 0.1, 1000.0, 10.0)
+    with pytest.raises(ParameterError, match=message):
+        Shape(side, side, **change)
+
+
+def test_a_change_of_no_side_or_of_the_whole_slope_is_refused():
+    curve = read_shock(BANK[0]).law.curve
+    for side, speeds in (("bump", "low"), ("rebound", "medium")):
+        with pytest.raises(ParameterError, match=f"not {side}, {speeds}"):
+            with_slope(curve, side, 0.1, speeds)
+    with pytest.raises(ParameterError, match="cannot change by -1: nothing would be left"):
+        with_slope(curve, "rebound", -1.0, "all")

@@ -136,6 +136,24 @@ def test_without_a_time_the_vectors_of_the_usual_length_are_read_and_an_empty_on
         read_mat(tmp_path / "b.mat")
 
 
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [(3.0, r"must be a struct with one text per variable, not 3\.0"),
+     ({"v": 2.5}, r"units\.v.*must be a text such as 'mm/s', not 2\.5")],
+)  # fmt: skip
+def test_units_of_a_mat_file_that_are_no_texts_are_refused(tmp_path, units, message):
+    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": units})
+    with pytest.raises(FileFormatError, match=message):
+        read_mat(tmp_path / "a.mat")
+
+
+def test_empty_units_of_a_mat_file_are_not_stated(tmp_path):
+    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": {"t": "ms", "v": []}})
+    assert read_mat(tmp_path / "a.mat").units == ("ms", None)
+    savemat(tmp_path / "b.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": []})
+    assert read_mat(tmp_path / "b.mat").units == (None, None)
+
+
 def test_a_mat_file_keeps_the_original_channel_names(tmp_path):
     both = a_series().with_channel("lf_road", "m", [5.0, 6.0, 7.0])
     write_mat(both, tmp_path / "a.mat")
