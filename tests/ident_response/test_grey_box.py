@@ -18,7 +18,7 @@ from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, bristle_of, declare
 from eightpost.ident.vehicle.grey_box.start import start_values
 from eightpost.ident.vehicle.grey_box.uncertainty import _misfit, sampled_cars
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
-from eightpost.ident.vehicle.recipes.grey_box import GreyBox, _notes, _springs
+from eightpost.ident.vehicle.recipes.grey_box import GreyBox, _notes, _record, _springs, _unused
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
@@ -312,6 +312,31 @@ def test_the_force_of_a_progressive_spring_is_that_at_the_rms_travel_of_the_whee
     found = _springs(a_fit(fitted, {"lf.spring_progression": 0.5, "rf.spring_progression": 0.5}), [test])
     assert list(found) == ["lf"]
     assert (found["lf"].value, found["lf"].deviation) == pytest.approx((60.0, 10.0))
+
+
+def test_a_record_begins_after_a_twentieth_and_has_port_forces_without_the_baseline_damping(experiment):
+    """The inputs are 4 roads, 4 loads and F - c v of the ports; each channel has its own number here."""
+    names = (*experiment.inputs, *experiment.outputs)
+    count = round(40.0 * RATE)
+    ramp = np.arange(count) / RATE
+    rows = {name: ("1", ramp + 100.0 * k) for k, name in enumerate(names)}
+    record = _record(TimeSeries.from_channels(ramp, rows), experiment, 12.0)
+    assert (len(record.inputs), record.settling) == (round(14.0 * RATE), round(2.0 * RATE))
+    first = 2.0  # a twentieth of 40 s
+    velocity = first + 100.0 * names.index("lr.velocity")
+    assert record.inputs[0, [1, 6]] == pytest.approx([first + 100.0, first + 600.0])
+    assert record.inputs[0, 10] == pytest.approx(first + 1000.0 - 3000.0 * velocity)
+    assert record.outputs[0] == pytest.approx(first + 100.0 * (12 + np.arange(len(OUTPUTS))))
+
+
+def test_parameters_that_no_output_or_load_shows_are_not_fitted(experiment):
+    blind = replace(
+        experiment, outputs=tuple(n for n in OUTPUTS if n != "front.ride_height"), rig=(*RIG[:4], "heave_force")
+    )
+    assert set(_unused(declared({}, blind.rig), blind)) == {
+        "driver_place", "driver_spread", "front.overhang", "pitch_arm", "front.roll_arm", "rear.roll_arm"
+    }  # fmt: skip
+    assert _unused(declared({}, RIG), replace(experiment, outputs=(*OUTPUTS, "driver.acceleration"))) == ()
 
 
 def test_a_prior_is_relative_to_its_value(experiment):
