@@ -90,12 +90,13 @@ def _vectors(content: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
 
 def _same_length(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> dict[str, NDArray[np.float64]]:
     """Return the vectors that are as long as the time vector; without one, as long as most vectors."""
-    if not vectors:
+    sizes = {name: vector.size for name, vector in vectors.items() if vector.size > 1}
+    if not sizes:
         raise FileFormatError("it contains no numeric vector", path=path)
-    times = [name for name in vectors if re.split(r"\.", name)[-1].lower() in TIME_NAMES]
-    sizes = [vector.size for vector in vectors.values() if vector.size > 1] or [1]
-    length = vectors[times[0]].size if times else max(sizes, key=sizes.count)
-    return {name: vector for name, vector in vectors.items() if vector.size == length}
+    times = [name for name in sizes if re.split(r"\.", name)[-1].lower() in TIME_NAMES]
+    lengths = [*sizes.values()]
+    length = sizes[times[0]] if times else max(lengths, key=lengths.count)
+    return {name: vectors[name] for name, size in sizes.items() if size == length}
 
 
 def _named(name: str, units: Mapping[str, str]) -> tuple[str, str | None]:

@@ -92,3 +92,10 @@ def test_weights_fall_with_the_residual():
     assert _huber(residual)[-1] < 0.1
     assert _tukey(residual)[-1] == 0.0
     assert downweighted_rows(_tukey(residual)) == 1
+
+
+def test_half_way_to_the_limit_of_tukey_a_weight_is_nine_sixteenths():
+    """The median absolute deviation of these residuals is 1: one standard deviation of normal noise is 1.4826."""
+    residual = np.append(np.repeat([-1.0, 0.0, 1.0], 50), [4.5 * 1.4826, 9.0 * 1.4826])
+    assert _tukey(residual)[-2:] == pytest.approx([9.0 / 16.0, 0.0])
+    assert _huber(residual)[-2:] == pytest.approx([2.5 / 4.5, 2.5 / 9.0])

@@ -11,7 +11,8 @@ from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.shock import LAWS, Lpf1, Lpnl2
+from eightpost.ident.shock.stepped import SteppedLaw
+from eightpost.shock import LAWS, Lpf1, Lpnl2, Maxwell
 
 THETA = {"polylinear": [], "lpf1": [1.4e-3], "lpnl2": [1.4e-3, 500.0, 0.3], "maxwell": [np.log(5e6)]}
 
@@ -66,3 +67,29 @@ def test_values_of_lpnl2_come_back_and_keep_their_order(runs):
             _, first, second = dynamics.values(np.array([1e-3, full, share]))
             assert dynamics.limits.gap * (1 - 1e-9) <= second - first
             assert second <= dynamics.limits.force[1] * (1 + 1e-12)
+
+
+@pytest.fixture(scope="module")
+def brief(curve, law_record):
+    return prepare_runs([law_record(Lpf1(curve, 1.3e-3), 1)], segment=(1.0, 5.0))
+
+
+def test_a_law_that_is_known_only_by_its_file_has_the_derivatives_of_its_own_form(brief):
+    """Maxwell has a form of its own with exact derivatives; the general one takes differences on a thinned record."""
+    own = model_of(brief, "maxwell")
+    general = own.with_dynamics(SteppedLaw(own.dynamics.limits, Maxwell))
+    linear = linear_solution(np.hstack([own.curve_rows(), own.gas_rows]), brief.target)
+    parameters = np.append(linear, THETA["maxwell"])
+    exact, found = own.rows_jacobian(parameters), general.rows_jacobian(parameters)
+    error = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    assert error.max() < 2e-2
+    assert general.dynamics.scale() == pytest.approx([0.1])
+
+
+def test_a_law_that_is_known_only_by_its_file_starts_with_the_parameter_that_acts_like_the_lag(brief):
+    """The scan has nine values over a factor of 900."""
+    own = model_of(brief, "maxwell")
+    general = own.with_dynamics(SteppedLaw(own.dynamics.limits, Maxwell))
+    full_lag = np.append(linear_solution(own.curve_rows(1.3e-3), brief.target), 1.3e-3)
+    (expected,), (found,) = (model.dynamics.like_full_lag(model, full_lag) for model in (own, general))
+    assert found == pytest.approx(expected, abs=np.log(900.0) / 8.0)

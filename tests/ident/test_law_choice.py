@@ -12,11 +12,12 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident import choose_law, fit_shock
 from eightpost.ident.shock import curve_choice
-from eightpost.ident.shock.choice_verdict import RULES
-from eightpost.ident.shock.cross_validation import HeldOut, left_out_blocks, left_out_runs
+from eightpost.ident.shock.choice_verdict import RULES, choice_reasons
+from eightpost.ident.shock.cross_validation import HeldOut, _without_level, left_out_blocks, left_out_runs
 from eightpost.ident.shock.law_choice import LawScore, chosen_law
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.tables import choice_table
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Lpf1, Lpnl2, Maxwell, Polylinear, law_name
 from eightpost.signals import TimeSeries
@@ -229,6 +230,16 @@ def test_the_quarters_are_apart_from_the_rows_that_are_fitted():
         assert 0.6 < block.kept.mean() < 0.74
 
 
+def test_the_error_on_a_whole_run_is_that_of_the_best_offset_and_gain_of_the_samples_that_count():
+    measured = np.random.default_rng(4).standard_normal(50)
+    weights = np.ones(50)
+    weights[7], predicted = 0.0, 30.0 - 4.0 * measured
+    predicted[7] = 1e3
+    assert np.delete(_without_level(predicted, measured, weights), 7) == pytest.approx(np.zeros(49), abs=1e-12)
+    constant = _without_level(np.full(50, 3.0), measured, np.ones(50))
+    assert constant == pytest.approx(measured.mean() - measured)
+
+
 @pytest.mark.parametrize(("count", "fits"), [(1, 0), (2, 2), (8, 8), (11, 8)])
 def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
     runs = Runs.of([prepare(sine(duration=2.0))] * count)
@@ -239,6 +250,76 @@ def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
 
 
 # ---- The verdict ----------------------------------------------------------------------------------------------------
+
+
+def reasons(scores, *tests):
+    return {
+        reason.rule: reason
+        for reason in choice_reasons(chosen_law(scores), Runs.of([prepare(test) for test in tests]), "run.csv")
+    }
+
+
+@pytest.mark.parametrize(
+    ("percents", "rule", "statement"),
+    [((10.0, 10.0), "chosen law predicts", "LPF1 predicts what was left out of its fit"),
+     ((4.0, 16.4), "chosen law predicts roughly", "LPF1 does not predict what was left out of its fit well"),
+     ((20.0, 40.2), "chosen law predicts poorly", "LPF1 does not predict what was left out of its fit well")],
+)  # fmt: skip
+def test_the_mean_held_out_error_decides_whether_the_chosen_law_predicts(percents, rule, statement):
+    (found, *_) = reasons([score("lpf1", *percents)], sine(speed=0.3)).values()
+    assert (found.rule, found.statement) == (rule, statement)
+    assert found.figure.startswith(f"held-out error {np.mean(percents):.3g} % (typically ")
+    assert found.figure.endswith(
+        "on quarters of one run; other runs were not tried; limits 10 and 30 %; velocities -0.3 to 0.3 m/s"
+    )
+
+
+def test_a_long_fast_test_with_two_speeds_shows_everything():
+    tests = [sine(speed=speed, hertz=4.0, duration=3.0) for speed in (0.1, 0.3)]
+    found = reasons([replace(score("lpf1", 1.0, 1.0), decides="quarters")], *tests)
+    assert list(found) == ["chosen law predicts"]
+    assert (
+        "on quarters of 2 runs, whose speeds differ; other runs were not tried" in found["chosen law predicts"].figure
+    )
+
+
+def test_eight_cycles_at_one_low_speed_do_not_show_enough():
+    found = reasons([score("lpf1", 1.0, 1.0)], sine(speed=0.1, duration=4.0))
+    assert list(found) == ["chosen law predicts", "single speed", "few cycles", "low speeds only"]
+    assert found["single speed"].figure.endswith(" Hz, peak speed 0.1 m/s")
+    assert found["few cycles"].figure == "8 cycles in all; 16 are needed"
+    assert found["low speeds only"].figure == "peak speed 0.1 m/s; limit 0.254 m/s"
+
+
+@pytest.mark.parametrize(("fourth", "is_uneven"), [(5.0, False), (9.0, True)])
+def test_a_quarter_with_a_larger_error_than_the_others_is_named(fourth, is_uneven):
+    pieces = [percent for percent in (1.0, 2.0, 3.0, fourth) for _ in range(4)]
+    found = reasons([score("lpf1", *pieces)], sine(speed=0.3, hertz=4.0))
+    assert ("uneven record" in found) == is_uneven
+    if is_uneven:
+        assert found["uneven record"].figure == "held-out error of quarter 4 of 4: 9 %, of the others 2 %"
+
+
+@pytest.mark.parametrize(("raw", "differs"), [(6.9, False), (7.1, True)])
+def test_runs_whose_forces_differ_by_a_factor_are_named(raw, differs):
+    """A law with an error of 2 % may have one of 7 % with the level of each run."""
+    held = HeldOut((0.02**2,) * 2, ((raw / 100.0) ** 2,) * 2)
+    one = replace(score("lpf1", 2.0, 2.0), runs=held)
+    found = reasons([one], sine(speed=0.3, hertz=4.0), sine(speed=0.3, hertz=4.0))
+    assert ("level of the runs" in found) == differs
+    assert "on whole runs, 2 of them; limits" in found["chosen law predicts"].figure
+
+
+def test_the_table_of_the_choice_has_the_held_out_error_of_each_law():
+    scores = [replace(score("lpf1", 2.0, 2.0), step_cost=1.25), score("lpnl2", 1.0, 4.0, trouble="did not converge"),
+              LawScore("maxwell", None, None, 0.0, 1, 0, None, "the curve falls")]  # fmt: skip
+    table = choice_table(chosen_law(scores))
+    assert table.title == "Choice of the law: errors on left-out quarters of the record, % of std"
+    assert list(zip(*(column.cells for column in table.columns), strict=True)) == [
+        ("LPF1", "-", "2", "0", "1", "20", "1.2", "chosen"),
+        ("Maxwell", "-", "-", "-", "-", "-", "-", "the curve falls"),
+        ("LPNL2", "-", "2", "1.4", "1", "20", "-", "did not converge"),
+    ]
 
 
 @pytest.mark.nightly

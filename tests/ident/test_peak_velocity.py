@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from eightpost.errors import InputError
 from eightpost.ident import fit_peak_velocity
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.monotone_points import curve_through
+from eightpost.ident.shock.peak_velocity import fit_tables
 from eightpost.rig import PeakVelocityTable
 from eightpost.rig.truth_damper import demo_damper
 from eightpost.shock import read_shock, write_shock
@@ -106,6 +108,41 @@ def test_the_curve_does_not_oscillate_between_the_points(table):
 def test_it_is_a_shock_file_like_any_other(table, tmp_path):
     write_shock(fit_peak_velocity(table, name="build 3"), tmp_path / "s.json")
     assert read_shock(tmp_path / "s.json").name == "build 3"
+
+
+@pytest.mark.parametrize(
+    ("gas", "preload", "at_rest", "note"),
+    [("estimate", 120.0, 0.0, "but of the gas preload"), ("included", 0.0, 0.0, "left out of the shock"),
+     ("subtracted", 0.0, 120.0, "")],
+)  # fmt: skip
+def test_the_gas_force_of_a_table_is_a_preload_is_left_out_or_belongs_to_the_valves(table, gas, preload, at_rest, note):
+    table = replace(table, gas_force=120.0, gas_source="the column gas")
+    shock = fit_peak_velocity(table, gas=gas)
+    assert shock.law.port.gas_preload == preload
+    points = curve_forces(shock.law.curve, np.append(SPEED, -SPEED))
+    assert points == pytest.approx(np.append(table.compression, table.rebound) + at_rest, abs=1e-6)
+    notes = [text for text in shock.fit["changes"] if "gas force of 120 N, found from the column gas" in text]
+    assert [note in text for text in notes] == ([True] if note else [])
+    assert len(shock.fit["warnings"]) == (gas == "estimate")
+
+
+def test_a_force_at_rest_against_the_gas_and_rows_that_fall_are_warnings(table):
+    pulled = fit_peak_velocity(replace(table, rest_force=-800.0)).fit["warnings"]
+    assert len(pulled) == 1 and "the force at zero speed is -800 N, although gas pushes" in pulled[0]
+    falling = replace(table, rebound=table.rebound + np.where(np.arange(6) == 3, 900.0, 0.0))
+    found = fit_peak_velocity(falling).fit["warnings"]
+    assert any("the rebound force does not rise at 0.127 m/s" in text for text in found)
+
+
+def test_each_setting_of_a_file_has_its_own_shock_file(table, tmp_path):
+    tables = [replace(table, clicks=clicks) for clicks in ("C 4 / R 7", None)]
+    fitted = fit_tables(tables, tmp_path / "shock.json", name="front", build="new")
+    assert [one.path.name for one in fitted] == ["shock_C_4_R_7.json", "shock_setting.json"]
+    first, second = (read_shock(one.path) for one in fitted)
+    assert (first.name, second.name) == ("front C 4 / R 7", "front")
+    assert first.conditions["build"] == "new"
+    (alone,) = fit_tables(tables[:1], tmp_path / "one.json")
+    assert (alone.path.name, read_shock(alone.path).name) == ("one.json", "C 4 / R 7")
 
 
 def test_a_row_that_falls_is_reported():

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from eightpost.drivefile.response import _added_damping
+from eightpost.errors import InputError
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.simulation import open_at_ports, port_by_port
+from eightpost.ident.vehicle.simulation import open_at_ports, port_by_port, simulate_with_shocks
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (
@@ -19,6 +20,7 @@ from eightpost.vehicle import (
     IdentifiedVehicle,
     LinearStepper,
     add_port_damping,
+    discretise,
     read_vehicle,
     shipped,
 )
@@ -116,3 +118,17 @@ def test_the_damping_of_a_bristle_is_its_energy_over_that_of_the_velocity():
     velocity = 0.2 * np.sin(2 * np.pi * 3.0 * time)
     found = _added_damping(vehicle, "", None, (velocity, RATE))
     assert found == pytest.approx(4.0 / np.pi * 120.0 / 0.2, rel=0.01)
+
+
+def test_a_discrete_car_has_the_shock_forces_of_the_sample_before():
+    """With steps of 0.2 ms its outputs are those of the continuous car."""
+    smooth = car(Friction(40.0, 0.05))
+    fine = drive(0.1).resample(5000.0)
+    laws = {"": read_shock(BANK / "C_B.json").law}
+    known = simulate_with_shocks(smooth, laws, fine)
+    discrete = replace(smooth, state_space=discretise(smooth.state_space, 1.0 / 5000.0))
+    found = simulate_with_shocks(discrete, laws, fine)
+    for name in ("velocity", "tire_force", "force"):
+        np.testing.assert_allclose(found[name], known[name], atol=0.02 * np.abs(known[name]).max(), err_msg=name)
+    with pytest.raises(InputError, match=r"the step of .* is 0\.0002 s, that of the drive 0\.0005 s"):
+        simulate_with_shocks(discrete, laws, drive(0.1))

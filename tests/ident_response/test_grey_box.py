@@ -12,12 +12,13 @@ from scipy.signal import resample
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.output_error import Record, simulate
+from eightpost.ident.response import response_of
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.grey_box.car import GreyBoxCar, bristle_of, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
-from eightpost.ident.vehicle.grey_box.uncertainty import sampled_cars
+from eightpost.ident.vehicle.grey_box.uncertainty import _misfit, sampled_cars
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model
-from eightpost.ident.vehicle.recipes.grey_box import GreyBox
+from eightpost.ident.vehicle.recipes.grey_box import GreyBox, _notes, _record, _springs, _unused
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
@@ -169,6 +170,31 @@ def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
         assert found[name] == pytest.approx(TRUE[name], rel=0.2)
 
 
+AERO = {"front.aero_place": 1.1, "front.aero_spread": 0.6, "rear.aero_place": -0.1, "rear.aero_spread": 0.8}
+MODAL = {"heave_share": 0.55, "pitch_arm": 0.4, "front.roll_arm": 0.7, "rear.roll_arm": 0.9}
+
+
+@pytest.mark.parametrize(("loads", "known"), [(RIG[4:], AERO), (("heave_force", "roll_moment", "pitch_moment"), MODAL)])
+def test_balances_of_forces_give_the_parameters_of_a_linear_car(experiment, loads, known):
+    """Records in the steady state have the response of the linear model at every frequency."""
+    linear = replace(experiment, rig=(*RIG[:4], *loads))
+    names = {p.name for p in declared({}, linear.rig)}
+    expected = {name: value for name, value in (TRUE | known).items() if name in names}
+    values = {p.name: p.start for p in declared(expected, linear.rig)}
+    sizes = np.repeat([0.004, 300.0, 250.0], (4, len(loads), 4))
+    spectra = np.fft.rfft(sizes[:, None] * np.random.default_rng(5).standard_normal((sizes.size, 5000)))
+    spectra[:, 0] = 0.0
+    response = linear_model(values, linear).frequency_response(np.fft.rfftfreq(5000, 1.0 / RATE))
+    outputs = np.einsum("pmf,mf->pf", response, spectra)
+    channels = dict(zip((*linear.inputs, *OUTPUTS), np.fft.irfft(np.vstack([spectra, outputs]), 5000), strict=True))
+    channels |= {f"{c}.force": channels[f"{c}.force"] + 3000.0 * channels[f"{c}.velocity"] for c in CORNERS}
+    test = TimeSeries.from_channels(np.arange(5000) / RATE, {name: ("1", row) for name, row in channels.items()})
+    found = start_values([test], linear)
+    assert found.keys() > {name for name in expected if not name.endswith("friction")}
+    for name, value in found.items():
+        assert value == pytest.approx(values[name], rel=0.06, abs=0.02), name
+
+
 @pytest.fixture(scope="module")
 def quick() -> GreyBox:
     return GreyBox(seconds=(10.0, 12.0))
@@ -234,6 +260,91 @@ def test_drawn_cars_have_the_covariance_of_the_fit(experiment):
         - linear_model(values | {"lf.tire_stiffness": 1.02 * values["lf.tire_stiffness"]}, experiment).A[8:16, :8],
     )
     np.testing.assert_allclose(deviation, np.abs(changed), rtol=0.1, atol=1e-9)
+
+
+def test_the_misfit_is_the_distance_of_the_model_in_standard_deviations(experiment):
+    """The model is 3 standard deviations away at half of the known frequencies in the band."""
+    model = linear_model({p.name: p.start for p in declared(TRUE, experiment.rig)}, experiment)
+    frequency = np.linspace(1.0, 10.0, 10)
+    exact = response_of(model, frequency)
+    away = np.where((frequency > 2.5) & (frequency < 5.5), 3.0, 0.0)
+    away[0] = 1e6  # below the band
+    variance = np.full(exact.H.shape, 4.0)
+    variance[..., 7], away[7] = np.inf, 1e6
+    measured = replace(exact, H=exact.H + 2.0j * away, variance=variance)
+    found = _misfit(model, measured, (2.0, 8.0))
+    np.testing.assert_allclose(found, np.full(len(OUTPUTS), 3.0 * np.sqrt(0.5)))
+
+
+def a_fit(values, deviations=None, **changes):
+    """Return a stand-in for a fit with the parameters of the true car."""
+    values = {p.name: p.start for p in declared(TRUE, RIG)} | values
+    plain = {
+        "residual": {"lf.velocity": 0.02, "lf.tire_force": 0.05},
+        "converged": True,
+        "message": "",
+        "at_bounds": (),
+    }
+    return SimpleNamespace(values=values, deviations=deviations or {}, **plain | changes)
+
+
+def test_the_notes_of_a_fit_state_the_sprung_mass_and_every_trouble():
+    plain = a_fit({})
+    sound = _notes(plain, a_fit({}, residual={"lf.velocity": 0.061, "lf.tire_force": 0.01}))
+    assert sound[0] == "sprung mass 1130.0 kg; residuals of the simulation are 2 to 5 % of the outputs"
+    assert sound[1].endswith("Its residuals are up to 6.1 %")
+    assert len(sound) == 2
+    stiffening = {"lf.tire_stiffening": 3.0, "rr.tire_stiffening": -3.0, "rf.tire_stiffening": 3.0}
+    bad = a_fit(stiffening, {"lf.tire_stiffening": 0.1, "rr.tire_stiffening": 0.1, "rf.tire_stiffening": 9.0},
+                converged=False, message="no step", at_bounds=("lf.hub_mass",))  # fmt: skip
+    assert _notes(bad, plain)[2:] == [
+        "tires stiffen with deflection: lf, rr",
+        "the search did not converge: no step",
+        "parameters at a bound of the fit, whose intervals are not valid: lf.hub_mass",
+    ]
+
+
+def test_the_force_of_a_progressive_spring_is_that_at_the_rms_travel_of_the_wheel():
+    """k p w^2 with 2e5 N/m, p = 3 +- 0.5 per metre and w = 8 mm / 0.8."""
+    travel = np.tile([-0.008, 0.008], 50)
+    test = TimeSeries.from_channels(np.arange(100) / RATE, {"lf.displacement": ("m", travel)})
+    fitted = {"lf.spring_progression": 3.0, "rf.spring_progression": 3.0, "lf.spring_rate": 2e5, "lf.motion_ratio": 0.8}
+    found = _springs(a_fit(fitted, {"lf.spring_progression": 0.5, "rf.spring_progression": 0.5}), [test])
+    assert list(found) == ["lf"]
+    assert (found["lf"].value, found["lf"].deviation) == pytest.approx((60.0, 10.0))
+
+
+def test_a_record_begins_after_a_twentieth_and_has_port_forces_without_the_baseline_damping(experiment):
+    """The inputs are 4 roads, 4 loads and F - c v of the ports; each channel has its own number here."""
+    names = (*experiment.inputs, *experiment.outputs)
+    count = round(40.0 * RATE)
+    ramp = np.arange(count) / RATE
+    rows = {name: ("1", ramp + 100.0 * k) for k, name in enumerate(names)}
+    record = _record(TimeSeries.from_channels(ramp, rows), experiment, 12.0)
+    assert (len(record.inputs), record.settling) == (round(14.0 * RATE), round(2.0 * RATE))
+    first = 2.0  # a twentieth of 40 s
+    velocity = first + 100.0 * names.index("lr.velocity")
+    assert record.inputs[0, [1, 6]] == pytest.approx([first + 100.0, first + 600.0])
+    assert record.inputs[0, 10] == pytest.approx(first + 1000.0 - 3000.0 * velocity)
+    assert record.outputs[0] == pytest.approx(first + 100.0 * (12 + np.arange(len(OUTPUTS))))
+
+
+def test_parameters_that_no_output_or_load_shows_are_not_fitted(experiment):
+    blind = replace(
+        experiment, outputs=tuple(n for n in OUTPUTS if n != "front.ride_height"), rig=(*RIG[:4], "heave_force")
+    )
+    assert set(_unused(declared({}, blind.rig), blind)) == {
+        "driver_place", "driver_spread", "front.overhang", "pitch_arm", "front.roll_arm", "rear.roll_arm"
+    }  # fmt: skip
+    assert _unused(declared({}, RIG), replace(experiment, outputs=(*OUTPUTS, "driver.acceleration"))) == ()
+
+
+def test_a_prior_is_relative_to_its_value(experiment):
+    recipe = GreyBox(priors={"lf.spring_rate": (2.2e5, 0.02), "rear.aero_place": (-0.2, 0.1)})
+    table = {p.name: p for p in recipe._with_priors(declared(TRUE, experiment.rig))}
+    assert (table["lf.spring_rate"].start, table["lf.spring_rate"].prior) == (2.2e5, 0.02)
+    assert (table["rear.aero_place"].start, table["rear.aero_place"].prior) == (-0.2, pytest.approx(0.02))
+    assert table["rf.spring_rate"].prior is None
 
 
 def _with_hidden_mode(test: TimeSeries) -> TimeSeries:

@@ -38,6 +38,13 @@ def test_pauses_separate_runs(channels):
     assert (first.series.time[0], first.series.time[-1]) == pytest.approx((1.0, 5.0), abs=0.1)
     assert (second.series.time[0], second.series.time[-1]) == pytest.approx((7.0, 10.0), abs=0.1)
     assert first.derived[-1].startswith("run 1 of 2: ")
+    assert not any("left out" in note for note in first.notes)
+
+
+@pytest.mark.parametrize(("pause", "runs"), [(1.0, 1), (1.8, 2)])
+def test_a_pause_is_longer_than_half_the_way_to_the_next_turning_point(pause, runs):
+    """The turning points of a sine of 0.1 Hz are 2.5 s before and after a stop in its middle."""
+    assert len(split_runs(dyno(sine(0.02, 0.1, 2), rest(pause), sine(0.02, 0.1, 2)))) == runs
 
 
 @pytest.mark.parametrize(
@@ -64,6 +71,11 @@ def test_runs_that_are_too_short_are_omitted_with_a_note():
     runs = split_runs(dyno(sine(0.02, 2.0, 8), rest(2), sine(0.01, 20.0, 2), rest(2), sine(0.02, 1.0, 8)))
     assert len(runs) == 2
     assert "1 runs with less than 0.5 s" in runs[0].notes[0]
+
+
+def test_a_record_of_runs_that_are_all_too_short_stays_whole():
+    test = dyno(sine(0.02, 20.0, 2), rest(2), sine(0.01, 20.0, 2))
+    assert split_runs(test) == (test,)
 
 
 def test_force_change_with_temperature_is_estimated_from_repeated_runs():

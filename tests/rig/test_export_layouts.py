@@ -322,6 +322,14 @@ def test_a_number_without_its_last_digits_is_left_out_or_close_to_its_neighbours
     assert float(cut.replace(",", ".")) == pytest.approx(forces[-1], abs=4.0 * bends.max())
 
 
+@pytest.mark.parametrize(("above", "is_cut"), [("0.123", True), ("0.1", False)])
+def test_a_number_of_an_ended_line_is_cut_off_only_if_all_above_it_have_more_decimals(above, is_cut):
+    """A program that leaves out zeros at the end writes short numbers anywhere."""
+    cells = ["0.123"] * 60
+    cells[30] = above
+    assert is_cut_off([*cells, "0.12"], has_end=True) == is_cut
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("end", ["", "\n"])
 def test_no_sample_of_a_whole_file_is_left_out(form, end, tmp_path):

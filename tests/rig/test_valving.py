@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
@@ -16,15 +17,33 @@ BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
 @pytest.mark.nightly
 def test_the_static_curve_of_a_valving_is_found_again_with_a_level_that_is_not_its_own():
     valving = Valving("C", "E", head="A", clicks=12, jet=0.5e-6, dish=0.1e-3)
-    damper = valving.damper()
-
-    def force(velocity):
-        return damper.static_force(velocity) + (damper.seals.drag if velocity > 0.0 else -damper.seals.drag) - 40.0
-
-    found = nearest_valving(force)
+    found = nearest_valving(wanted(valving, -40.0))
     assert found.valving == valving and found.limits == ()
     assert found.level == pytest.approx(-40.0, abs=0.1) and found.residual < 0.1
     assert found.combinations > 10_000_000
+
+
+def wanted(valving, level):
+    """Return the static force of a valving, with its seals and a level."""
+    damper = valving.damper()
+    return lambda velocity: damper.static_force(velocity) + np.copysign(damper.seals.drag, velocity) + level
+
+
+@pytest.mark.parametrize("level", [-40.0, 60.0])
+def test_among_few_parts_the_valving_of_a_curve_is_found_with_its_level(monkeypatch, level):
+    monkeypatch.setattr("eightpost.rig.damper.valving._CODES", ("B", "C", "E", "F"))
+    monkeypatch.setattr("eightpost.rig.damper.valving.JETS", (0.3e-6, 0.5e-6, 0.8e-6))
+    monkeypatch.setattr("eightpost.rig.damper.valving.DISHES", (0.0, 0.1e-3, 0.2e-3))
+    valving = Valving("C", "E", head="C", clicks=12, jet=0.5e-6, dish=0.1e-3)
+    found = nearest_valving(wanted(valving, level))
+    assert (found.valving, found.limits, found.combinations) == (valving, (), 3 * 3 * 4**3 * 29)
+    assert (found.level, found.residual) == (pytest.approx(level, abs=0.1), pytest.approx(0.0, abs=0.1))
+    assert found.velocity == pytest.approx(-found.velocity[::-1])
+    force = wanted(valving, level)
+    assert found.force == pytest.approx([force(v) for v in found.velocity.tolist()], abs=0.5)
+    far = nearest_valving(lambda velocity: 1e5 * velocity)
+    assert {"jet", "dish", "compression", "rebound", "head"} >= set(far.limits) > {"jet"}
+    assert far.relative == pytest.approx(far.residual / (1e5 * np.sqrt(np.mean(far.velocity**2))))
 
 
 @pytest.mark.nightly

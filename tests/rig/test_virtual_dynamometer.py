@@ -20,7 +20,7 @@ from eightpost.rig import (
     read_out,
     sine_test,
 )
-from eightpost.signals import parquet_header
+from eightpost.signals import TimeSeries, parquet_header
 
 #: The regular tests use one row of each of two builds that do not cavitate; all twelve take minutes.
 BY_DAY = (1, 12)
@@ -138,6 +138,22 @@ def test_bad_input_is_refused_with_exit_code_2_and_no_output(tmp_path, arguments
     assert result.exit_code == 2, result.output
     assert what in " ".join(result.output.split())
     assert not path.exists()
+
+
+def test_the_readings_have_the_noise_and_the_resolution_of_the_machine():
+    """Noise of 0.0001 in, 0.02 in/s, 0.5 lbf and 0.05 K; rounding adds a twelfth of the squared resolution."""
+    zero = np.zeros(40_000)
+    names = {"displacement": "m", "velocity": "m/s", "force": "N", "warming": "K"}
+    still = TimeSeries.from_channels(np.arange(zero.size) / 2e3, {name: (unit, zero) for name, unit in names.items()})
+    found = read_out(still)
+    inch, pound = 0.0254, 4.4482216152605
+    expected = {"displacement": (1e-4 * inch, 1e-4 * inch), "velocity": (0.02 * inch, 0.01 * inch),
+                "force": (0.5 * pound, 0.1 * pound), "temperature": (0.05, 0.1)}  # fmt: skip
+    for name, (noise, resolution) in expected.items():
+        steps = found[name] / resolution
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+        assert found[name].std() == pytest.approx(np.hypot(noise, resolution / np.sqrt(12.0)), rel=0.03)
+    assert found["temperature"].mean() == pytest.approx(273.15 + (110.0 - 32.0) / 1.8, abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["out.xlsx", "."])

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock
+from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock, shape_fit
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.shape import CURVE_NUMBERS, SIDES, UNITS, Shape, Side, curve_parameters, range_of
 from eightpost.shock.shape_fit import BOUNDS, difference, fit_law, fit_shape
@@ -47,6 +47,22 @@ def test_the_curve_of_every_shape_is_found_again(compression, rebound):
 )
 def test_curves_that_mislead_a_fit_are_found_again(compression, rebound):
     assert fit_shape(Shape(compression, rebound).curve()).relative < 2e-4
+
+
+def test_a_search_starts_at_every_pair_of_knees_that_no_neighbour_is_better_than(monkeypatch):
+    count = shape_fit._KNEES.size
+    errors = np.random.default_rng(2).uniform(1.0, 2.0, (count, count))
+    given_errors = iter(errors.ravel())
+    monkeypatch.setattr(shape_fit, "nnls", lambda *_: (np.ones(8), next(given_errors)))
+    found = shape_fit._Problem(np.zeros((2, 2 * shape_fit._KNOTS.size)), np.zeros(2))._starts()
+    best = [
+        (i, j)
+        for i, j in np.ndindex(count, count)
+        if errors[i, j] == errors[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].min()
+    ]
+    knees = np.exp([start[shape_fit._KNEE] for start in found])
+    assert len(found) == len(best) > 3
+    np.testing.assert_allclose(knees, shape_fit._KNEES[np.array(best)])
 
 
 @pytest.mark.nightly
@@ -119,3 +135,23 @@ def test_a_steeper_side_changes_that_side_at_the_speeds_that_are_named(path, sid
         parts = low.force(v) + high.force(v) - same.force(v)
         assert parts == pytest.approx(both.force(v), rel=1e-3)
     assert low.falls_at() is None or curve.falls_at() is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"lag": 0.0}, "lag must be positive, not 0.0"), ({"lag_force": -1.0}, "lag_force must be positive"),
+     ({"lag_force": 1e-3}, "lag_force must be above"), ({"gas": np.inf}, "gas must be finite, not inf")],
+)  # fmt: skip
+def test_a_number_of_a_shape_out_of_range_is_named(change, message):
+    side = Side(2000.0, 2000.0, 0.1, 1000.0, 10.0)
+    with pytest.raises(ParameterError, match=message):
+        Shape(side, side, **change)
+
+
+def test_a_change_of_no_side_or_of_the_whole_slope_is_refused():
+    curve = read_shock(BANK[0]).law.curve
+    for side, speeds in (("bump", "low"), ("rebound", "medium")):
+        with pytest.raises(ParameterError, match=f"not {side}, {speeds}"):
+            with_slope(curve, side, 0.1, speeds)
+    with pytest.raises(ParameterError, match="cannot change by -1: nothing would be left"):
+        with_slope(curve, "rebound", -1.0, "all")

@@ -3,6 +3,7 @@
 import pytest
 
 from eightpost.signals.column_headers import split_header, units_row
+from eightpost.signals.text_cleaning import with_whole_headers
 
 
 @pytest.mark.parametrize(
@@ -39,3 +40,8 @@ def test_a_row_of_units_is_distinguished_from_data_and_from_names():
     assert units_row(["[s]", "(mm)", ""]) == ["s", "mm", ""]
     assert units_row(["0", "1.5", "2"]) is None
     assert units_row(["velocity", "force"]) is None
+
+
+def test_a_header_with_line_breaks_in_its_cells_is_its_last_line():
+    lines = ['"Time', '[s]","Force', '[N]"', "0,1", '"a note that is never closed']
+    assert with_whole_headers(lines) == ["", "", '"Time [s]","Force [N]"', "0,1", '"a note that is never closed']

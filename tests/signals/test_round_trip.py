@@ -16,6 +16,7 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, sha256_of
 from eightpost.signals import TimeSeries, parquet_header, read_series, write_mat, write_parquet, write_series
+from eightpost.signals.mat_file import read_mat
 from eightpost.units import SI_UNITS
 
 SUFFIXES = (".csv", ".txt", ".parquet", ".mat")
@@ -124,6 +125,33 @@ def test_mat_vectors_of_another_length_than_the_time_are_not_read(tmp_path):
     content = {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0], "v": [1.0, 2.0, 3.0], "units": {"t": "s", "v": "m/s"}}
     savemat(tmp_path / "a.mat", content)
     assert read_series(tmp_path / "a.mat").names == ("v",)
+
+
+def test_without_a_time_the_vectors_of_the_usual_length_are_read_and_an_empty_one_is_no_vector(tmp_path):
+    content = {"x": [1.0, 2.0], "F": [1.0, 2.0, 3.0], "v": [4.0, 5.0, 6.0], "none": [], "rate": 2.0}
+    savemat(tmp_path / "a.mat", content)
+    assert read_mat(tmp_path / "a.mat").names == ("F", "v")
+    savemat(tmp_path / "b.mat", {"none": [], "rate": 2.0})
+    with pytest.raises(FileFormatError, match=r"b\.mat: it contains no numeric vector"):
+        read_mat(tmp_path / "b.mat")
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [(3.0, r"must be a struct with one text per variable, not 3\.0"),
+     ({"v": 2.5}, r"units\.v.*must be a text such as 'mm/s', not 2\.5")],
+)  # fmt: skip
+def test_units_of_a_mat_file_that_are_no_texts_are_refused(tmp_path, units, message):
+    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": units})
+    with pytest.raises(FileFormatError, match=message):
+        read_mat(tmp_path / "a.mat")
+
+
+def test_empty_units_of_a_mat_file_are_not_stated(tmp_path):
+    savemat(tmp_path / "a.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": {"t": "ms", "v": []}})
+    assert read_mat(tmp_path / "a.mat").units == ("ms", None)
+    savemat(tmp_path / "b.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": []})
+    assert read_mat(tmp_path / "b.mat").units == (None, None)
 
 
 def test_a_mat_file_keeps_the_original_channel_names(tmp_path):

@@ -13,7 +13,7 @@ from eightpost.ident.validation.sine import loop_of, validate_sine
 from eightpost.ident.validation.static import validate_static
 from eightpost.rig.dyno_test import DynoTest
 
-from .conftest import INCH, TABLE_3_3, dragged, record, shock_of, sine_path, static_path
+from .conftest import INCH, TABLE_3_3, bump_path, dragged, record, shock_of, sine_path, static_path
 
 
 def test_the_true_law_leaves_the_noise(lagged, random_test):
@@ -128,6 +128,14 @@ def test_a_law_that_is_a_tenth_too_stiff_is_a_tenth_over_at_the_peak(truth, bump
     static = truth.port.gas_preload
     assert up.predicted_peak - static == pytest.approx(1.1 * (up.measured_peak - static), rel=0.02)
     assert down.peak_error == pytest.approx(0.0, abs=1.5)
+
+
+def test_every_bump_of_a_record_is_judged(truth, lagged):
+    path = np.concatenate([bump_path(), bump_path()])
+    found = validate_bump(lagged, dyno_record(record(truth, path, 2000.0)))
+    assert [event.start for event in found.events] == pytest.approx([0.97, 1.97, 3.97, 4.97], abs=0.01)
+    assert [event.speed > 0.0 for event in found.events] == [True, False, True, False]
+    assert all(abs(event.peak_error) < 0.5 for event in found.events)
 
 
 def test_a_motion_ratio_of_the_car_is_not_applied_to_the_dynamometer(truth, lagged, random_test):

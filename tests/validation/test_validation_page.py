@@ -3,13 +3,16 @@
 import base64
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eightpost.ident.validation.dyno_record import dyno_record
-from eightpost.ident.validation.shock_page import write_shock_page
+from eightpost.ident.validation.shock_page import _map, _over_frequency, _overlay, _static_figure, write_shock_page
 from eightpost.ident.validation.shocks import validate_shocks
+from eightpost.ident.validation.static import Hold
+from eightpost.signals import TimeSeries
 
 from .conftest import INCH, POUND, shock_of
 
@@ -73,6 +76,86 @@ def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
     wide = "[...document.querySelectorAll('table, .plot svg.main-svg')].map((e) => e.getBoundingClientRect().right)"
     assert browser.evaluate(f"Math.max(...{wide})") <= width + 1
     assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
+
+
+def traces(figure):
+    """Return the panel, x, y and the name of each trace of a figure."""
+    return [(trace["xaxis"], list(trace["x"]), list(trace["y"]), trace["name"]) for trace in figure._traces]
+
+
+def sines(*motions):
+    """Return stand-ins for cases of two shocks on sines, given amplitudes [m], speeds [m/s] and errors [N]."""
+    return [
+        tuple(
+            SimpleNamespace(
+                label=label,
+                shock=SimpleNamespace(law_name=label),
+                sine=SimpleNamespace(amplitude=amplitude, speed=speed, frequency=speed / (2.0 * np.pi * amplitude)),
+                outcome=SimpleNamespace(rms=error),
+            )
+            for label, error in zip(("polylinear", "lpf1"), errors, strict=True)
+        )
+        for amplitude, speed, errors in motions
+    ]
+
+
+def test_the_errors_of_sines_are_drawn_by_amplitude_and_speed_for_each_shock():
+    figure = _map(sines((0.02, 0.1, (5.0, 7.0)), (0.01, 0.2, (20.0, 1.0))))
+    assert [panel.title for panel in figure.panels] == ["Polylinear", "LPF1"]
+    assert [trace[:3] for trace in traces(figure)] == [
+        ("x", [0.1, 0.2], [0.02, 0.01]),
+        ("x2", [0.1, 0.2], [0.02, 0.01]),
+    ]
+    assert [trace["meta"]["values"] for trace in figure._traces] == [[5.0, 20.0], [7.0, 1.0]]
+    assert {trace["marker"]["cmax"] for trace in figure._traces} == {20.0}
+
+
+def test_the_errors_over_frequency_have_a_panel_for_each_amplitude_the_largest_first():
+    """Amplitudes of 20 and 19 mm are one, because the actuator does not follow its command exactly."""
+    rows = sines((0.01, 0.2, (3.0, 4.0)), (0.019, 0.4, (5.0, 6.0)), (0.02, 0.1, (1.0, 2.0)))
+    figure = _over_frequency(rows)
+    assert [panel.title for panel in figure.panels] == ["0.79 in (20 mm)", "0.39 in (10 mm)"]
+    low, high = 0.1 / (2.0 * np.pi * 0.02), 0.4 / (2.0 * np.pi * 0.019)
+    found = [(panel, x, y) for panel, x, y, _ in traces(figure)]
+    assert [(panel, y) for panel, _, y in found] == [("x", [1.0, 5.0]), ("x", [2.0, 6.0]), ("x2", [3.0]), ("x2", [4.0])]
+    assert found[0][1] == pytest.approx([low, high], rel=1e-3)
+
+
+def statics():
+    """Return a stand-in for a static record of a first hold, one in compression and one back, with a shock's forces."""
+    holds = [
+        Hold(start=10.0 * k, stop=10.0 * k + 5.0, displacement=x, force=f, direction=way, predicted=p)
+        for k, (x, f, way, p) in enumerate(
+            [(0.03, 100.0, "start", 99.0), (0.05, 140.0, "compression", 120.0), (0.01, 60.0, "rebound", 80.0)]
+        )
+    ]
+    time = np.linspace(0.0, 30.0, 3001)
+    series = TimeSeries.from_channels(time, {"force": ("N", 3.0 * time), "displacement": ("m", 1e-3 * time)})
+    outcome = SimpleNamespace(holds=tuple(holds), series=series)
+    shock = SimpleNamespace(law_name="lpf1")
+    return SimpleNamespace(label="gas", shock=shock, outcome=outcome, outcome_as=lambda kind: outcome)
+
+
+def test_a_static_record_is_drawn_with_its_holds_by_direction_and_the_predicted_forces():
+    figure = _static_figure(SimpleNamespace(name="static"), (statics(),))
+    force, displacement, *points = traces(figure)
+    assert (len(force[1]), force[1][-1], force[2][-1]) == (1500, 30.0, 90.0)
+    assert displacement[2][-1] == pytest.approx(0.03)
+    assert points == [
+        ("x3", [0.03], [100.0], "first hold"),
+        ("x3", [0.05], [140.0], "reached in compression"),
+        ("x3", [0.01], [60.0], "reached in rebound"),
+        ("x3", [0.01, 0.03, 0.05], [80.0, 99.0, 120.0], "LPF1"),
+    ]
+    assert [(shape["x0"], shape["x1"]) for shape in figure._shapes] == [(0.0, 5.0), (10.0, 15.0), (20.0, 25.0)]
+
+
+def test_static_records_are_laid_over_each_other_from_their_first_hold():
+    found = tuple((SimpleNamespace(name=name), (statics(),)) for name in ("one", "two"))
+    for (panel, x, y, name), expected in zip(traces(_overlay(found)), ("one", "two"), strict=True):
+        assert (panel, name) == ("x", expected)
+        assert x == pytest.approx([0.0, 0.02, -0.02])
+        assert y == pytest.approx([0.0, 40.0, -40.0])
 
 
 def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test, tmp_path):

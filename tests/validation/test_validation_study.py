@@ -16,10 +16,11 @@ from eightpost.ident.validation.shock_tables import (
     table_3_4,
     table_3_5,
 )
-from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
+from eightpost.ident.validation.shock_verdict import keep_verdicts, notes_on, shock_verdict
 from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.report.tables import Amount
 from eightpost.rig.dyno_test import DynoConditions
+from eightpost.shock import read_shock
 from eightpost.verdict import Grade
 
 from .conftest import POUND, shock_of
@@ -34,6 +35,21 @@ def test_each_law_is_compared_with_each_record(lagged, static_curve, random_test
     ]
     assert len(random_table(study).rows) == 2
     assert len(static_table(study).rows) == 2
+
+
+def test_the_verdict_is_kept_in_the_file_of_each_shock_that_was_compared(lagged, static_test, tmp_path):
+    """The second shock is of another build than the record, so there is nothing to say about it."""
+    other = replace(lagged, name="other", conditions={**lagged.conditions, "build": "X"})
+    test = replace(static_test, conditions=DynoConditions(build="A"))
+    study = validate_shocks([lagged, other], [dyno_record(test, name="static")])
+    paths = [tmp_path / "lagged.json", tmp_path / "other.json"]
+    assert [*keep_verdicts(study, paths)] == paths[:1]
+    assert not paths[1].exists()
+    kept = read_shock(paths[0])
+    assert kept.law == lagged.law
+    assert {reason.rule for reason in shock_verdict(study.of_shock(next(iter(study.shocks)))).reasons} <= {
+        reason.rule for reason in kept.validity.verdict.reasons
+    }
 
 
 def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):

@@ -72,6 +72,16 @@ def test_parameters_that_are_read_back_are_equal(tmp_path, vehicle):
     assert read_vehicle(tmp_path / "car.toml") == vehicle
 
 
+@pytest.mark.parametrize("kind", ["quarter_car", "seven_dof"])
+@pytest.mark.parametrize("has_static", [True, False])
+def test_a_shipped_car_with_any_name_is_read_back_equal(tmp_path, kind, has_static):
+    car = replace(read_vehicle(shipped(kind)), name='back\\slash, "quotes",\nnew line and \x7f')
+    static = {name: 0.1 * k for k, name in enumerate(STATIC[type(car.parameters)], 1)} if has_static else {}
+    car = replace(car, static=static)
+    write_vehicle(tmp_path / "car.toml", car)
+    assert read_vehicle(tmp_path / "car.toml") == car
+
+
 @pytest.mark.nightly
 @ROUND_TRIP
 @given(vehicle=identified())

@@ -42,7 +42,7 @@ class LoopClasses:
         velocity = series["velocity"]
         low, high = min(float(velocity.min()), 0.0), max(float(velocity.max()), 0.0)
         edges = np.concatenate([np.linspace(low, 0.0, CLASSES + 1), np.linspace(0.0, high, CLASSES + 1)[1:]])
-        number = np.clip(np.searchsorted(edges, velocity, "left") - 1, 0, 2 * CLASSES - 1)
+        number = np.maximum(np.searchsorted(edges, velocity, "left") - 1, 0)
         cell = 2 * number + (_acceleration(series) > 0.0)
         counts = np.bincount(cell, minlength=4 * CLASSES)
         kept = np.asarray((counts.reshape(-1, 2) >= FEWEST_SAMPLES).all(axis=1))

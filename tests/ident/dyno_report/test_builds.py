@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +15,14 @@ from eightpost.files import sha256_of
 from eightpost.ident.dyno_report.builds import SPEEDS, dyno_report
 from eightpost.ident.dyno_report.comparison import differences, heat_effect, repeats
 from eightpost.ident.dyno_report.corner import CarCorner, corners_of_car
+from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.reading import Reading, read_entries
-from eightpost.ident.dyno_report.tables import lag_table
+from eightpost.ident.dyno_report.tables import lag_table, peak_table
 from eightpost.ident.dyno_report.velocity_curve import STROKES
 from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
+from eightpost.report.tables import Amount
 from eightpost.rig import PeakVelocityTable, read_dyno_test
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert
@@ -274,3 +278,24 @@ def test_lag_table_has_all_time_constants_of_hysteresis():
     assert entries[0].lag == 0.001
     for column in ("in rebound", "in compression"):
         assert column in text
+
+
+def test_the_peaks_of_both_strokes_are_without_the_level_of_the_force_and_with_their_scatter():
+    """The gas force of 50 N raises the force in compression and lowers that in rebound."""
+    rebound = np.array([-0.2, -0.2, -0.2])
+    velocity, force = np.concatenate([[0.3, 0.3], rebound]), np.array([640.0, 660.0, -430.0, -450.0, -470.0])
+    cycles = SimpleNamespace(peak_velocity=velocity, peak_force=force, is_steady=True)
+    cycles.peaks = partial(Cycles.peaks, cycles)
+    once = SimpleNamespace(peaks=lambda sign: (np.array([0.1]), np.array([99.0])), is_steady=True)
+    entries = [
+        SimpleNamespace(name=name, cycles=one, level=50.0)
+        for name, one in (("run", cycles), ("once", once), ("none", Unknown("no cycle")))
+    ]
+    table, reasons = peak_table(SimpleNamespace(runs=entries))
+    rows = [[cell.value if isinstance(cell, Amount) else cell for cell in row] for row in table.rows]
+    assert [row[:3] for row in rows] == [["run", "compression", "2"], ["run", "rebound", "3"],
+                                         ["once", "compression", "1"], ["once", "rebound", "1"]]  # fmt: skip
+    assert rows[0][3:] == pytest.approx([0.3, 600.0, np.sqrt(200.0), np.sqrt(2.0) / 0.6])
+    assert rows[1][3:] == pytest.approx([0.2, 500.0, 20.0, 4.0])
+    assert not any(isinstance(cell, float) for cell in rows[2])
+    assert "the peaks are not repeated" in str(reasons)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.free_running import fault_in_simulation, free_running
+from eightpost.ident.vehicle.free_running import fault_in_simulation, free_running, with_dampers
 from eightpost.ident.vehicle.held_out import held_out_error
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.signals import TimeSeries
@@ -46,6 +47,18 @@ def test_the_simulation_has_the_times_and_outputs_of_the_test(
     found = free_running(car, smooth[0], experiment.ports)
     assert set(experiment.outputs) <= set(found.names)
     np.testing.assert_allclose(found.time, smooth[0].time)
+
+
+def test_a_linear_car_has_the_exact_response_to_inputs_with_straight_lines_between_samples(
+    car: IdentifiedVehicle,
+) -> None:
+    time = np.arange(1250) / 1250.0
+    road = 0.004 * np.sin(2.0 * np.pi * 3.0 * time)  # without a mean
+    found = with_dampers(car, TimeSeries.from_channels(time, {"road": ("m", road)}), {"": 2.0 * BASELINE}, every=3)
+    model = add_port_damping(car.state_space, {"": BASELINE}).select(inputs=["road"])
+    expected = lsim((model.A, model.B, model.C, model.D), road, time)[1].T
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / size, expected[:, ::3] / size, atol=1e-5)
 
 
 def test_a_car_without_the_friction_of_the_tests_has_a_larger_error(

@@ -13,7 +13,7 @@ from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.friction import direction, with_friction
 from eightpost.ident.vehicle.friction_search import FrictionSearch, _estimate
-from eightpost.ident.vehicle.projection import ForceSolution
+from eightpost.ident.vehicle.projection import Band, ForceSolution, _BandFit
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
@@ -34,6 +34,17 @@ from .conftest import COULOMB, STIFFNESS
 
 def _quarter_car(friction: Friction) -> IdentifiedVehicle:
     return IdentifiedVehicle("car", read_vehicle(shipped("quarter_car")).coupled(), friction={"": friction})
+
+
+@pytest.mark.parametrize("active", [[True, True, True], [True, False, False]])
+def test_the_noise_of_a_band_does_not_depend_on_the_number_of_active_inputs(active: list[bool]) -> None:
+    """Outputs that no input explains have a residual with their own standard deviation, per degree of freedom."""
+    generator = np.random.default_rng(3)
+    U, unit = (generator.standard_normal((2, 2, 40, count)) for count in (3, 400))
+    Y = (unit[0] + 1j * unit[1]) * np.sqrt(0.5) * np.repeat([1.0, 5.0], 200)
+    fit = _BandFit.of(Band(4.0, U[0] + 1j * U[1], Y, np.array(active)), 3, np.zeros(0))
+    assert np.mean(fit.noise[:200]) == pytest.approx(1.0, abs=0.02)
+    assert np.mean(fit.noise[200:]) == pytest.approx(5.0, abs=0.1)
 
 
 def test_the_direction_of_a_slow_velocity_is_the_law_itself() -> None:

@@ -40,6 +40,16 @@ def test_the_force_of_a_progressive_spring_is_found(progressive: list[TimeSeries
     assert "not linear" in (nonlinear_spring_sentence({"": found}) or "")
 
 
+def test_more_steps_of_the_search_change_the_force_by_less_than_a_tenth_of_its_deviation(
+    progressive: list[TimeSeries], experiment: Experiment
+) -> None:
+    found, settled = (
+        search.find(progressive, experiment)[""]
+        for search in (SpringSearch(seconds=20.0), SpringSearch(20.0, iterations=6))
+    )
+    assert abs(found.value - settled.value) < 0.1 * settled.deviation
+
+
 def test_a_linear_spring_is_not_reported_as_nonlinear(smooth: list[TimeSeries], experiment: Experiment) -> None:
     assert nonlinear_spring_sentence(SpringSearch().find(smooth, experiment)) is None
 

@@ -12,9 +12,11 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.linearity import Condition, Linearity, Thresholds, judge_linearity
+from eightpost.ident.linearity.excitations import _shock_change, _shock_excitation
 from eightpost.ident.preparation import prepare
 from eightpost.ident.response import LocalPolynomial
 from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
 
 from ..linear_rig import DAMPING, car, record
 
@@ -130,6 +132,42 @@ def test_changing_one_shock_gives_the_response_to_its_force() -> None:
     wrong = np.linalg.norm((path.H - truth[0, 0]) * weight) / np.linalg.norm(truth[0, 0] * weight)
     assert wrong < 0.02
     assert found.verdict("rf.velocity", "rf.force").condition is Condition.I
+
+
+def forces(**sizes: float) -> TimeSeries:
+    """Return a test of two shocks of 2000 N.s/m with further forces of given sizes [N], each of its own shape."""
+    time = np.arange(2000) / 200.0
+    channels = {}
+    for k, corner in enumerate(("lf", "rf")):
+        velocity = 0.1 * np.sin(2.0 * np.pi * (k + 1.0) * time)
+        more = sizes.get(corner, 0.0) * np.sin(2.0 * np.pi * (k + 5.0) * time)
+        channels |= {f"{corner}.velocity": ("m/s", velocity), f"{corner}.force": ("N", 2000.0 * velocity + more)}
+    return TimeSeries.from_channels(time, channels)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "note"),
+    [
+        ({"rf": 15.0}, "new: repeats first with the same shocks; omitted"),
+        ({"rf": 100.0, "lf": 60.0}, "new: rf.force, lf.force differ from first; change one shock at a time"),
+    ],
+)
+def test_a_test_without_one_other_shock_is_omitted_with_the_reason(sizes: dict[str, float], note: str) -> None:
+    """A change below a tenth of the force is none, and one below half of the largest is that of the car's motion."""
+    assert _shock_change("new", forces(**sizes), ("first", forces()), ("lf", "rf")) == note
+
+
+def test_the_change_of_a_shock_is_that_of_its_force_beside_the_baseline_damping() -> None:
+    first, other = forces(), forces(rf=100.0, lf=40.0)
+    found = _shock_change("new", other, ("first", first), ("lf", "rf"))
+    assert not isinstance(found, str)
+    assert found.force == "rf.force"
+    assert found.values == pytest.approx(other["rf.force"] - first["rf.force"], abs=1e-9)
+    excitation = _shock_excitation("new", other, first, found, ["lf.force", "rf.velocity"])
+    assert (excitation.test, excitation.channel.name, excitation.channel.unit) == ("new", "rf.force", "N")
+    assert excitation.y[0] == pytest.approx(other["lf.force"] - first["lf.force"])
+    assert not excitation.y[1].any()
+    assert [channel.name for channel in excitation.outputs] == ["lf.force", "rf.velocity"]
 
 
 @pytest.mark.nightly

@@ -18,6 +18,7 @@ from eightpost.ident.output_error import (
     derivative_function,
     simulate,
 )
+from eightpost.ident.output_error.gate import Gate, OutputGate, Tolerance
 
 RATE = 50.0
 
@@ -109,6 +110,21 @@ def test_the_probability_of_the_gate_is_uniform_at_most_where_only_noise_is_left
         record, _ = _random_record(model, seed, 0.3)
         found.append(OutputError(passes=1).fit(model, resonators(0.3), [record]).gate.outputs["y1"].probability)
     assert np.mean(np.array(found) < 0.1) <= 0.25
+
+
+def test_a_gate_fails_on_what_inputs_explain_beyond_chance_and_on_large_residuals():
+    """Two outputs share the probability of a false alarm, a thousandth."""
+    sound = OutputGate(residual=0.09, explained=0.02, upper=0.03, probability=6e-4, frequency=3.0)
+    explained, small = sound._replace(probability=4e-4), sound._replace(probability=0.0, upper=0.009)
+    assert Gate({"a": sound, "b": small}, Tolerance()).is_adequate
+    assert not Gate({"a": sound}, Tolerance()).is_adequate
+    assert Gate({"b": small}, Tolerance()).summary() == "The inputs explain no part of the residual that matters."
+    found = Gate({"a": explained, "b": sound._replace(residual=0.11)}, Tolerance())
+    assert list(found.failures) == ["a", "b"]
+    assert found.failures["a"].startswith(
+        "a: the inputs explain a part of the residual that is 2 % of the output (limit 1 %), most at 3 Hz"
+    )
+    assert "b: the residual is 11 % of the output (limit 10 %)" in found.summary()
 
 
 @pytest.mark.nightly

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import hypothesis
 import numpy as np
@@ -14,15 +15,20 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
+from eightpost.ident.shock.closed import dynamics_for
+from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.clicks import best_clicks
-from eightpost.ident.shock.settings.result import fit_settings
+from eightpost.ident.shock.settings.joint_fit import _joint_model
+from eightpost.ident.shock.settings.result import _counting, _preload, fit_settings
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
 from eightpost.ident.shock.settings.terms import effects_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
-from eightpost.shock import Axis, Lpf1, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
+from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
 from eightpost.shock.settings import node_weights
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
@@ -279,6 +285,36 @@ def test_temperatures_within_three_kelvin_are_one_setting():
     assert joined_temperatures([313.0, 300.0, 314.0, 301.0]) == pytest.approx([313.5, 300.5, 313.5, 300.5])
 
 
+@pytest.mark.parametrize(
+    ("counted", "is_doubtful"),
+    [("from full hard", False), ("from closed", False), ("from full soft", True), ("from open", True), ("", False)],
+)
+def test_clicks_that_act_against_their_counting_are_a_doubt(counted, is_doubtful):
+    """More clicks lower the force of both adjusters."""
+    shock = two_adjusters()
+    axes = tuple(replace(axis, counted=counted) for axis in shock.settings.axes)
+    for axis in axes:
+        found = [*_counting(axis, replace(shock.settings, axes=axes), shock.law, "shock")]
+        assert len(found) == is_doubtful
+        if is_doubtful:
+            assert found[0].statement == f"{axis.name} acts against its counting, {counted}"
+            stiff, soft = (
+                np.ptp(shock.at(clicks={axis.name: clicks, other: 10}).law.curve.knot_force)
+                for clicks in (0, 20)
+                for other in {"rebound", "compression"} - {axis.name}
+            )
+            assert found[0].figure == (f"the force range changes from {stiff:.0f} N at 0 to {soft:.0f} N at 20 clicks")
+
+
+def test_the_gas_preload_is_a_straight_line_over_the_temperature_and_no_adjuster_changes_it():
+    axes = (Axis("rebound", (0.0, 5.0), 0.0), Axis("temperature", (300.0, 320.0, 350.0), 320.0, unit="K"))
+    settings = [(0.0, 300.0), (5.0, 300.0), (0.0, 320.0), (5.0, 350.0)]
+    groups = [SimpleNamespace(setting=setting) for setting in settings]
+    measured = np.array([168.0, 172.0, 200.0, 245.0])  # 200 N and 1.5 N/K, with an error of 2 N at 300 K
+    assert _preload(axes, groups, measured) == pytest.approx([170.0, 170.0, 200.0, 245.0])
+    assert _preload(axes[:1], groups, measured) == pytest.approx([196.25] * 4)
+
+
 @pytest.mark.nightly
 def test_clicks_counted_the_wrong_way_are_a_doubt():
     wrong = rebound_table()
@@ -342,3 +378,15 @@ def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_
 def test_interpolated_weights_sum_to_one():
     for value in (-3.0, 0.0, 2.5, 11.0, 40.0):
         assert sum(node_weights((0.0, 5.0, 12.0), value)) == pytest.approx(1.0)
+
+
+def test_the_jacobian_of_all_settings_is_the_difference_of_their_weighted_residuals():
+    """Without a law of its own, the force is linear in every parameter."""
+    groups = [prepare_runs([record(true_law(clicks), 1)]) for clicks in (0.0, 28.0)]
+    gas, _ = gas_columns(Runs.of([runs.first for runs in groups]), "estimate")
+    model = _joint_model(groups, gas, dynamics_for(Polylinear, limits_for(groups[0].measured, RATE)))
+    random = np.random.default_rng(0)
+    model = model.weighted(random.uniform(0.1, 1.0, model.runs.target.size))
+    x, none = random.standard_normal(model.size), np.zeros(model.size)
+    moved = model.residual(x) - model.residual(none)
+    np.testing.assert_allclose(model.jacobian(none) @ x, moved, atol=1e-9 * np.abs(moved).max())

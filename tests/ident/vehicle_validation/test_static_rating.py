@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.static_rating import rate_statically
+from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically
 from eightpost.rig.post import NO_DRIFT, Car, LinearDamper, RigSensors, run_test, stand_in_truth, static_drive
 from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
@@ -99,3 +99,25 @@ def test_records_without_constant_loads_are_rejected(records: list[TimeSeries]) 
         rate_statically([moving], ["lf.aero"])
     with pytest.raises(InputError, match="none of the loads"):
         rate_statically(records, ["aero_force"])
+
+
+def test_the_summary_states_tire_loads_and_ride_heights_in_field_units() -> None:
+    zero = {"lf.tire_force": 4448.2216, "front.ride_height": 0.0508, "rr.tire_force": 2000.0}
+    rating = StaticRating(5, 0, LOADS, zero)
+    tires = rating.summary(["lf.tire_force", "lf.velocity"])
+    assert tires == "static state at zero load, from 5 levels: tires lf 1000 lbf"
+    both = replace(rating, lifted=2).summary(list(zero))
+    assert both.startswith(
+        "static state at zero load, from 5 levels (2 more left out, at which a tire carries no load): tires lf 1000, "
+    )
+    assert both.endswith(" lbf; ride heights front 2.000 in")
+
+
+def test_the_modal_matrix_is_in_thousands_of_pounds_and_feet_per_inch_and_degree() -> None:
+    """1000 lbf/in, lbf per degree, lbf.ft/in and lbf.ft per degree are 1 in every place of the table."""
+    pound, foot, inch, degree = 4.4482216152605, 0.3048, 0.0254, np.pi / 180.0
+    forces, steps = 1e3 * pound * np.array([1.0, foot, foot, foot]), np.array([inch, degree, degree, degree])
+    rating = StaticRating(5, 0, LOADS, {}, modal=forces[:, None] / steps)
+    assert list(rating.modal_us) == ["heave", "pitch", "roll", "warp"]
+    np.testing.assert_allclose(list(rating.modal_us.values()), 1.0)
+    assert StaticRating(5, 0, LOADS, {}).modal_us == {}

@@ -25,9 +25,6 @@ MASS, MASS_RANGE = 1040.0, float(np.log(3.5))
 #: Tolerance of the mass if it is given [1].
 GIVEN_MASS_RANGE = 0.1
 
-#: Frequency that makes derivatives of accelerations comparable to them [Hz].
-_REFERENCE = 5.0
-
 
 class _Terms:
     """Regressors with their names."""
@@ -92,18 +89,15 @@ def _terms(spectra: Spectra, corners: Sequence[str], loads: dict[str, float]) ->
     for load in loads:
         for order in (0, 1):
             terms.add(f"{load}'" if order else load, spectra.derivative(load, order))
-    slope = 2j * np.pi * spectra.frequencies / (2.0 * np.pi * _REFERENCE)
     for place in AXLES if len(corners) > 1 else (tuple(corners),):
-        hub, body = (_sum(spectra, place, name) for name in ("hub_acceleration", "chassis_acceleration"))
-        terms.add(f"{place[0]} hub", hub)
-        terms.add(f"{place[0]} chassis", body)
-        terms.add(f"{place[0]} chassis'", body * slope)
-        terms.add(f"{place[0]} chassis''", body * slope**2)
+        terms.add(f"{place[0]} hub", _sum(spectra, place, "hub_acceleration"))
+        for order, primes in enumerate(("", "'", "''")):
+            terms.add(f"{place[0]} chassis{primes}", _sum(spectra, place, "chassis_acceleration", order))
     return terms
 
 
-def _sum(spectra: Spectra, corners: Sequence[str], quantity: str) -> Spectrum:
-    rows = [spectra.derivative(channel(corner, quantity)) for corner in corners]
+def _sum(spectra: Spectra, corners: Sequence[str], quantity: str, order: int = 0) -> Spectrum:
+    rows = [spectra.derivative(channel(corner, quantity), order) for corner in corners]
     return np.asarray(np.sum(rows, axis=0))
 
 
