@@ -88,6 +88,14 @@ def test_the_band_is_as_wide_as_the_gain_allows():
         band(cliff, optimum, 4.0)
 
 
+def test_a_gain_that_no_box_keeps_has_a_band_of_size_zero_without_points():
+    spike = Analytic(lambda points: 5.0 + (points != 0.5).any(axis=1))
+    optimum = search(spike, [np.full(4, 0.5)])
+    none = band(spike, optimum, 6.0)
+    assert (optimum.objective, none.size, none.kept, none.points.shape) == (5.0, 0.0, 0.0, (0, 4))
+    assert (none.alone == 0.5).all()
+
+
 @given(st.floats(1.0, 100.0), st.floats(-1.0, 1.0))
 def test_points_are_values_within_the_ranges_and_back(a, b):
     point = SPACE.point([{"a": a, "b": b}, {"a": 1e9, "b": -1e9}])
