@@ -108,6 +108,7 @@ def test_the_tolerance_acts_on_the_numbers_that_have_one_and_is_the_same_for_eve
     assert (factors[0] == 1.0).all() and (factors[..., 1] == 1.0).all()
     assert np.log(factors[1:, :, 0]).std() == pytest.approx(0.1, rel=0.1)
     assert (Robustness(50, seed=3).factors(SPACE) == factors).all()
+    assert (Robustness().factors(SPACE) == np.ones((1, 2, 2))).all()
     with pytest.raises(InputError, match="not 1"):
         Robustness(1)
 
