@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +15,10 @@ from cosim.study.choice import compare_file
 from cosim.study.choice.compare import Comparison, comparison_verdict, percent_change, verdict_of_runs
 from cosim.study.choice.compare_file import read_run_to_run, write_and_plot
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
+from cosim.study.choice.run_comparison import RunComparison
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
 from cosim.study.measures import Measure
+from cosim.study.plots import changes
 from cosim.study.study import Drive, Term
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
@@ -284,6 +286,30 @@ def test_the_verdict_on_runs_is_that_of_each_run_with_its_folder():
 
 def test_a_change_is_from_the_first_run_to_the_last():
     assert percent_change([2.0, 7.0, 3.0]) == 50.0 and percent_change([0.0, 1.0]) is None
+
+
+def test_runs_are_compared_by_the_change_of_each_measure_from_the_first_run():
+    time = np.arange(0.0, 10.0, 0.01)
+    wave = np.sin(2.0 * np.pi * time)
+    runs = {
+        label: TimeSeries.from_channels(time, {"a": ("m", scale * wave), "b": ("N", wave), "still": ("m", 0.0 * wave)})
+        for label, scale in (("first", 1.0), ("second", 2.0), ("last", 0.5))
+    }
+    measures = tuple(Measure(name, (name,), display=unit) for name, unit in (("a", "in"), ("b", "N"), ("still", "m")))
+    found = RunComparison(runs, measures, Verdict())
+    assert [found.change(measure) for measure in measures] == [pytest.approx(-50.0), pytest.approx(0.0), None]
+    table = found.to_pandas()
+    assert table.loc["a"].tolist()[0] == "in" and table.loc["b", "change"] == pytest.approx(0.0)
+    assert table.loc["a", "last"] == pytest.approx(np.sqrt(0.5) * 0.5 / 0.0254)
+    text = repr(found)
+    assert "Comparison of 3 runs" in text and text.index("-50.00 %") < text.index("+0.00 %")
+    (axes,) = changes(runs, measures).axes  # a measure of zero is omitted
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["a", "b"]
+    widths = [[bar.get_width() for bar in bars] for bars in axes.containers]
+    assert widths == [pytest.approx([100.0, 0.0], abs=1e-9), pytest.approx([-50.0, 0.0], abs=1e-9)]
+    assert axes.get_xlabel() == "change from first [%]"
+    bars = sorted((bar.get_y(), bar.get_height()) for group in axes.containers for bar in group)
+    assert all(low + height <= next_low for (low, height), (next_low, _) in pairwise(bars))  # none hides another
 
 
 # ---- Intervals and files --------------------------------------------------------------------------------------------
