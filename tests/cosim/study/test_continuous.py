@@ -221,6 +221,21 @@ def test_trials_are_rows_in_their_order_and_shared_among_the_workers_in_two_chun
         here.run([{}])
 
 
+def test_the_robust_objective_is_mean_and_scatter_of_the_drawn_shocks(linear):
+    space = ShockSpace((("lf", "rf"), ("lr", "rr")), (Range("scale", 1.0, 3.0, 0.1),),
+                       lambda _group, numbers: Build("shock.fmu", numbers))  # fmt: skip
+    here = Trials(linear.study, LinearRuns(), Coupling("gauss-seidel", 1e-3))
+    points, robust = np.array([[0.1, 0.9], [0.5, 0.5]]), Robustness(20, 2.0)
+    exact, found = (Problem(here, space, one, "a").evaluate(points) for one in (Robustness(), robust))
+    scales = space.values(points)[:, None] * robust.factors(space)  # (K, 1 + S, groups, 1)
+    levels = 2.0 * scales.sum(axis=(2, 3))  # of a: each group has two corners
+    assert exact.objective == pytest.approx(levels[:, 0]) and exact.scatter.tolist() == [0.0, 0.0]
+    assert found.nominal == pytest.approx(levels[:, 0])
+    assert found.scatter == pytest.approx(levels.std(axis=1, ddof=1))
+    assert found.objective == pytest.approx(levels.mean(axis=1) + 2.0 * levels.std(axis=1, ddof=1))
+    assert found.assured == pytest.approx(np.quantile(levels, 0.95, axis=1))
+
+
 @pytest.mark.nightly
 def test_a_trial_is_the_run_of_the_study_to_the_bit_whatever_ran_before(small_study, here, tmp_path):
     study = small_study(alike=(("lf", "rf"), ("lr", "rr")))
