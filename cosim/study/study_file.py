@@ -287,10 +287,9 @@ class _Reader:
 
     def _unit_of(self, option: str, given: _Measure) -> str:
         """Return the unit of an option of a statistic, SI except percent; empty if it is not known."""
-        if option == "percent" and not given.function:
+        if option == "percent":
             return "%"
-        in_signal = given.statistic == "share" and not given.function
-        return self._units.get(given.channels[0], "") if in_signal and given.channels else ""
+        return self._units.get(given.channels[0], "") if given.statistic == "share" and given.channels else ""
 
 
 def _not_a_shock(component: FmuComponent) -> str:

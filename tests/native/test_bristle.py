@@ -260,6 +260,16 @@ def test_derivatives_are_those_of_the_equations(exchange, name):
 
 
 @pytest.mark.parametrize("name", CARS)
+def test_the_rate_of_a_deflection_depends_on_the_states_alone(exchange, name):
+    fmu = exchanged(exchange(name), name)
+    moved(fmu, 6)
+    rates = [rate for rate in fmu.derivative_names if "bristle" in rate]
+    for known in fmu.inputs():
+        status, found = fmu.tangent(rates, [known], [1.0])
+        assert status == OK and list(found) == [0.0] * len(PORTS[name]), known
+
+
+@pytest.mark.parametrize("name", CARS)
 def test_directional_derivatives_are_differences_of_outputs_and_derivatives(exchange, name):
     fmu = exchanged(exchange(name), name)
     states = moved(fmu, 6)

@@ -165,8 +165,6 @@ class Robustness:
     def factors(self, space: ShockSpace) -> Array:
         """Return factors (1 + S, groups, numbers) on the values; the first row is 1."""
         shape = (len(space.groups), len(space.ranges))
-        if self.draws == 0:
-            return np.ones((1, *shape))
         uniform = qmc.LatinHypercube(space.size, rng=self.seed).random(self.draws).reshape(-1, *shape)
         tolerances = np.array([one.tolerance for one in space.ranges])
         return np.concatenate([np.ones((1, *shape)), np.exp(tolerances * norm.ppf(uniform))])

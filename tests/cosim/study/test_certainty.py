@@ -14,7 +14,9 @@ from scipy import stats
 from cosim.study.certainty import (
     OBJECTIVE,
     Effect,
+    NextTest,
     Status,
+    TradeOff,
 )
 from cosim.study.certainty.assess import Knowledge, certainty_of
 from cosim.study.certainty.choice import next_tests
@@ -251,6 +253,36 @@ def test_a_certain_choice_is_usable_and_a_tie_is_not():
     assert [one.grade for one in certainty_reasons(replace(partly, contributions=included))] == [Grade.USABLE]
     assert [one.grade for one in certainty_reasons(tied)] == [Grade.LIMITED]
     assert [one.grade for one in certainty_reasons(None)] == [Grade.UNKNOWN]
+
+
+def test_the_summary_names_ties_trade_offs_and_next_tests_and_counts_the_rest():
+    study = two_setups(0.0, (0.0, 0.1))
+    tied = certainty_of(study, Knowledge((lag("B/B", 0.0), lag("C/C", 0.0))))
+    assert len(tied.ties) == 2 and tied.assumes_exact_runs
+    changes = {"a": 0.1, "b": 0.3, "c": 0.2, "d": 0.4, "e": -0.2, "f": -0.3, "g": 0.01}
+    lines = [*summary_lines(study, replace(
+        tied,
+        ties=(0, 1) * 3,
+        tests=(NextTest(1, 0.4), NextTest(0, 0.25)),
+        trade_offs=tuple(TradeOff(name, c, c - 0.05, c + 0.05, 0.0) for name, c in changes.items()),
+    ))]  # fmt: skip
+    assert lines[1:5] == [
+        "6 setups are tied; one of them is the best with a probability of 95 %: 0 50 %, 1 50 %, 0 50 %, 1 50 %, 0 50 % "
+        "and 1 more",
+        "worse than the baseline with a probability of 97.5 %: d +40.0 % (+35.0 to +45.0), b +30.0 % (+25.0 to +35.0), "
+        "c +20.0 % (+15.0 to +25.0) and 1 more",
+        "better than the baseline with a probability of 97.5 %: f -30.0 % (-35.0 to -25.0), e -20.0 % (-25.0 to -15.0)",
+        "test next: 1, 0; about 25 % of the uncertainty about the ties remains, if rig runs repeat exactly "
+        "(eightpost confirm)",
+    ]
+
+
+def test_rig_runs_of_a_known_deviation_do_not_count_as_exact():
+    study = two_setups(0.0, (0.0, 0.1))
+    known = certainty_of(study, Knowledge((lag("B/B", 0.0), lag("C/C", 0.0)), run_to_run={"a": 0.01}))
+    assert not known.assumes_exact_runs
+    lines = summary_lines(study, replace(known, tests=(NextTest(1, 1e-4),)))
+    assert "test next: 1; below 0.1 % of the uncertainty about the ties remains (eightpost confirm)" in lines
 
 
 # ---- Next tests -----------------------------------------------------------------------------------------------------

@@ -117,8 +117,9 @@ def test_a_chunk_with_other_rows_than_its_name_states_is_refused(folder, tmp_pat
         list(folder.tables())
 
 
-def test_setups_that_are_not_in_order_are_refused(whole, tmp_path):
-    parts = [whole.table.slice(10, 10), whole.table.slice(0, 10)]
+@pytest.mark.parametrize("first", [(10, 10), (0, 5)], ids=["swapped", "overlapping"])
+def test_setups_that_are_not_in_order_are_refused(whole, tmp_path, first):
+    parts = [whole.table.slice(*first), whole.table.slice(3, 10)]
     with pytest.raises(InputError, match="not in order"):
         StudyResult.join(tmp_path / "results.parquet", whole.study, parts, whole.provenance, partial=False)
     assert not (tmp_path / "results.parquet").exists()

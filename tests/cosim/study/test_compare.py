@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.choice.compare import Comparison
+from cosim.study.certainty.certainty import Levels
+from cosim.study.choice import compare_file
+from cosim.study.choice.compare import Comparison, comparison_verdict, percent_change, verdict_of_runs
+from cosim.study.choice.compare_file import read_run_to_run, write_and_plot
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
+from cosim.study.choice.run_comparison import RunComparison
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
 from cosim.study.measures import Measure
-from cosim.study.study import Drive
+from cosim.study.plots import changes
+from cosim.study.study import Drive, Term
 from eightpost.errors import FileFormatError, InputError
+from eightpost.files import json_content
 from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade, Verdict
 
+from .assessed import run
 from .constructed import CORNERS, result, study
 
 PREDICTED = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
@@ -243,3 +252,132 @@ def test_the_attainable_rank_accounts_for_averaged_runs():
         for runs, noise in ((1, 2.0), (4, 4.0))
     )
     assert one == four < 1.0
+
+
+# ---- Verdicts -------------------------------------------------------------------------------------------------------
+
+
+def test_a_prediction_is_usable_if_every_measure_is_within_its_limits_and_states_the_worst():
+    good, worse = comparison(PREDICTED / 1.1), comparison(np.array([2.0, 1.0, 4.0, 8.0, 16.0]))
+    (reason,) = comparison_verdict([good, worse], rank=0.85, level=None).reasons
+    assert reason.grade is Grade.USABLE and reason.figure == "rank correlation 0.900 or more; limit 0.85"
+    (reason,) = comparison_verdict([good], rank=0.99, level=10.5).reasons
+    assert reason.figure == "rank correlation 1.000 or more; limit 0.99; level errors up to 10.0 %"
+
+
+def test_a_prediction_of_wrong_ranks_or_levels_is_not_usable_and_names_the_figure():
+    found = comparison_verdict([comparison(PREDICTED[::-1])], rank=0.9, level=5.0)
+    assert [reason.grade for reason in found.reasons] == [Grade.NOT_USABLE] * 2
+    assert found.reasons[0].figure == "rank correlation -1.000; limit 0.9"
+    assert found.reasons[1].figure.endswith(" %; limit 5 %")
+    noisy = comparison(np.array([2.0, 1.0, 4.0, 8.0, 16.0]), run_to_run=30.0)
+    (reason,) = comparison_verdict([noisy], rank=0.95, level=None).reasons
+    assert reason.figure.endswith("limit 0.95; run-to-run noise alone can explain this")
+
+
+def test_the_verdict_on_runs_is_that_of_each_run_with_its_folder():
+    good = comparison_verdict([comparison(PREDICTED)], rank=0.9, level=None)
+    found = verdict_of_runs({"a": {"verdict": good.to_json()}, "b": {}})
+    assert {(one.grade, one.origin) for one in found.reasons} == {
+        (Grade.USABLE, "a: front ride height"),
+        (Grade.UNKNOWN, "b: result.json"),
+    }
+
+
+def test_a_change_is_from_the_first_run_to_the_last():
+    assert percent_change([2.0, 7.0, 3.0]) == 50.0 and percent_change([0.0, 1.0]) is None
+
+
+def test_runs_are_compared_by_the_change_of_each_measure_from_the_first_run():
+    time = np.arange(0.0, 10.0, 0.01)
+    wave = np.sin(2.0 * np.pi * time)
+    runs = {
+        label: TimeSeries.from_channels(time, {"a": ("m", scale * wave), "b": ("N", wave), "still": ("m", 0.0 * wave)})
+        for label, scale in (("first", 1.0), ("second", 2.0), ("last", 0.5))
+    }
+    measures = tuple(Measure(name, (name,), display=unit) for name, unit in (("a", "in"), ("b", "N"), ("still", "m")))
+    found = RunComparison(runs, measures, Verdict())
+    assert [found.change(measure) for measure in measures] == [pytest.approx(-50.0), pytest.approx(0.0), None]
+    table = found.to_pandas()
+    assert table.loc["a"].tolist()[0] == "in" and table.loc["b", "change"] == pytest.approx(0.0)
+    assert table.loc["a", "last"] == pytest.approx(np.sqrt(0.5) * 0.5 / 0.0254)
+    text = repr(found)
+    assert "Comparison of 3 runs" in text and text.index("-50.00 %") < text.index("+0.00 %")
+    (axes,) = changes(runs, measures).axes  # a measure of zero is omitted
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["a", "b"]
+    widths = [[bar.get_width() for bar in bars] for bars in axes.containers]
+    assert widths == [pytest.approx([100.0, 0.0], abs=1e-9), pytest.approx([-50.0, 0.0], abs=1e-9)]
+    assert axes.get_xlabel() == "change from first [%]"
+    bars = sorted((bar.get_y(), bar.get_height()) for group in axes.containers for bar in group)
+    assert all(low + height <= next_low for (low, height), (next_low, _) in pairwise(bars))  # none hides another
+
+
+# ---- Intervals and files --------------------------------------------------------------------------------------------
+
+
+def test_the_interval_of_a_setup_is_unknown_once_the_certainty_contains_its_rig_run():
+    expected = np.array([1.0, 2.0, 4.0])
+    levels = Levels(expected, np.full((3, 3), 0.1), np.full(3, np.nan), relative=False, basis="stated", run_to_run=0.01)
+    certainty = SimpleNamespace(runs=(run(2, front=1.6),), row=int, levels={"front": levels})
+    made = result({"front": front}, builds=("B/B", "C/C"))
+    rig = Measured(np.array([0, 1, 2]), {"front": np.array([1.0, 1.6, 2.0])}, {})
+    (found,) = comparisons(made, rig, certainty)
+    np.testing.assert_allclose(found.true, [[0.9, 1.9, np.nan], [1.1, 2.1, np.nan]])
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """List of the figures that are saved."""
+    figures = []
+    monkeypatch.setattr(compare_file, "save", lambda figure, path: figures.append(figure))
+    return figures
+
+
+def test_the_picture_has_measured_over_predicted_levels_of_the_objective_in_displayed_units(tmp_path, drawn):
+    made = result({"front": front, "rear": front}, builds=("B/B", "C/C"), objective=(Term("front", 1.0, "in"),))
+    rig = Measured(np.array([0, 0, 5, 15]), {n: np.array([1.0, 3.0, 5.0, 9.0]) for n in ("front", "rear")}, {})
+    found = comparisons(made, rig)
+    path = write_and_plot(found, made, tmp_path, Verdict(), {})
+    assert path == tmp_path / "comparison.png"
+    document = json_content(tmp_path / "comparison.json")
+    assert [one["measure"] for one in document["measures"]] == ["front", "rear"]  # the file contains every measure
+    trend, scatter = drawn[0].axes  # the picture contains the objective's
+    assert (trend.get_ylabel(), scatter.get_xlabel()) == ("front [in]", "predicted [in]")
+    inches = found[0].predicted / 0.0254, found[0].measured / 0.0254
+    order = np.argsort(found[0].predicted)
+    assert trend.lines[0].get_ydata() == pytest.approx(inches[0][order])
+    assert [tick.get_text() for tick in trend.get_xticklabels()] == [str(n) for n in found[0].setups[order]]
+    (bars,) = trend.collections
+    reach = 2.0 * np.sqrt(2.0) / 0.0254  # two deviations of one of the two runs of setup 0
+    assert [ends[:, 1].tolist() for ends in bars.get_segments()] == [
+        pytest.approx([level - reach, level + reach]) for level in inches[1][order]
+    ]
+    line, low, high, points, hollow = scatter.lines
+    assert points.get_xdata() == pytest.approx(inches[0]) and points.get_ydata() == pytest.approx(inches[1])
+    assert hollow.get_xdata().size == 0
+    assert high.get_ydata() - line.get_ydata() == pytest.approx(reach)
+    assert line.get_ydata() - low.get_ydata() == pytest.approx(reach)
+    ends = line.get_xdata()[[0, -1]], line.get_ydata()[[0, -1]]
+    assert ends[0] == pytest.approx([inches[0].min(), inches[0].max()])
+    assert np.diff(ends[1]) / np.diff(ends[0]) == pytest.approx(found[0].line.slope)
+    assert read_run_to_run(tmp_path / "comparison.json").keys() == {"front", "rear"}
+
+
+def test_setups_that_were_not_selected_for_a_measure_are_hollow(tmp_path, drawn):
+    made = result({"front": front, "rear": front}, builds=("B/B", "C/C"))
+    levels = np.array([1.0, 5.0, 9.0])
+    found = comparisons(made, Measured(np.array([0, 5, 15]), {"front": levels, "rear": levels}, {}))
+    write_and_plot(found, made, tmp_path, Verdict(), {"rear": [5]})
+    trend, scatter = drawn[0].axes
+    assert trend.get_ylabel() == "rear [in]"
+    full, hollow = scatter.lines[-2:]
+    assert full.get_ydata() == pytest.approx([5.0 / 0.0254]) and full.get_fillstyle() == "full"
+    assert hollow.get_ydata() == pytest.approx([1.0 / 0.0254, 9.0 / 0.0254]) and hollow.get_fillstyle() == "none"
+
+
+def test_without_an_objective_and_a_selection_every_measure_is_drawn(tmp_path, drawn):
+    made = result({"front": front, "rear": front}, builds=("B/B", "C/C"))
+    levels = np.array([1.0, 5.0, 9.0])
+    found = comparisons(made, Measured(np.array([0, 5, 15]), {"front": levels, "rear": levels}, {}))
+    write_and_plot(found, made, tmp_path, Verdict(), {})
+    assert [axes.get_ylabel() for axes in drawn[0].axes[::2]] == ["front [in]", "rear [in]"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +13,16 @@ from hypothesis import strategies as st
 from cosim.study import Build
 from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, groups_of, search
 from cosim.study.choice.gain_band import band
-from cosim.study.choice.what_if import what_if
+from cosim.study.choice.what_if import Effect, what_if
+from cosim.study.columns import error_column
+from cosim.study.running import trials
+from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
 from cosim.study.running.trials import Trials
-from eightpost.errors import InputError
+from cosim.study.study import Constraint, Term
+from eightpost.errors import InputError, StepError
+
+from .constructed import CORNERS, result
 
 SPACE = ShockSpace((("front",), ("rear",)), (Range("a", 1.0, 100.0, 0.1), Range("b", -1.0, 1.0)), lambda *_: Build("x"))
 
@@ -82,6 +88,14 @@ def test_the_band_is_as_wide_as_the_gain_allows():
         band(cliff, optimum, 4.0)
 
 
+def test_a_gain_that_no_box_keeps_has_a_band_of_size_zero_without_points():
+    spike = Analytic(lambda points: 5.0 + (points != 0.5).any(axis=1))
+    optimum = search(spike, [np.full(4, 0.5)])
+    none = band(spike, optimum, 6.0)
+    assert (optimum.objective, none.size, none.kept, none.points.shape) == (5.0, 0.0, 0.0, (0, 4))
+    assert (none.alone == 0.5).all()
+
+
 @given(st.floats(1.0, 100.0), st.floats(-1.0, 1.0))
 def test_points_are_values_within_the_ranges_and_back(a, b):
     point = SPACE.point([{"a": a, "b": b}, {"a": 1e9, "b": -1e9}])
@@ -94,6 +108,7 @@ def test_the_tolerance_acts_on_the_numbers_that_have_one_and_is_the_same_for_eve
     assert (factors[0] == 1.0).all() and (factors[..., 1] == 1.0).all()
     assert np.log(factors[1:, :, 0]).std() == pytest.approx(0.1, rel=0.1)
     assert (Robustness(50, seed=3).factors(SPACE) == factors).all()
+    assert (Robustness().factors(SPACE) == np.ones((1, 2, 2))).all()
     with pytest.raises(InputError, match="not 1"):
         Robustness(1)
 
@@ -101,6 +116,124 @@ def test_the_tolerance_acts_on_the_numbers_that_have_one_and_is_the_same_for_eve
 def scaled(study, *scales):
     fmu = study.bank["stiff"].fmu
     return [dict.fromkeys(study.corners, Build(fmu, {"rebound_scale": scale})) for scale in scales]
+
+
+@dataclass
+class LinearRuns:
+    """Workers whose two measures [m] are sums of the scales at the corners, with 1 mm of coupling error."""
+
+    count: int = 2
+    chunks: list = field(default_factory=list)
+
+    def rows(self, study, coupling, chunks, stop):
+        assert (coupling.scheme, coupling.step, stop()) == ("gauss-seidel", 1e-3, False)
+        self.chunks += chunks
+        for chunk in reversed(chunks):
+            yield chunk, [self.row(study, study.space.setup(index)) for index in chunk.indices]
+
+    def row(self, study, setup):
+        scales = [study.bank[setup.builds[corner]].parameters["scale"] for corner in study.corners]
+        done = {"status": "failed" if min(scales) < 0.0 else "done", "message": "too soft", "marks": "", "seconds": 1.0}
+        levels = {"a": sum(scales), "b": 10.0 * scales[0]}
+        return {
+            "setup": setup.index,
+            **setup.builds,
+            **done,
+            **levels,
+            **dict.fromkeys(map(error_column, levels), -1e-3),
+        }
+
+
+@pytest.fixture
+def linear(monkeypatch):
+    """A study of linear runs: `low` has a scale of 1, `high` of 2; the objective is 2 a [in] - b [m]."""
+    units = {"a": "m", "b": "m"}
+    monkeypatch.setattr(trials, "Evaluator", lambda study: SimpleNamespace(measure_units=units))
+    bank = {name: Build("shock.fmu", {"scale": scale}) for name, scale in (("low", 1.0), ("high", 2.0))}
+    found = result(
+        {"a": lambda digits: 4.0 + digits.sum(axis=1), "b": lambda digits: 10.0 + 10.0 * digits[:, 0]},
+        builds=tuple(bank),
+        bank=bank,
+        objective=(Term("a", 2.0, "in"), Term("b", -1.0, "m")),
+    )
+    coupling = {"scheme": "gauss-seidel", "step": 1e-3}
+    return replace(found, provenance=replace(found.provenance, settings={"coupling": coupling}))
+
+
+INCH = 0.0254
+
+
+def test_a_change_at_a_corner_moves_every_measure_by_its_slope_in_displayed_units(linear):
+    objective, a, b = what_if(linear, LinearRuns(), {"lr": {"scale": 1.5}}, setup=0)
+    assert [one.measure for one in (objective, a, b)] == ["objective", "a", "b"] and (a.unit, b.unit) == ("in", "in")
+    assert (a.before, a.change) == pytest.approx((4.0 / INCH, 0.5 / INCH)) and a.is_clear
+    assert (a.relative, a.noise) == pytest.approx((0.5 / 4.0, 1e-3 / INCH))
+    assert (b.before, b.change) == pytest.approx((10.0 / INCH, 0.0)) and not b.is_clear
+    assert objective.change == pytest.approx(2.0 * 0.5 / INCH)
+    assert objective.noise == pytest.approx(2.0 * 1e-3 / INCH + 1e-3)
+
+
+def test_a_change_may_be_compared_with_a_run_that_is_not_a_setup_of_the_study(linear):
+    _, a, _ = what_if(linear, LinearRuns(), {"lr": {"scale": 1.5}}, setup=0, before={"rf": {"scale": 7.0}})
+    assert (a.before * INCH, a.after * INCH) == pytest.approx((10.0, 10.5))
+
+
+def test_the_change_is_to_the_baseline_or_without_one_to_the_best_setup(linear):
+    def before(found):
+        return INCH * what_if(found, LinearRuns(), {"lr": {"scale": 1.5}})[1].before
+
+    assert before(linear) == pytest.approx(4.0)
+    high = replace(linear, study=replace(linear.study, baseline=dict.fromkeys(CORNERS, "high")))
+    assert before(high) == pytest.approx(8.0)
+    none = replace(linear, study=replace(linear.study, constraints=(Constraint("a", at_most=1.0),)))
+    with pytest.raises(InputError, match="no setup of the study meets its constraints; name one with --setup"):
+        before(none)
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "changes", "before"),
+    [
+        (InputError, "nothing changes", {"lr": {}}, {}),
+        (InputError, "no corner 'left'; the corners are lf, rf, lr, rr", {"left": {"scale": 2.0}}, {}),
+        (InputError, "no corner 'right'", {"lr": {"scale": 2.0}}, {"right": {"scale": 2.0}}),
+        (StepError, "a run failed: too soft", {"lr": {"scale": -1.0}}, {}),
+    ],
+)
+def test_a_change_that_cannot_be_compared_is_refused_by_name(linear, error, message, changes, before):
+    with pytest.raises(error, match=message):
+        what_if(linear, LinearRuns(), changes, setup=0, before=before)
+
+
+def test_a_change_is_clear_only_beyond_a_known_noise():
+    assert [Effect("a", "", 1.0, 2.0, noise).is_clear for noise in (0.9, 1.0, np.nan)] == [True, False, True]
+    assert np.isnan(Effect("a", "", 0.0, 1.0, 0.0).relative)
+
+
+def test_trials_are_rows_in_their_order_and_shared_among_the_workers_in_two_chunks_each(linear):
+    workers = LinearRuns()
+    here = Trials(linear.study, workers, Coupling("gauss-seidel", 1e-3))
+    scales = [3.0, 1.0, 2.0, 5.0, 4.0]
+    found = here.run([dict.fromkeys(CORNERS, Build("shock.fmu", {"scale": scale})) for scale in scales])
+    assert found.values("b").tolist() == [10.0 * scale for scale in scales]
+    assert [len(chunk.indices) for chunk in workers.chunks] == [2, 2, 1] and here.count == 5
+    assert [chunk.number for chunk in workers.chunks] == [0, 1, 2]
+    with pytest.raises(InputError, match="a trial needs shocks at lf, rf, lr, rr, not at none"):
+        here.run([{}])
+
+
+def test_the_robust_objective_is_mean_and_scatter_of_the_drawn_shocks(linear):
+    space = ShockSpace((("lf", "rf"), ("lr", "rr")), (Range("scale", 1.0, 3.0, 0.1),),
+                       lambda _group, numbers: Build("shock.fmu", numbers))  # fmt: skip
+    here = Trials(linear.study, LinearRuns(), Coupling("gauss-seidel", 1e-3))
+    points, robust = np.array([[0.1, 0.9], [0.5, 0.5]]), Robustness(20, 2.0)
+    exact, found = (Problem(here, space, one, "a").evaluate(points) for one in (Robustness(), robust))
+    scales = space.values(points)[:, None] * robust.factors(space)  # (K, 1 + S, groups, 1)
+    levels = 2.0 * scales.sum(axis=(2, 3))  # of a: each group has two corners
+    assert exact.objective == pytest.approx(levels[:, 0]) and exact.scatter.tolist() == [0.0, 0.0]
+    assert found.nominal == pytest.approx(levels[:, 0])
+    assert found.scatter == pytest.approx(levels.std(axis=1, ddof=1))
+    assert found.objective == pytest.approx(levels.mean(axis=1) + 2.0 * levels.std(axis=1, ddof=1))
+    assert found.assured == pytest.approx(np.quantile(levels, 0.95, axis=1))
 
 
 @pytest.mark.nightly

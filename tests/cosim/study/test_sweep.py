@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.study import Build, Constraint, Measure, StudyResult, Term
+from cosim.study import Build, Constraint, Drive, Measure, StudyResult, Term
+from cosim.study.running.drives import read_drive
 from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import Sweep, run_study
 from cosim.study.running.workers import ProcessWorkers
 from eightpost.corners import CORNERS
-from eightpost.errors import FileFormatError
+from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import Drivefile
 from eightpost.workers.pool import Heartbeats
 
@@ -248,3 +249,13 @@ def test_a_file_that_is_not_a_result_is_refused(finished, tmp_path):
     (tmp_path / "text.parquet").write_text("text")
     with pytest.raises(FileFormatError, match="not a readable Parquet file"):
         StudyResult.load(tmp_path / "text.parquet")
+
+
+def test_a_run_may_use_its_drive_file_from_the_first_to_the_last_sample_and_no_more(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text("time [s],lf.road [m]\n" + "".join(f"{2.0 + 0.25 * k},{0.5 * k}\n" for k in range(13)))
+    drive = Drive("part", path, stop=3.0, start=2.0)  # the file contains 2 to 5 s
+    assert read_drive(drive).sample(np.array([2.0, 4.0, 5.0])).tolist() == [[0.0, 4.0, 6.0]]
+    for beyond in (replace(drive, start=1.9), replace(drive, stop=3.1)):
+        with pytest.raises(InputError, match="which contains 2 to 5 s; change stop or start"):
+            read_drive(beyond)

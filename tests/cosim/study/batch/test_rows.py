@@ -16,7 +16,7 @@ from cosim.study.statistics import STATISTICS
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 
-from .batched import COUPLING, LAWS, random_builds, random_setups, study_of
+from .batched import COUPLING, LAWS, in_lanes, random_builds, random_setups, study_of
 
 TIRES = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
 OPTIONS = {"percentile": {"percent": 3.0}, "share": {"from": -0.05, "to": 0.02}}
@@ -67,6 +67,18 @@ def test_rows_have_the_columns_marks_and_values_of_the_fmus(study, evaluator):
                 assert row[name] == pytest.approx(right[name], rel=1e-12, abs=1e-14), name
             else:
                 assert row[name] == right[name], name
+
+
+@pytest.mark.slow
+def test_the_time_beyond_a_shocks_fitted_range_is_that_of_the_fmus(fmus):
+    beyond = {"motion_ratio": 4.0, "compression_scale": 0.05, "rebound_scale": 0.05}
+    builds = {"within": Build(fmus["polylinear"], {}), "beyond": Build(fmus["polylinear"], beyond)}
+    study = study_of(fmus, builds)
+    setup = study.space.setup(5)
+    found, through_fmus = in_lanes(study, [setup]), Evaluator(study).run(setup, study.drives[0], COUPLING)
+    shares = dict(zip(CORNERS, found.beyond[:, 0] / found.settled, strict=True))
+    assert shares == pytest.approx(through_fmus.share_beyond_fit, abs=1e-9)
+    assert {setup.builds[corner] for corner, share in shares.items() if share > 0.01} == {"beyond"}
 
 
 def test_every_build_of_the_bank_is_compared(study, evaluator):

@@ -225,6 +225,16 @@ def test_traces_in_csv_are_read_back_in_si(sheet, lap, tmp_path):
     np.testing.assert_array_equal(np.array(record.columns, dtype=float), np.vstack([series.time, series.values]))
 
 
+def test_traces_name_their_setup_and_its_builds_if_the_study_has_it(few, sheet, lap, tmp_path):
+    def comment(number):
+        lines = write_traces(sheet, number, lap(1), tmp_path / "setup.csv").read_text(encoding="utf-8").splitlines()
+        return next(line for line in lines if line.startswith('"Comment"'))
+
+    fitted = ", ".join(f"{corner.upper()} {build}" for corner, build in few.study.space.setup(12).builds.items())
+    assert comment(12) == f'"Comment","setup 12: {fitted}"'
+    assert comment(9999) == '"Comment","setup 9999"'
+
+
 def test_the_workbook_contains_ranking_units_and_provenance(few, tmp_path):
     evil = StudyResult(replace(few.study, name="=1+1"), few.table, few.provenance)
     sheet = sheet_of(evil)
