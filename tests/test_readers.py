@@ -46,6 +46,7 @@ def test_a_group_has_the_time_of_its_first_waveform_and_a_time_of_day_becomes_ze
         ((0.1, 2.0009), ""),  # less than a hundredth of a step
         ((0.1 + 1e-8, 2.0), ""),
         ((0.0, 0.0), ""),  # no waveform
+        ((0.1, 2.002), "it has steps of 100 ms from 2.002 s on, others 100 ms from 2 s on"),
         ((0.2, 2.0), "it has steps of 200 ms from 2 s on, others 100 ms from 2 s on"),
         ((0.1, 7.5), "it has steps of 100 ms from 7.5 s on, others 100 ms from 2 s on"),
     ],

@@ -161,7 +161,7 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
 def test_the_assured_gain_is_exceeded_by_95_percent_of_the_draws():
     found = Curves(None, None, {}, {}, {}, None, None, None, np.arange(101.0) - 3.0, None)
     assert found.assured_gain == pytest.approx(2.0)
-    assert found.chance == pytest.approx(97.0 / 101.0)  # a gain of zero is none
+    assert found.chance == pytest.approx(97.0 / 101.0)  # a gain of zero does not count
 
 
 @dataclass(frozen=True)
