@@ -1,7 +1,9 @@
 """A library that crashes, hangs or uses too much memory gives an error message, and the next file is read."""
 
 import os
+import select
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from eightpost import confined
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries, read_series, write_series
+from eightpost.workers import child
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits are POSIX's")
 
@@ -77,3 +80,15 @@ def test_several_files_are_read_by_one_process(record):
     for _ in range(5):
         read_series(record)
     assert confined._children == [child]
+
+
+def test_a_reply_is_waited_for_as_many_milliseconds_as_the_seconds_have(monkeypatch):
+    waited = []
+
+    def poll():
+        return SimpleNamespace(register=lambda *_: None, poll=lambda time: waited.append(time) or waited[1:])
+
+    monkeypatch.setattr(child, "select", SimpleNamespace(poll=poll, POLLIN=select.POLLIN))
+    wait = child._waiter(SimpleNamespace(fileno=lambda: 0))
+    assert (wait(2.5), wait(0.0)) == (False, True)
+    assert waited == [2500.0, 0.0]

@@ -170,7 +170,7 @@ TWO = ["-n", "2", "--dist", "loadscope"]
 
 def test_make_area_runs_the_tests_of_a_source_and_slow_ones_on_request(ran, capsys):
     assert main(["eightpost/reproduce/verdict.py"]) == main(["--slow", "eightpost/reproduce/verdict.py"]) == 1
-    assert ran == [[*DAILY, "tests/reproduce"], ["-q", "-m", "not nightly", "tests/reproduce"]]
+    assert ran == [[*DAILY, *TWO, "tests/reproduce"], ["-q", "-m", "not nightly", *TWO, "tests/reproduce"]]
     assert "eightpost/reproduce/verdict.py: dissertation\n" in capsys.readouterr().out
 
 

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import json
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -96,6 +97,13 @@ def test_a_package_below_its_minimum_is_a_failure(monkeypatch, version, minimum,
     finding = doctor_checks._version("numpy", minimum)
     assert finding.state.value == state
     assert (finding.remedy == "") == (state == "ok")
+
+
+@pytest.mark.parametrize(("version", "state"), [((3, 10), "note"), ((3, 11), "ok"), ((3, 14), "ok"), ((3, 15), "note")])
+def test_a_python_that_was_not_tested_is_noted_with_those_that_were(monkeypatch, version, state):
+    monkeypatch.setattr(doctor_checks, "sys", SimpleNamespace(version_info=(*version, 9), prefix="/usr"))
+    finding = next(one for one in doctor_checks._versions() if one.name == "Python")
+    assert (finding.state.value, finding.remedy) == (state, "" if state == "ok" else "tested with 3.11 to 3.14")
 
 
 def test_a_required_package_that_is_absent_is_a_failure():

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from builder.check.rules import Level, Rule
 from cosim.study.choice.optimise import Optimum
 from cosim.study.choice.run_comparison import RunComparison
 from cosim.study.measures import Measure
+from eightpost.app.check import _table as findings_table
 from eightpost.app.compare import measure_table
 from eightpost.app.optimise import front_table
 from eightpost.app.shape_page import number_table
@@ -51,6 +53,15 @@ def test_a_target_of_shapes_has_a_whole_line_for_each_number():
     assert [row[0] for row in rows] == list(numbers) and rows[0][1] == "lbf/(in/s)"
     for heading in ("number", "unit", "target", "lower", "limit", "upper", "from", "to"):
         assert heading in text
+
+
+def test_a_finding_has_half_as_much_space_again_as_its_advice():
+    """A finding names files, variables and values; the advice is a sentence."""
+    finding = Rule("M-1", Level.ERROR, "a rule", "2.1", "word " * 40).finding("word " * 60)
+    report = SimpleNamespace(of=lambda level: (finding,) if level is Level.ERROR else ())
+    cells = next(line for line in shown(findings_table(report)).splitlines() if "M-1" in line).split("│")[1:-1]
+    own, advice = (len(cell) - 2 for cell in cells[2:])  # without the space around the text
+    assert own + advice == 80 - len("│ error │ M-1  │  │  │") and own == pytest.approx(1.5 * advice, rel=0.1)
 
 
 @pytest.mark.parametrize("width", [40, 60])

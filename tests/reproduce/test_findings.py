@@ -43,6 +43,8 @@ def test_the_words_for_a_difference(text, ours, words):
     ("text", "within", "inside", "outside"),
     [
         ("6.10", "digits", 6.104, 6.106),
+        ("20..30", "digits", 25.1, 30.1),
+        ("<25", "digits", 1.0, 25.1),
         ("100", "2 %", 101.9, 102.1),
         ("100", "x 2", 51.0, 49.0),
         ("100", "x 2", 199.0, 201.0),

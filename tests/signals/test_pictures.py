@@ -47,6 +47,15 @@ def test_a_channel_named_twice_is_drawn_once():
     assert len(one_channel(TIME).plot(["force", "force"]).figure.axes) == 1
 
 
+def test_a_panel_is_as_high_alone_as_among_four():
+    """Title and time axis have their own space, which no panel loses."""
+    heights = []
+    for count in (1, 4):
+        figure = MANY.plot(MANY.names[:count]).figure
+        heights += [axes.get_position().height * figure.get_figheight() for axes in figure.axes]
+    assert heights == pytest.approx([1.7] * 5, rel=0.05)  # inches
+
+
 MANY = TimeSeries.from_channels(TIME, {f"c{k}": ("N", TIME) for k in range(301)})
 
 

@@ -1,0 +1,226 @@
+"""The page, the file and the verdict of `eightpost shapes` state what was found, in words that follow from it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cosim.study.choice.continuous import Evaluation, Optimum, Range, Robustness, ShockSpace
+from cosim.study.choice.gain_band import Band
+from eightpost.app import shape_page
+from eightpost.app.shape_page import (
+    aim_verdict,
+    band_text,
+    car_text,
+    chance_text,
+    gain_table,
+    neighbour_table,
+    number_table,
+    objective_table,
+    robust_table,
+    write_aim,
+)
+from eightpost.app.shape_request import Request
+from eightpost.app.shape_search import Aim, Curves
+from eightpost.app.shape_target import Neighbour, Target
+from eightpost.judged import is_intact
+from eightpost.rig.damper.valving import NearestValving, Valving
+from eightpost.shock.shape import Shape, Side
+from eightpost.shock.shape_fit import ShapeFit
+
+CORNERS = ("lf", "rf", "lr", "rr")
+SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))
+VELOCITY = np.linspace(-1.0, 1.0, 5)
+VALVING = NearestValving(Valving(), -25.0, 12.0, 0.02, VELOCITY, 900.0 * VELOCITY, 9, ("dish",))
+BAND = Band(0.8, 0.12, 0.96, np.zeros((60, 1)), np.array([[0.0, 1.0]]))
+TARGET = Target(
+    CORNERS, SHAPE, VELOCITY, 800.0 * VELOCITY - 1.0, 800.0 * VELOCITY + 1.0, {"rebound.low": (1200.0, 1900.0)},
+    ("rebound.low",), (Neighbour("soft", 30.0, 0.05, 9.5),), VALVING, SHAPE, 9.7,
+)  # fmt: skip
+OPTIMUM = Optimum(np.array([0.4]), 9.3, 9.0, 0.15, 9.4, True, ((10.0, 9.1), (11.0, 9.0)), 50, ("converged", "steps"))
+
+
+def car(*, unknown=()):
+    """Cars that the true one may be: 256 of them."""
+    return SimpleNamespace(
+        is_known=not unknown, unknown=lambda _measures: list(unknown), criterion=SimpleNamespace(measures=()),
+        draws=SimpleNamespace(common=np.zeros((256, 3))),
+    )  # fmt: skip
+
+
+REQUEST = Request(robustness=Robustness(6, 2.0))
+
+
+def aim(*, runs=(10.0, 9.0, 9.5, 9.7), request=REQUEST, gains=None, **curves):
+    """Return what was found: 10 with the best of the bank, 9 with the targets."""
+    one = lambda value: np.array([value])  # noqa: E731
+    reference = Evaluation(one(10.6), np.zeros((1, 0)), one(10.0), one(0.3), one(10.7))
+    gains = np.arange(21.0) - 1.0 if gains is None else gains
+    space = ShockSpace((CORNERS,), (Range("rebound.low", 1000.0, 2000.0),), None)
+    found = Curves(
+        None, space, {"soft": ShapeFit(SHAPE, 3.0, 0.012)},
+        dict.fromkeys(CORNERS, "soft"), {CORNERS: SHAPE}, reference, OPTIMUM, None, gains, BAND,
+    )  # fmt: skip
+    study = SimpleNamespace(name="lap", to_json=lambda: '{"schema": 1}')
+    verified = SimpleNamespace(objective=np.array(runs), worst_coupling_error=0.2)
+    return Aim(study, "abc", request, replace(found, **curves), (TARGET,), verified, 70)
+
+
+def rules(found):
+    verdict = aim_verdict(found)
+    return {reason.rule: reason.figure for reason in verdict.reasons}, verdict.is_acceptable
+
+
+def numbers(table, column):
+    return [cell if isinstance(cell, str) else cell.value for cell in (row[column] for row in table.rows)]
+
+
+def test_targets_that_are_not_better_than_the_bank_are_not_usable():
+    assert rules(aim(car=car(), gains=np.ones(9))) == (
+        {"targets better than the bank": "10 with the best of the bank, 9 with the targets"},
+        True,
+    )
+    found, usable = rules(aim(runs=(9.0, 9.0, 9.0, 9.0)))
+    assert "no gain over the bank" in found and not usable
+
+
+@pytest.mark.parametrize(("run", "agrees"), [(9.005, True), (8.995, True), (9.02, False), (8.98, False)])
+def test_a_verifying_run_may_differ_from_the_search_by_a_thousandth(run, agrees):
+    found, usable = rules(aim(runs=(10.0, run, 9.5, 9.7)))
+    assert usable is agrees
+    assert ("verification differs" in found) is not agrees
+
+
+def test_the_verdict_says_what_the_uncertainty_of_the_vehicle_means_for_the_gain():
+    assert rules(aim())[0]["uncertainty of the gain unknown"] == "stated for no measure"
+    found = rules(aim(car=car(unknown=("grip", "hub"))))[0]
+    assert found["uncertainty of the gain unknown"] == "not stated for grip, hub"
+    off = rules(aim(request=Request(uncertain=False), car=car()))[0]
+    assert off["uncertainty of the gain not computed"] == "not computed"
+    doubtful = rules(aim(car=car(), gains=np.arange(100.0) - 5.0))[0]  # 94 of 100 are above zero
+    assert doubtful["gain in doubt"] == "94 %; limit 95 %"
+    assert "gain in doubt" not in rules(aim(car=car(), gains=np.arange(100.0) - 4.0))[0]
+
+
+def test_gains_are_those_that_half_and_95_percent_of_the_draws_exceed():
+    table = gain_table(aim(gains=np.arange(21.0) - 1.0))
+    assert numbers(table, 1) == pytest.approx([1.0, 9.0, 0.0])
+    assert numbers(table, 2) == pytest.approx([10.0, 90.0, 0.0])  # of the objective, 10
+    assert "of the draws of shocks" in table.rows[1][0]
+    assert "of the draws of shocks and cars" in gain_table(aim(car=car())).rows[1][0]
+    assert aim().curves.chance == pytest.approx(19.0 / 21.0)
+
+
+def test_objectives_are_stated_with_their_gain_over_the_bank():
+    table = objective_table(aim())
+    assert numbers(table, 1) == [10.0, 9.0, 9.5, 9.7, 9.0]
+    assert numbers(table, 2) == pytest.approx([0.0, 1.0, 0.5, 0.3, 1.0])
+
+
+def test_the_robust_objective_is_stated_with_the_tolerance_and_the_weight():
+    table = robust_table(aim())
+    assert [numbers(table, k) for k in (1, 2, 3)] == [[10.0, 9.0], [0.3, 0.15], [10.6, 9.3]]
+    assert table.title.startswith("Objective over 6 draws with a tolerance of 3 % of every number; robust: mean + 2 st")
+    assert "and over the cars" in robust_table(aim(car=car())).title
+
+
+def test_numbers_that_vary_have_a_range_and_the_others_are_fixed():
+    rows = {row[0]: row[1:] for row in number_table(TARGET, aim()).rows}
+    unit, value, *ends, note = rows["rebound.low"]
+    assert (unit, value.value, note) == ("N.s/m", 1500.0, "at a limit")
+    assert [end.value for end in ends] == [1000.0, 2000.0, 1200.0, 1900.0]
+    assert rows["rebound.knee"][2:] == ("–", "–", "–", "–", "fixed")
+    assert "keeps 80 % of the assured gain" in number_table(TARGET, aim()).title
+
+
+def test_what_is_near_a_target_is_stated_with_what_it_loses():
+    table = neighbour_table(TARGET, aim())
+    assert [numbers(table, k) for k in (1, 2, 3)] == [[30.0, 12.0], [5.0, 2.0], [9.5, 9.7]]
+    assert numbers(table, 4) == pytest.approx([0.5, 0.7])
+
+
+def test_words_about_the_band_and_the_car():
+    assert band_text(aim()) == (
+        "All numbers of all corners may deviate together by 12 % of their ranges: 96 % of 60 random points there keep "
+        "80 % of the assured gain."
+    )
+    assert "keeps 80 % of the assured gain" in band_text(aim(band=replace(BAND, size=0.0)))
+    assert band_text(aim(band=None)) == "No gain is assured with 95 %, so there is no band."
+    assert "left out on request" in car_text(aim(request=Request(uncertain=False), car=car()))
+    assert "as if it were exact" in car_text(aim())
+    assert car_text(aim(car=car(unknown=("hub",)))).endswith(
+        "of 90.5 %. The uncertainty of hub is not known and not included."
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "cars", "words"),
+    [(0.96, 40, "96 %"), (0.98, 40, "more than 97 %"), (0.03, 40, "3 %"), (0.02, 40, "less than 3 %")],
+)
+def test_a_probability_is_no_more_extreme_than_the_number_of_cars_resolves(share, cars, words):
+    assert chance_text(share, cars) == words
+
+
+@pytest.fixture
+def written(monkeypatch, tmp_path):
+    """Write what was found; return the content of the file, and the arguments of the page, which is not drawn."""
+    drawn, page = [], {}
+
+    def document(title, verdict, sections, **others):
+        page.update(others, title=title, verdict=verdict, sections=sections)
+        return ""
+
+    def curve(kind):
+        return lambda _panel, x, *y, name, **_style: drawn.append((kind, name, x, y))
+
+    figure = SimpleNamespace(ribbon=curve("ribbon"), line=curve("line"))
+    monkeypatch.setattr(shape_page, "grid_figure", lambda *_args, **_options: figure)
+    monkeypatch.setattr(shape_page, "document", document)
+
+    def write(found):
+        drawn.clear()
+        data, html = write_aim(found, tmp_path)
+        assert (data.name, html.name) == ("shapes.json", "shapes.html")
+        return json.loads(data.read_text()), page, drawn
+
+    return write
+
+
+def test_the_file_has_the_objectives_the_gain_the_band_and_the_targets(written):
+    content, _, _ = written(aim(car=car()))
+    assert is_intact(content)
+    assert content["objective"] == {
+        "best_of_bank": 10.0, "targets": 9.0, "nearest_builds": 9.5, "nearest_valvings": 9.7, "targets_in_search": 9.0,
+        "targets_robust": 9.3, "targets_scatter": 0.15, "best_of_bank_robust": 10.6,
+    }  # fmt: skip
+    assert content["gain"] == {
+        "predicted": 1.0, "assured": pytest.approx(0.0), "probability": pytest.approx(19 / 21), "includes_car": True,
+    }  # fmt: skip
+    assert content["band"] == {"share": 0.8, "size": 0.12, "kept": 0.96}
+    assert content["robustness"] == {"draws": 6, "weight": 2.0, "seed": 0, "tolerance": 0.03}
+    assert content["ranges"] == {"rebound.low": [1000.0, 2000.0]}
+    (target,) = content["targets"]
+    assert target["alone"] == {"rebound.low": [1200.0, 1900.0]} and target["at_limit"] == ["rebound.low"]
+    assert target["valving"]["objective"] == 9.7 and target["valving"]["jet"] == 0.3e-6
+    content, _, _ = written(aim(band=None))
+    assert content["band"] is None and content["gain"]["includes_car"] is False
+    assert written(aim(car=car(unknown=("hub",))))[0]["gain"]["includes_car"] is False
+
+
+def test_the_page_shows_each_target_with_its_band_between_valving_and_nearest_build(written):
+    _, page, drawn = written(aim(car=car()))
+    assert [section.heading for section in page["sections"]] == ["Gain", "Target at lf+rf+lr+rr"]
+    assert page["sections"][1].blocks[-1] == "At the end of what the search of valvings may use: dish."
+    assert page["lead"].endswith("RMS error of: soft 1.2 %.") and page["links"] == {"report.html": "The study"}
+    (_, _, x, (low, high)), valving, target, near = drawn
+    assert [one[:2] for one in drawn] == [("ribbon", "band"), ("line", "nearest valving"), ("line", "target"),
+                                          ("line", "soft")]  # fmt: skip
+    assert (x is VELOCITY) and (high - low == pytest.approx(2.0)) and (valving[3][0] == 900.0 * VELOCITY).all()
+    forces = [SHAPE.curve().force(v) for v in VELOCITY.tolist()]
+    assert target[3][0] == pytest.approx(forces) and near[3][0] == pytest.approx(forces)
+    _, _, drawn = written(aim(band=None))
+    assert "band" not in [name for _, name, _, _ in drawn]
