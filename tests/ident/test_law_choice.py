@@ -346,5 +346,12 @@ def test_a_part_that_differs_from_the_rest_is_named(rising, law_record):
     assert reason.figure.startswith("held-out error of quarter 4 of 4: ")
 
 
+def test_the_remedy_of_a_test_with_few_cycles_is_the_number_that_is_not_few():
+    """Four cycles in each of four quarters are enough."""
+    few, enough = (reasons([score("lpf1", 1.0, 1.0)], sine(speed=0.3, duration=s)) for s in (7.8, 8.5))
+    assert "few cycles" not in enough
+    assert few["few cycles"].remedy == "record 16 or more cycles"
+
+
 def test_the_rules_have_names_of_their_own():
     assert len({rule.name for rule in RULES}) == len(RULES) == 8

@@ -21,7 +21,7 @@ from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.clicks import best_clicks
 from eightpost.ident.shock.settings.joint_fit import _joint_model
-from eightpost.ident.shock.settings.result import _counting, _preload, fit_settings
+from eightpost.ident.shock.settings.result import _counting, _preload, fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
 from eightpost.ident.shock.settings.terms import effects_of
@@ -304,6 +304,16 @@ def test_clicks_that_act_against_their_counting_are_a_doubt(counted, is_doubtful
                 for other in {"rebound", "compression"} - {axis.name}
             )
             assert found[0].figure == (f"the force range changes from {stiff:.0f} N at 0 to {soft:.0f} N at 20 clicks")
+
+
+def test_the_held_out_error_is_that_without_the_level_of_the_record():
+    """Forces that are 10 % too large have a tenth of the force's standard deviation as their error."""
+    law = replace(true_law(14.0), port=Port())
+    made = record(law, 1)
+    made = replace(made, series=made.series.with_channel("force", "N", simulate(law, made.series)))
+    runs = prepare_runs([made])
+    hard = Port(compression_scale=1.1, rebound_scale=1.1, gas_preload=900.0)
+    assert held_out_percent(replace(law, port=hard), runs) == pytest.approx(10.0, rel=0.003)
 
 
 def test_the_gas_preload_is_a_straight_line_over_the_temperature_and_no_adjuster_changes_it():
