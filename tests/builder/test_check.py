@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
-from builder.check.static.variables import UNIT_RULES
+from builder.check.static.variables import UNIT_RULES, _integers
 from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
 from eightpost.app.check import check as command
@@ -413,3 +413,12 @@ def test_a_hanging_compiler_is_killed_without_a_finding(fmus, compilers, monkeyp
     assert time.monotonic() - started < 60.0
     assert report.findings == ()
     assert "it did not end within 2 s" in report.skipped[0].reason
+
+
+@pytest.mark.parametrize(
+    ("native", "low", "high"),
+    [("Int8", -128, 127), ("UInt8", 0, 255), ("", -(2**31), 2**31 - 1), ("Enumeration", -(2**63), 2**63 - 1)],
+)
+def test_a_start_value_must_be_in_the_range_of_its_type(native, low, high):
+    first, beyond = _integers(native)
+    assert (first, beyond - 1) == (low, high)

@@ -8,6 +8,7 @@ import pytest
 from builder.check import check
 from builder.check.catalogue import behaviour as rules
 from builder.check.description import Variable
+from builder.check.probes import dependencies
 from builder.check.probes.dependencies import Pairs, _perturb
 
 ROAD = Variable(0, "road", "0", "Real", "input", "continuous", None, "", {"unit": "m", "start": "0"})
@@ -80,3 +81,9 @@ def test_all_declared_dependencies_of_a_python_car_are_observed(python_fmus):
     """Its ride heights depend on roads at once, and the motion of the chassis begins below rounding."""
     report = check(python_fmus["seven_dof"], groups=("dependencies",))
     assert {finding.rule.identifier for finding in report.findings} == set()
+
+
+def test_an_input_is_tried_on_both_sides_and_on_the_other_side_of_its_start_value(monkeypatch):
+    monkeypatch.setattr(dependencies, "amplitude", lambda _: 0.5)
+    known = SimpleNamespace(number={"start": 1.0}.get)
+    assert dependencies._others(known, 3.0) == {2.5, 3.5, -1.0}

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import lief
+import numpy as np
 import pytest
 
 from builder.fmu.interface import source_folder
@@ -24,6 +25,7 @@ from builder.native.toolchain import (
     fmi_headers,
     universal,
 )
+from builder.native.vehicle_data import _BLOCKS, _blocks_of_rows
 from eightpost import cache
 from eightpost.errors import FmuError
 
@@ -324,3 +326,9 @@ def test_without_any_compiler_the_error_message_names_the_package_to_install(mon
 def test_a_universal_file_accepts_only_mach_o_slices():
     with pytest.raises(ValueError, match="not a 64-bit Mach-O"):
         universal([struct.pack("<Iii", 0x7F454C46, 0, 0)])
+
+
+@pytest.mark.parametrize("rows", _BLOCKS)
+def test_a_matrix_whose_rows_fill_blocks_is_not_padded(rows):
+    text = _blocks_of_rows("B", np.ones((rows, 2)))
+    assert text.count("1.0") == 2 * rows and "0.0" not in text.replace("1.0", "")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
 from cosim.engine.compiled import compiled
+from cosim.engine.fmi3_calls import is_refused
 from cosim.engine.machine_code import Request, object_file
 from eightpost.cache import keep, recall
 
@@ -139,3 +140,8 @@ def _no_integer(number: int) -> int:
 def test_the_engine_loads_without_importing_numba() -> None:
     program = "import sys, cosim.engine.loop, cosim.engine.machine_code; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_warning_of_an_fmu_is_no_refusal():
+    refused = getattr(is_refused, "py_func", is_refused)
+    assert [refused(status) for status in (0, 1, 2, 3, -1)] == [False, False, True, True, True]
