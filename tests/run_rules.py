@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 import time
 import tomllib
 from collections import Counter
@@ -31,13 +32,13 @@ except ImportError:  # Windows
 SLOW = 1.0
 #: Processor time above which an unmarked test fails [s]: a test of SLOW on a machine of 0.4 times the speed. Wall time
 #: has no limit: on a busy machine, a test of 1.3 s of processor time lasted seven minutes.
-LIMIT = 2.5
+LIMIT = 3.0
 
 #: File of the expected skips, from the folder of pyproject.toml.
 EXPECTED_SKIPS = Path("tests", "expected_skips.toml")
 
-#: Folders in which numba keeps machine code.
-_NUMBA = tuple(Path(__file__).parents[1].glob("eightpost/**/__pycache__"))
+#: Files of machine code that this process has kept.
+compiled: list[Path] = []
 
 _expected = pytest.StashKey[tuple["ExpectedSkip", ...]]()
 
@@ -101,14 +102,15 @@ def too_expensive(seconds: float) -> str:
     )
 
 
-def last_compilation() -> int:
-    """Return the time at which machine code was last kept: in the cache, and beside the sources as numba does [ns].
+def note_machine_code(event: str, arguments: tuple[object, ...]) -> None:
+    """Count the files of machine code that this process keeps for later ones (an audit hook of Python).
 
     A test that compiled what all later runs read is not expensive: it was only the first.
     """
-    cache = cache_folder()
-    folders = [*(cache.iterdir() if cache.is_dir() else ()), *_NUMBA]
-    return max((folder.stat().st_mtime_ns for folder in folders if folder.is_dir()), default=0)
+    if event == "os.rename":
+        path = Path(os.fsdecode(arguments[1]))
+        if path.is_relative_to(cache_folder()) or path.suffix in (".nbi", ".nbc"):
+            compiled.append(path)
 
 
 def undeclared(test: str, reason: str, config: pytest.Config) -> str:
@@ -130,7 +132,8 @@ def reason_of(report: pytest.TestReport | pytest.CollectReport) -> str:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Read the expected skips."""
+    """Read the expected skips, and watch for machine code."""
+    sys.addaudithook(note_machine_code)
     config.stash[_expected] = read_expected_skips(config.rootpath / EXPECTED_SKIPS)
 
 
@@ -162,10 +165,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test that passed, is not marked, and is too expensive."""
-    start, compiled = processor_time(), last_compilation()
+    start, before = processor_time(), len(compiled)
     yield
     reason = too_expensive(processor_time() - start)
-    if reason and not any(map(item.get_closest_marker, ("slow", "nightly"))) and compiled == last_compilation():
+    if reason and not any(map(item.get_closest_marker, ("slow", "nightly"))) and len(compiled) == before:
         pytest.fail(reason, pytrace=False)
 
 

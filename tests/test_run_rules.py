@@ -220,3 +220,15 @@ def test_every_expected_skip_is_of_tests_that_exist_and_says_why():
     for skip in skips:
         assert (ROOT / skip.tests.rstrip("*")).exists(), skip.tests
         assert skip.reasons and skip.why.endswith(".")
+
+
+def test_machine_code_that_is_kept_is_noticed_and_other_files_are_not(tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
+    names = ("cache/loop/a", "out/b.nbi", "out/c.nbc", "out/d.json")
+    kept = []
+    monkeypatch.setattr("tests.run_rules.compiled", kept)
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "new").write_text("")
+        (tmp_path / "new").replace(tmp_path / name)
+    assert kept == [tmp_path / name for name in names[:3]]

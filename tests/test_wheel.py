@@ -11,6 +11,8 @@ import pytest
 
 from eightpost import __version__
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).parents[1]
 
 

@@ -136,6 +136,8 @@ ON_FILE = {
 } | defects_of_the_archive()
 IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
 BUNDLES = defects.bundles(IN_CODE)
+#: Defects for which the check compiles the sources.
+COMPILED = ("sources of something else", "sources of another version")
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +152,9 @@ def test_the_table_has_enough_defects():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ON_FILE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly) if name in COMPILED else name for name in ON_FILE]
+)
 def test_a_defect_in_the_files_is_found_by_its_rule(name, fmus, tmp_path):
     defect = ON_FILE[name]
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect), defect)

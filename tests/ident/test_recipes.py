@@ -12,6 +12,8 @@ from eightpost.rig.dyno_test import DynoTest, read_dyno_test
 from eightpost.rig.excitations import random_multisine
 from eightpost.rig.truth_damper import demo_damper
 
+pytestmark = pytest.mark.nightly
+
 DATA = Path(__file__).parents[2] / "examples" / "data"
 LAWS = ("polylinear", "lpf1", "lpnl2")
 

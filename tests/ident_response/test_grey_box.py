@@ -358,6 +358,7 @@ def _with_hidden_mode(test: TimeSeries) -> TimeSeries:
     return test
 
 
+@pytest.mark.slow
 def test_a_short_test_is_refused_with_the_duration_that_is_needed(experiment, quick):
     with pytest.raises(TooShortError, match="record at least 11 s"):
         quick.identify([_test(experiment, 71, seconds=8.0)], experiment)

@@ -18,6 +18,8 @@ from eightpost.ident.response import (
 from .light_structures import INPUTS, OUTPUTS, Structure, structure
 from .test_estimators import _errors, _estimate
 
+pytestmark = pytest.mark.nightly
+
 DRAWS = range(6)
 
 

@@ -153,7 +153,7 @@ def forces(**sizes: float) -> TimeSeries:
     ],
 )
 def test_a_test_without_one_other_shock_is_omitted_with_the_reason(sizes: dict[str, float], note: str) -> None:
-    """A change below a tenth of the force is none, and one below half of the largest is that of the car's motion."""
+    """A change below a tenth of the force does not count; one below half of the largest is due to the car's motion."""
     assert _shock_change("new", forces(**sizes), ("first", forces()), ("lf", "rf")) == note
 
 
