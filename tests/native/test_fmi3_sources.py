@@ -132,8 +132,8 @@ def test_the_library_exports_the_functions_of_fmi_3_and_nothing_else(name, folde
     assert {symbol.name for symbol in library.exported_symbols} == functions()
 
 
-@pytest.fixture(scope="session")
-def every_platform(tmp_path_factory):
+@pytest.fixture(scope="module")
+def every_platform(all_platforms, tmp_path_factory):
     """A vehicle for all platforms, because it contains code for AVX, too."""
     if not isinstance(find_toolchain(), Zig):
         pytest.skip("zig is not installed (pip install 'eightpost[build]')")

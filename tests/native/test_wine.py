@@ -30,10 +30,10 @@ pytestmark = [pytest.mark.nightly, pytest.mark.skipif(WINE is None, reason="wine
 
 
 @pytest.fixture(scope="module")
-def both(fmus, model_files, tmp_path_factory):
+def both(universal_fmus, all_platforms, model_files, tmp_path_factory):
     """Return the FMUs with the libraries of all platforms by FMI version."""
     folder = tmp_path_factory.mktemp("wine")
-    return {2: fmus, 3: {item.path.stem: item.path for item in build(model_files, folder, fmi="3")}}
+    return {2: universal_fmus, 3: {item.path.stem: item.path for item in build(model_files, folder, fmi="3")}}
 
 
 @pytest.fixture(scope="module")
