@@ -30,7 +30,7 @@ except ImportError:  # Windows
 
 #: Processor time above which a test should be marked slow [s].
 SLOW = 1.0
-#: Processor time above which an unmarked test fails [s]: a test of SLOW on a machine of 0.4 times the speed. Wall time
+#: Processor time above which an unmarked test fails [s]: a test of SLOW on a machine of a third of the speed. Wall time
 #: has no limit: on a busy machine, a test of 1.3 s of processor time lasted seven minutes.
 LIMIT = 3.0
 
