@@ -56,7 +56,7 @@ def test_a_side_without_data_beyond_the_transition_continues_straight(record, mo
     assert reported(fit.changes, "straight line", "compression: 0 samples")
     assert reported(fit.changes, "straight line", "rebound")
     assert fit.shock.law.curve.compression[2:] == (0.0, 0.0)
-    assert fit.percent < 3.0
+    assert fit.percent < 4.0
 
 
 def test_a_short_record_is_fitted_except_for_its_edges(record):
