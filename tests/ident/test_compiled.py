@@ -10,7 +10,6 @@ import pytest
 from eightpost.shock import Lpnl2
 from eightpost.shock.compiled import _number_of, machine, stepped_force
 
-
 OWN = (1.3e-3, 400.0, 900.0)
 
 
