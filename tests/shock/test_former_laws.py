@@ -1,4 +1,4 @@
-"""A shock file of a law of earlier versions ends in one line: which file, which law, and the command that fits again."""
+"""A shock file of a law of earlier versions is refused: which file, which law, and the command that fits it again."""
 
 import json
 from pathlib import Path
@@ -30,11 +30,11 @@ OLD = """{
 STUDY = f"""schema = 1
 name = "old"
 [vehicle]
-fmu = "{EXAMPLES / 'car.toml'}"
+fmu = "{EXAMPLES / "car.toml"}"
 [bank]
 old = "old.json"
 [[drive]]
-file = "{EXAMPLES / 'data' / 'track.parquet'}"
+file = "{EXAMPLES / "data" / "track.parquet"}"
 """
 
 
