@@ -171,6 +171,7 @@ def test_an_fmu_without_sources_runs_through_the_fmus(fmus, study, tmp_path):
     assert found.batch == "" and "car.fmu contains no sources" in found.notes[-1]
 
 
+@pytest.mark.slow
 def test_an_fmu_of_a_former_law_runs_through_the_fmus(fmus, study, tmp_path):
     """Its kind, which no folder of fmus/ has now, is written into an FMU of LPF1."""
     former = tmp_path / "former.fmu"
