@@ -98,4 +98,4 @@ def test_the_units_of_a_law_are_those_of_its_fmu(law):
 
 
 def test_every_law_has_a_name():
-    assert list(LAWS) == ["polylinear", "lpf1", "maxwell", "lpnl2", "hysteresis"]
+    assert list(LAWS) == ["polylinear", "lpf1", "lpnl2", "hysteresis"]
