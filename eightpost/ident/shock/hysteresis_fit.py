@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.cross_validation import CrossValidation
+from eightpost.ident.shock.cross_validation import WORTHWHILE, CrossValidation
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import ForceModel
@@ -40,6 +40,7 @@ _ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
 
+_NO_GAIN = "the law has no stop: it would hardly lower the error of the fit"
 _ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
 
 #: In the covariance, a parameter at its bound is fixed: a change by 1 N counts like a force error of this many N.
@@ -148,6 +149,8 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
         return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))
     model = replace(model, dynamics=dynamics.with_stop()).weighted(found.end.problem.model.runs.weights)
     stopped = _robust(lambda thin: _with_stop(thin, found.end.parameters), model, weigh)
+    if stopped.cost > (1.0 - WORTHWHILE) ** 2 * found.cost:  # nor would it be worthwhile on left-out parts
+        return CrossValidation(HysteresisFit(law, tuple(notes), found, _NO_GAIN))
     return _better(*(CrossValidation(HysteresisFit(law, tuple(notes), one, "")) for one in (found, stopped)))
 
 

@@ -25,6 +25,10 @@ _SPACING = 1.8
 #: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/explanation/static_curve.md).
 RIDGE, CHANGE, END_BEND = 1e-4, 3e-4, 3e-2
 
+#: Least slope beyond the last knot of a side, as a share of the mean slope of that side. A slow run that ends flat is no
+#: evidence that the force does not rise any more (docs/explanation/shock_law.md).
+LEAST_END = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class KnotBasis:
@@ -112,15 +116,12 @@ class KnotBasis:
         fine = np.interp(velocity, self.knots, np.maximum(slopes, 0.0))
         return velocity, KnotBasis(tuple(velocity.tolist()))._forces_of_slopes() @ fine, fine
 
-    def static_curve(self, slopes: Array, ends: tuple[float, float] | None = None) -> StaticCurve:
-        """Return the curve of slopes (K,) [N.s/m].
-
-        Args:
-            slopes: Slopes at the knots.
-            ends: Slopes beyond the rebound and the compression end [N.s/m]; None for those at the end knots.
-        """
+    def static_curve(self, slopes: Array) -> StaticCurve:
+        """Return the curve of slopes (K,) [N.s/m]; beyond the knots it rises at least by a share of its mean slope."""
         velocity, force, slope = self.subdivided(slopes)
-        rebound, compression = ends or (None, None)
+        rebound, compression = (
+            max(float(slope[end]), LEAST_END * float(force[end] / velocity[end])) for end in (0, -1)
+        )
         return StaticCurve.through_knots(
             tuple(velocity.tolist()),
             tuple(force.tolist()),
