@@ -93,9 +93,7 @@ class LawName(click.Choice):  # type: ignore[type-arg]
 
         known = ", ".join(map(str, self.choices))
         if value == "auto":
-            self.fail(
-                f"the choice among laws was removed; omit --law for the default, or name one: {known}", param, ctx
-            )
+            self.fail(f"the choice among laws was removed; omit --law, or choose from {known}", param, ctx)
         if value in FORMER:
             self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
         return super().convert(value, param, ctx)

@@ -20,12 +20,13 @@ RANGE = np.array([-0.8, 1.1])
 
 
 @given(slopes_13, arrays(np.float64, 20, elements=st.floats(-2.0, 2.0)))
-def test_the_matrix_times_the_slopes_is_the_curve_of_the_shock_file_beyond_the_knots_too(slopes, velocity):
+def test_the_matrix_times_the_slopes_is_the_curve_of_the_shock_file(slopes, velocity):
     basis = KnotBasis.of(RANGE)
-    curve = basis.static_curve(slopes)
-    found, size = basis.design(velocity) @ slopes, 1e-12 * (1.0 + slopes.max())
-    np.testing.assert_allclose(found, [curve.force(v) for v in velocity.tolist()], rtol=1e-11, atol=size)
-    np.testing.assert_allclose(found, curve_forces(curve, velocity), rtol=1e-11, atol=size)
+    curve, size = basis.static_curve(slopes), 1e-12 * (1.0 + slopes.max())
+    expected = [curve.force(v) for v in velocity.tolist()]
+    np.testing.assert_allclose(curve_forces(curve, velocity), expected, rtol=1e-11, atol=size)
+    inside = np.clip(velocity, *RANGE)
+    np.testing.assert_allclose(basis.design(inside) @ slopes, curve_forces(curve, inside), rtol=1e-11, atol=size)
 
 
 @given(slopes_13)
@@ -120,3 +121,14 @@ def test_a_curve_through_knots_is_exported_as_a_table_within_its_error(knee):
     velocity, force, error = table_points([law], error=1e-3)
     assert error <= 1e-3
     np.testing.assert_allclose(force[0], curve_forces(law.curve, velocity), atol=1e-9)
+
+
+@pytest.mark.parametrize(("end", "beyond"), [(0.0, 200.0), (150.0, 200.0), (300.0, 300.0)])
+def test_a_curve_that_ends_flat_rises_beyond_the_record_by_a_fifth_of_its_mean_slope(end, beyond):
+    """The mean slope is 1000 N.s/m on both sides; the end slopes change it by less than a tenth."""
+    basis = KnotBasis.of(np.array([-1.0, 1.0]), cells=12)
+    slopes = np.full(25, 1000.0)
+    slopes[[0, -1]] = end
+    curve = basis.static_curve(slopes)
+    assert curve.compression_slope == curve.rebound_slope == pytest.approx(beyond, rel=0.1)
+    assert curve.compression_slope == max(end, 0.2 * curve.knot_force[-1])

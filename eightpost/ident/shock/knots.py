@@ -25,8 +25,8 @@ _SPACING = 1.8
 #: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/explanation/static_curve.md).
 RIDGE, CHANGE, END_BEND = 1e-4, 3e-4, 3e-2
 
-#: Least slope beyond the last knot of a side, as a share of the mean slope of that side. A slow run that ends flat is no
-#: evidence that the force does not rise any more (docs/explanation/shock_law.md).
+#: Least slope beyond the last knot of a side, as a share of the mean slope of that side: that a slow run ends flat does
+#: not show that the force stays there at higher speeds (docs/explanation/shock_law.md).
 LEAST_END = 0.2
 
 

@@ -42,7 +42,11 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> Joint
         robust: Treatment of outliers.
     """
     found, model = _searched(model, first, weights_for(robust))
-    end, notes, factors = found.end, [first.stop_note, "both curves depend on the setting"], []
+    end, notes, factors = (
+        found.end,
+        [*([first.stop_note] if first.stop_note else []), "both curves depend on the setting"],
+        [],
+    )
     if end.problem.parts[0].dynamics.has_stop:
         stops = stop_by_setting(end, _with_own_stops(model, first))
         end, notes = stops.end or end, [*notes, stops.note]
