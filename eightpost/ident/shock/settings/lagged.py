@@ -42,11 +42,8 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> Joint
         robust: Treatment of outliers.
     """
     found, model = _searched(model, first, weights_for(robust))
-    end, notes, factors = (
-        found.end,
-        [*([first.stop_note] if first.stop_note else []), "both curves depend on the setting"],
-        [],
-    )
+    end, notes, factors = found.end, ["both curves depend on the setting"], []
+    notes = [first.stop_note, *notes] if first.stop_note else notes
     if end.problem.parts[0].dynamics.has_stop:
         stops = stop_by_setting(end, _with_own_stops(model, first))
         end, notes = stops.end or end, [*notes, stops.note]
