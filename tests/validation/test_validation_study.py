@@ -115,6 +115,24 @@ def test_a_study_needs_a_shock_and_a_record(lagged):
         validate_shocks([lagged], [])
 
 
+@pytest.mark.parametrize("segment", [(1.0, 4.1), (-0.1, 1.0), (2.0, 2.0)])
+def test_a_segment_must_be_within_every_record(lagged, bump_test, segment):
+    record = dyno_record(bump_test, name="run 7")
+    with pytest.raises(ParameterError, match=r"run 7 lasts 3 s, and the segment from .* both from 0 to 3 s"):
+        validate_shocks([lagged], [record], segment=segment)
+    validate_shocks([lagged], [record], segment=(0.0, 3.0))
+
+
+def test_a_segment_applies_to_every_kind_of_record(lagged, random_test, sine_test, bump_test, static_test):
+    tests = {"random": random_test(1), "sine": sine_test(0.5, 5.0), "bump": bump_test, "static": static_test}
+    records = [dyno_record(test, kind=kind) for kind, test in tests.items()]
+    for record in records:
+        duration = record.test.series.duration
+        segment = (0.1 * duration, 0.6 * duration)
+        whole, part = (validate_shocks([lagged], [record], segment=given).cases[0] for given in (None, segment))
+        assert whole.outcome.rms != part.outcome.rms
+
+
 def test_the_printed_tables_agree_with_the_text():
     """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
     assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
