@@ -15,10 +15,12 @@ from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import sha256_of
-from eightpost.shock import Shock, law_title, own_parameters, parameter_units, read_shock
+from eightpost.ident.shock.simulation import simulate
+from eightpost.shock import Polylinear, Shock, law_title, own_parameters, parameter_units, read_shock
 from eightpost.shock.at_setting import ABOUT as SETTING
 from eightpost.shock.at_setting import setting_text
 from eightpost.shock.law import ShockLaw, valve_force
+from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
 #: Number of velocities on each side at which a curve is computed before points are chosen, and in each transition.
@@ -29,6 +31,8 @@ SMALLEST_ERROR, LARGEST_ERROR = 1e-5, 0.05
 _USED = 0.8
 #: Shortest distance of two velocities, relative to the length of a side [1].
 _CLOSEST = 1e-9
+#: Amplitude [m] of the sine on which a law without a record is compared with its table, and samples per period.
+_AMPLITUDE, _SAMPLES = 0.025, 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,6 +293,7 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
     lines = [
         f"{shock.name} ({path.name}, sha256 {sha256_of(path)})",
         f"law {law_title(shock.law_name)}; its own parameters, which have no effect on the table: {_own(law)}",
+        _lost(shock),
         f"not in the table: gas force {port.gas_preload:.6g} N at the reference with {port.gas_stiffness:.6g} N/m, "
         f"seal friction {port.seal_friction:.6g} N",
         f"fitted from -{curve.rebound_speed:.6g} to {curve.compression_speed:.6g} m/s, straight lines beyond",
@@ -309,3 +314,19 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
             f"the curve does not rise at {falls:.4g} m/s, and neither does the table; fit it with --shape monotone"
         )
     return lines
+
+
+def _lost(shock: Shock) -> str:
+    """Return the error of the table, which has no loop, and that of the law, on the fit's records or on a sine."""
+    law = shock.law
+    if "percent_of_static_curve" in shock.fit:
+        both = f"{shock.fit['percent_of_static_curve']:.2g} %, that of the law {shock.fit['percent']:.2g} %"
+        return f"error of this table on the records of the fit: {both} of the force's standard deviation"
+    speed = min(law.curve.compression_speed, law.curve.rebound_speed)
+    phase = np.linspace(0.0, 4.0 * np.pi, 2 * _SAMPLES + 1)
+    motion = {"velocity": ("m/s", speed * np.cos(phase)), "displacement": ("m", _AMPLITUDE * np.sin(phase))}
+    series = TimeSeries.from_channels(phase * _AMPLITUDE / speed, motion)
+    force, static = (simulate(one, series)[_SAMPLES:] for one in (law, Polylinear(law.curve, port=law.port)))
+    share = float(np.sqrt(np.mean((static - force) ** 2)) / np.std(force))
+    where = f"the law's own loop, a sine of {1e3 * _AMPLITUDE:g} mm and {speed:.3g} m/s"
+    return f"error of this table on {where}: {100.0 * share:.2g} % of the force's standard deviation"

@@ -225,11 +225,13 @@ def _shock(
     if table.gas == "included":
         law = replace(law, port=base.law.port)
     percent = [fit.percent for fit in fits]
+    static = [fit.shock.fit["percent_of_static_curve"] for fit in fits]
     choice = {"law_choice": joint.choice.to_json()} if joint.choice else {}
     fit: dict[str, Any] = dict(base.fit) | choice | {
         "recipe": "settings",
         "runs": sum(len(group.tests) for group in groups),
         "percent": float(np.sqrt(np.mean(np.square(percent)))),
+        "percent_of_static_curve": float(np.sqrt(np.mean(np.square(static)))),
         "percent_of_settings": {_label(table.axes, g.setting): p for g, p in zip(groups, percent, strict=True)},
         "changes": [*dict.fromkeys((*joint.notes, *(c for f in fits for c in f.changes)))],
         "warnings": [*dict.fromkeys(w for f in fits for w in f.warnings)],
