@@ -284,7 +284,7 @@ def test_a_curve_that_falls_is_exported_with_a_remark(tmp_path: Path) -> None:
 
 
 def test_without_a_record_the_file_states_the_error_of_the_table_on_the_loop_of_the_law(tmp_path: Path) -> None:
-    """F + tau F' = C v on a sine: the table C v errs by omega tau times the force, omega = v / 25 mm."""
+    """F + tau F' = C v on a sine: the error of the table C v is omega tau times the force, omega = v / 25 mm."""
     speeds = np.linspace(-0.5, 0.5, 25)
     line = StaticCurve.through_knots(tuple(speeds), tuple(3000.0 * speeds), (3000.0,) * 25)
     write_shock(Shock("line", Lpf1(line, time_constant=5e-3)), tmp_path / "line.json")
