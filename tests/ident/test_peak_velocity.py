@@ -133,7 +133,7 @@ def test_a_force_at_rest_against_the_gas_and_rows_that_fall_are_warnings(table):
     assert len(pulled) == 1 and "the force at zero speed is -800 N, although gas pushes" in pulled[0]
     falling = replace(table, rebound=table.rebound + np.where(np.arange(6) == 3, 900.0, 0.0))
     (found,) = fit_peak_velocity(falling).fit["warnings"]
-    assert found.startswith("the rebound force falls towards 0.127 m/s (-581.5 N): the curve is held level there and ")
+    assert found.startswith("rebound falls towards 0.127 m/s (-581.5 N): the curve is held level there and ")
 
 
 def test_each_setting_of_a_file_has_its_own_shock_file(table, tmp_path):
@@ -153,7 +153,7 @@ def test_a_curve_is_held_level_where_the_table_falls_and_the_change_is_stated():
     shock = fit_peak_velocity(bad)
     assert [shock.law.curve.force(v) for v in (0.0508, 0.07, 0.1016)] == pytest.approx([800.0] * 3)
     assert shock.fit["warnings"] == [
-        "the compression force falls towards 0.1016 m/s (700 N): the curve is held level there and differs from the "
+        "compression falls towards 0.1016 m/s (700 N): the curve is held level there and differs from the "
         "table by up to 100 N, 4.4 % of the largest force; check these rows"
     ]
     assert shock.fit["greatest_error_at_points [N]"] == pytest.approx(100.0)

@@ -209,8 +209,8 @@ def _warnings(
             rows = ", ".join(f"{table.speed[i]:.4g} m/s ({getattr(table, side)[i]:.4g} N)" for i in falls)
             change = float(np.abs(rising - force)[here].max())
             found.append(
-                f"the {side} force falls towards {rows}: the curve is held level there and differs from the table by up to "
-                f"{change:.3g} N, {100.0 * change / float(np.abs(force).max()):.2g} % of the largest force; check "
+                f"{side} falls towards {rows}: the curve is held level there and differs from the table by up "
+                f"to {change:.3g} N, {100.0 * change / float(np.abs(force).max()):.2g} % of the largest force; check "
                 "these rows"
             )
     if between > _FAR:

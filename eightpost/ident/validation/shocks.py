@@ -120,8 +120,9 @@ def validate_shocks(
     """
     if not shocks or not records:
         raise ParameterError(f"a validation needs a shock and a record; got {len(shocks)} and {len(records)}")
-    for record in records if segment else ():
-        _check_segment(segment, record)
+    if segment is not None:
+        for record in records:
+            _check_segment(segment, record)
     labelled = _labelled(shocks)
     cases: list[ShockCase] = []
     unpaired: list[str] = []
