@@ -34,13 +34,11 @@ class JointModel:
         models: Force model of each setting; all have the same knots and the same dynamics.
         is_shared: Whether theta is shared.
         local: Number of leading elements of a shared theta that each setting has for itself.
-        factors: Parameters of the law `hysteresis` that differ from setting to setting by a factor.
     """
 
     models: tuple[ForceModel, ...]
     is_shared: bool = True
     local: int = 0
-    factors: tuple[str, ...] = ()
 
     @property
     def dynamics(self) -> Dynamics:
@@ -197,10 +195,8 @@ class JointFit:
     def separate(self) -> tuple[str, ...]:
         """Names of the law's own parameters that differ from setting to setting."""
         kind = self.model.dynamics.kind
-        if self.model.is_shared:
+        if self.model.is_shared or kind is None:
             return ()
-        if self.model.local or kind is None:
-            return self.model.factors
         return tuple(parameter.name for parameter in positive_parameters(kind))
 
     def _part(self, number: int) -> tuple[Array, Array, Array]:
