@@ -18,8 +18,7 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
 from eightpost.ident.shock.hysteresis_search import Found, Projected, Projection, minimum_from, non_negative
-from eightpost.ident.shock.law_choice import LawChoice
-from eightpost.ident.shock.robust import nearly_equal, weights_for
+from eightpost.ident.shock.robust import Robust, nearly_equal, weights_for
 from eightpost.ident.shock.settings.joint import JointFit, JointModel
 from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock.curve import KNOTS
@@ -139,22 +138,21 @@ class JointPoint:
         return matrix, -weighted.T @ part.error - penalty.T @ (penalty @ self.parameters)
 
 
-def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: LawChoice | None) -> JointFit:
+def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> JointFit:
     """Fit the curves of all settings together, with a lag and a stop that they share.
 
     Args:
         model: Model of all settings with the dynamics of the first fit.
         first: Fit to the setting with the largest force, from which the search starts.
         robust: Treatment of outliers.
-        choice: Comparison of the laws if the law was chosen automatically.
     """
-    found, model = _searched(model, first, weights_for(robust))  # type: ignore[arg-type]
+    found, model = _searched(model, first, weights_for(robust))
     end, notes = found.end, (first.stop_note, "both curves depend on the setting")
     x = np.zeros(model.size)
     for part, place in zip(end.parts, model.places, strict=True):
         x[place] = np.linalg.solve(_coordinates(part.problem.model), np.append(part.linear, part.parameters))
     spread = _covariances(model, x, end)
-    return JointFit(model, x, spread, found.converged, found.status, choice, (*first.notes, *notes))
+    return JointFit(model, x, spread, found.converged, found.status, (*first.notes, *notes))
 
 
 def _searched(
