@@ -86,7 +86,9 @@ def test_the_record_of_the_fit_is_recognised(lagged, random_test):
     (reason,) = [reason for reason in shock_verdict(study).reasons if "validates nothing" in reason.statement]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 2 predictions")
     alone = shock_verdict(validate_shocks([own], [dyno_record(random_test(1))]))
-    assert alone.grade is Grade.UNKNOWN  # an error of the fit is no validation
+    assert [reason.rule for reason in alone.reasons] == ["not validated"]  # an error of the fit is no validation
+    too_much = shock_verdict(validate_shocks([own], [dyno_record(random_test(1))]), 1e-3)
+    assert "large error of a prediction" in {reason.rule for reason in too_much.reasons}
 
 
 def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_test):

@@ -89,7 +89,7 @@ def static_table(study: ShockValidation) -> ResultTable:
 def bump_table(study: ShockValidation) -> ResultTable:
     """Return peak forces and errors of the bumps (3.4.4)."""
     columns = ("record", "at, s", "speed [m/s]", "measured peak [N]", "shock", "predicted peak [N]",
-               "peak error, % .2", "RMS error [N]", "whole record: % of std")  # fmt: skip
+               "peak error, % .2", "RMS error [N]", "all events: % of std")  # fmt: skip
     rows = (
         (case.record.name, event.start, event.speed, event.measured_peak, case.label, event.predicted_peak,
          event.peak_error, event.rms, found.percent)
