@@ -199,8 +199,8 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
 def _pulling(preload: Parameter) -> str:
     return (
         f"gas_preload is {preload.value:.4g} N, but gas pushes: either the load cell was zeroed with the gas force on "
-        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
-        "--flip displacement), otherwise compression and rebound are swapped"
+        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity "
+        "or --flip displacement), otherwise compression and rebound are swapped"
     )
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.errors import FileFormatError, InputError
+from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.limits import limits_for
@@ -219,7 +219,7 @@ def test_the_inverse_problem_finds_the_clicks_of_a_curve_among_all_combinations(
     target = TargetCurve("target", velocity, forces(shock.at(clicks=setting).law, velocity) + 80.0)
     answer = best_clicks(shock, target, level="free")
     assert answer.best.setting == clicks
-    assert answer.is_exhaustive and answer.combinations == 441
+    assert answer.combinations == 441
     assert answer.is_reachable and answer.best.rms < 1e-6
     assert np.diff([choice.rms for choice in answer.choices]).min() > -1e-9
 
@@ -233,14 +233,13 @@ def test_a_constant_force_between_shock_and_target_is_noted():
     assert any("constant force of -200 N" in note for note in best_clicks(shock, target, fixed=fixed).notes)
 
 
-def test_many_adjusters_are_searched_in_turn_with_the_same_answer(monkeypatch):
-    shock = two_adjusters()
-    velocity = np.linspace(-0.7, 0.7, 41)
-    target = TargetCurve("target", velocity, forces(shock.at(clicks={"rebound": 4, "compression": 15}).law, velocity))
-    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 10)
-    answer = best_clicks(shock, target)
-    assert not answer.is_exhaustive
-    assert answer.best.setting == (4.0, 15.0)
+def test_more_combinations_than_can_be_computed_are_refused_with_their_number(monkeypatch):
+    target = TargetCurve("target", np.array([-0.1, 0.1]), np.array([-1.0, 1.0]))
+    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 440)
+    with pytest.raises(ParameterError, match=r"441 combinations of settings, more than 440; fix an adjuster"):
+        best_clicks(two_adjusters(), target)
+    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 441)
+    assert best_clicks(two_adjusters(), target).combinations == 441
 
 
 def test_a_target_out_of_reach_is_reported_with_the_range_of_speeds_and_what_can_be_reached():
@@ -344,6 +343,15 @@ def test_a_wrong_entry_of_a_table_is_reported_with_the_file(tmp_path, change, me
     text = text.replace(*change).replace('path = "rebound', f'path = "{EXAMPLES.as_posix()}/rebound')
     (tmp_path / "table.toml").write_text(text)
     with pytest.raises(InputError, match=message):
+        read_settings_table(tmp_path / "table.toml")
+
+
+def test_a_peak_velocity_table_among_the_files_is_named_as_such(tmp_path):
+    rows = ("speed [m/s],compression [N],rebound [N]", "0.1,300,-400", "0.2,500,-600", "0.3,600,-700")
+    (tmp_path / "peaks.csv").write_text("\n".join(rows))
+    files = "".join(f'[[file]]\npath = "peaks.csv"\nclicks.bump = {clicks}\n' for clicks in (0, 4))
+    (tmp_path / "table.toml").write_text(f"schema = 1\n[adjuster.bump]\n{files}")
+    with pytest.raises(FileFormatError, match=r"peaks.csv: is a peak-velocity table, without time"):
         read_settings_table(tmp_path / "table.toml")
 
 
