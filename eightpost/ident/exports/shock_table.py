@@ -149,7 +149,7 @@ def shock_table(
     if setting is not None:
         setting = Setting(setting.name, tuple(setting.values[k] for k in order))
     velocity, force, found = table_points([shock.law for shock in chosen], error=error, speed=speed)
-    remarks = _remarks(chosen, files, setting, found, velocity)
+    remarks = _remarks(chosen, files, setting, found, velocity, force)
     return ShockTable(tuple(shock.name for shock in chosen), velocity, force, setting, found, remarks)
 
 
@@ -259,7 +259,7 @@ def _chosen(x: Array, y: Array, error: float, needed: list[int]) -> list[int]:
 
 
 def _remarks(
-    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array
+    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array, force: Array
 ) -> tuple[str, ...]:
     lines = [
         f"static curve by eightpost {__version__}: force over velocity at the damper, without the motion ratio",
@@ -274,6 +274,8 @@ def _remarks(
     for k, (shock, path) in enumerate(zip(shocks, files, strict=True)):
         value = "" if setting is None else f"{setting.name} = {setting.values[k]:g}: "
         lines += [f"{value}{line}" for line in _shock_remarks(shock, path)]
+        if (falls := velocity[1:][np.diff(force[k]) < 0.0]).size:
+            lines.append(f"{value}the curve falls at {falls[0]:.4g} m/s, and so does the table")
     return tuple(re.sub(r"\s+", " ", line).encode("ascii", "replace").decode("ascii") for line in lines)
 
 
@@ -309,10 +311,6 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
     lines += [
         f"condition: {name} {value}" for name, value in shock.conditions.items() if isinstance(value, str | float)
     ]
-    if (falls := curve.falls_at()) is not None:
-        lines.append(
-            f"the curve does not rise at {falls:.4g} m/s, and neither does the table; fit it with --shape monotone"
-        )
     return lines
 
 
