@@ -8,7 +8,7 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation.dyno_record import dyno_record
-from eightpost.ident.validation.printed import CONFIGURATIONS
+from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4
 from eightpost.ident.validation.shock_tables import (
     beside_printed,
     random_table,
@@ -134,12 +134,17 @@ def test_a_segment_applies_to_every_kind_of_record(lagged, random_test, sine_tes
 
 
 def test_the_printed_tables_agree_with_the_text():
-    """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1."""
+    """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
     assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
     less = [1.0 - c.rms_lbf[law] / c.rms_lbf["polylinear"] for c in CONFIGURATIONS for law in ("lpf1", "lpnl2")]
     assert np.round(min(less), 2) >= 0.45
     assert np.round(max(less), 2) <= 0.75
     assert all(c.rms_lbf["lpnl2"] <= c.rms_lbf["lpf1"] for c in CONFIGURATIONS)
+    for law, row in TABLE_3_4.items():
+        if law != "polylinear":
+            reduction = 100.0 * (1.0 - row.rms_lbf / TABLE_3_4["polylinear"].rms_lbf)
+            assert reduction == pytest.approx(row.percent_less_than_static, abs=0.2)
+        assert row.percent_of_deviation == pytest.approx(100.0 * row.rms_lbf / 366.5, abs=0.05)
 
 
 def test_our_error_is_shown_next_to_the_printed_one_of_its_configuration(lagged, static_curve, random_test):

@@ -1,4 +1,4 @@
-"""The dissertation's twelve configurations (Table 3.1), and its printed errors (Table 3.5)."""
+"""The dissertation's twelve configurations (Table 3.1), and its printed errors (Tables 3.4 and 3.5)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,26 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.signals import parquet_header
 from eightpost.units import convert
 
-# ---- Table 3.5, read from printed.toml -----------------------------------------------------------------------------
+# ---- Tables 3.4 and 3.5, read from printed.toml ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _PrintedFit:
+    """A row of Table 3.4.
+
+    Attributes:
+        rms_lbf: Fit error [lbf].
+        percent_of_deviation: Fit error in percent of the force's standard deviation.
+        fit_seconds: Time of the fit [s].
+        evaluation_seconds: Time of an evaluation [s].
+        percent_less_than_static: Reduction from Polylinear [percent]; None for Polylinear itself.
+    """
+
+    rms_lbf: float
+    percent_of_deviation: float
+    fit_seconds: float
+    evaluation_seconds: float
+    percent_less_than_static: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +66,12 @@ _DOCUMENT = tomllib.loads(Path(__file__).with_name("printed.toml").read_text(enc
 
 #: Publication with the printed figures.
 SOURCE: str = _DOCUMENT["source"]
+
+#: Configuration of Table 3.4.
+TABLE_3_4_CONFIGURATION = 1
+
+#: Table 3.4 by law.
+TABLE_3_4 = {law: _PrintedFit(**row) for law, row in _DOCUMENT["fit"].items()}
 
 #: Table 3.5, configurations 1 to 12.
 CONFIGURATIONS = tuple(_PrintedConfiguration(**column) for column in _DOCUMENT["configuration"])
