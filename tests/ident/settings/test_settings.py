@@ -26,6 +26,7 @@ from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatu
 from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
 from eightpost.ident.shock.settings.terms import effects_of
 from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.validation.evaluation import evaluate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
@@ -322,6 +323,41 @@ def test_clicks_counted_the_wrong_way_are_a_doubt():
     wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))
     reasons = fit_settings(wrong).verdict.reasons
     assert any("rebound acts against its counting, from full soft" in reason.statement for reason in reasons)
+
+
+def test_a_file_with_another_level_of_force_is_a_doubt_with_its_difference_from_the_mean():
+    """100 N more in one of five files: 80 N above their mean."""
+    usual = rebound_table()
+    (last,) = usual.tests[-1]
+    higher = DynoTest(last.series.with_channel("force", "N", last.series["force"] + 100.0))
+    other = replace(usual, tests=(*usual.tests[:-1], (higher,)))
+    found = [
+        [r for r in fit_settings(one).verdict.reasons if "level of the force" in r.statement] for one in (usual, other)
+    ]
+    assert found[0] == []
+    level, _, rest = found[1][0].figure.partition(" N ")
+    assert float(level) == pytest.approx(80.0, abs=6.0) and rest.startswith("from the mean of the files")
+    assert found[1][0].origin == "file4.csv"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(8))
+def test_any_files_give_a_shock_with_the_stated_error_at_every_measured_setting_or_are_refused(seed):
+    """Any curves, also ones that fall: the error of the shock at a setting, without its level, is that of the table."""
+    random = np.random.default_rng(seed)
+    clicks = tuple(sorted(random.choice(20, int(random.integers(2, 5)), replace=False).astype(float).tolist()))
+    velocity, tests = motion(seed % 5)["velocity"][::4], []
+    for _ in clicks:
+        v = velocity * random.uniform(0.05, 1.0)
+        force = random.uniform(100.0, 900.0) * np.tanh(v / random.uniform(5e-3, 0.2)) + random.uniform(-800.0, 5e3) * v
+        channels = {"velocity": ("m/s", v), "force": ("N", force + random.normal(0.0, 3.0, v.size))}
+        tests.append(DynoTest(TimeSeries.from_channels(np.arange(v.size) / RATE, channels)))
+    axis = Axis("rebound", clicks, clicks[1])
+    law = ("hysteresis", "lpf1", "lpnl2", "polylinear")[seed % 4]
+    fit = fit_settings(table([axis], [(c,) for c in clicks], tests), law=law, robust="none")
+    for value, test, stated in zip(clicks, tests, fit.fits, strict=True):
+        shown = evaluate(fit.shock.at(clicks={"rebound": value}), test)
+        assert 100.0 * np.std(shown.error) / shown.deviation == pytest.approx(stated.percent, abs=0.2)
 
 
 @pytest.mark.repeated

@@ -32,6 +32,9 @@ from eightpost.verdict import Reason, Verdict
 #: A file should reach this share of the highest speed of all files on each side.
 _FAST = 0.8
 
+#: Deviation of a file's level from that of the shock that is reported, as a share of the force's standard deviation.
+_OTHER_LEVEL = 0.1
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
@@ -123,7 +126,7 @@ def fit_settings(
         parameters, values = _values(table.axes, groups, joint)
         effects = effects_of(table.axes, [group.setting for group in groups], values)
         settings = _settings(table.axes, groups, parameters, effects, joint)
-        shock = _shock(table, fits, groups, joint, settings, effects)
+        shock = _shock(table, fits, groups, joint, settings, effects, values)
         predicted = tuple(_predicted(shock, groups, number, values, joint) for number in range(len(groups)))
     return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
 
@@ -208,9 +211,12 @@ def _shock(
     joint: JointFit,
     settings: Settings,
     effects: Effects,
+    values: Array,
 ) -> Shock:
     reference = min(range(len(groups)), key=lambda k: _distance(table.axes, groups[k].setting))
     base = fits[reference].shock
+    # What is left of each file's level when its preload is that of the settings.
+    left = np.array([joint.law(k).port.gas_preload for k in range(len(groups))]) - values[:, -1]
     law = _reference_law(joint, groups, table.axes, effects)
     if table.gas == "included":
         law = replace(law, port=base.law.port)
@@ -225,7 +231,8 @@ def _shock(
         "changes": [*dict.fromkeys((*joint.notes, *(c for f in fits for c in f.changes)))],
         "warnings": [*dict.fromkeys(w for f in fits for w in f.warnings)],
     }  # fmt: skip
-    verdict = Verdict.combined([*(fit.verdict for fit in fits), Verdict(_doubts(table, groups, joint, settings, law))])
+    doubts = Verdict(_doubts(table, groups, joint, settings, law, left))
+    verdict = Verdict.combined([*(fit.verdict for fit in fits), doubts])
     assert base.validity is not None
     inputs = dict.fromkeys((i["name"], i["sha256"]) for f in fits for i in f.shock.inputs)
     shock = Shock(
@@ -252,9 +259,19 @@ def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:
 
 
 def _doubts(
-    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw
+    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw, left: Array
 ) -> Iterator[Reason]:
-    """Yield reasons: adjusters that act against their counting, and files slower than others."""
+    """Yield reasons: adjusters that act against their counting, files of another level, and slower ones."""
+    shares = [abs(level) / model.runs.deviation for level, model in zip(left, joint.model.models, strict=True)]
+    if max(shares) > _OTHER_LEVEL:
+        worst = int(np.argmax(shares))
+        yield DOUBT.reason(
+            "the level of the force differs from file to file, but no adjuster changes the gas force",
+            figure=f"{left[worst]:+.3g} N from the mean of the files, {100.0 * shares[worst]:.3g} % of the force's "
+            "standard deviation: the shock has the mean",
+            origin=", ".join(groups[worst].names),
+            remedy="measure all settings with the same gas pressure, position and zero of the load cell",
+        )
     for axis in table.axes:
         yield from _counting(axis, settings, law, table.name)
     knots = joint.model.basis.knots
