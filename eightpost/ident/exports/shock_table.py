@@ -44,32 +44,11 @@ class Setting:
 
     @classmethod
     def parse(cls, text: str, shocks: int) -> Setting:
-        """Return a setting from NAME=VALUE,VALUE,... with a value for each shock.
+        """Return a setting from NAME=VALUE,VALUE,... with a value for each shock, or two or more for one shock.
 
         Raises:
-            InputError: The text has another form, or the values are not distinct finite numbers, one per shock.
+            InputError: The text has another form, or the values are not distinct finite numbers of this count.
         """
-        setting = cls._parsed(text)
-        if len(setting.values) != shocks:
-            raise InputError(
-                f"--over {text!r} has {len(setting.values)} values for {shocks} shocks; give one value per shock"
-            )
-        return setting
-
-    @classmethod
-    def of_one_shock(cls, text: str) -> Setting:
-        """Return a setting of one shock that was fitted over its settings, from NAME=VALUE,VALUE,...
-
-        Raises:
-            InputError: The text has another form, or does not have two or more distinct finite numbers.
-        """
-        setting = cls._parsed(text)
-        if len(setting.values) < 2:
-            raise InputError(f"--over {text!r} has one value; give two or more, e.g. rebound=0,4,8")
-        return setting
-
-    @classmethod
-    def _parsed(cls, text: str) -> Setting:
         name, equals, listed = text.rpartition("=")
         if not equals or not name.strip():
             raise InputError(f"--over {text!r} has no name; write NAME=VALUE,VALUE, e.g. --over clicks=0,4,8")
@@ -79,6 +58,10 @@ class Setting:
             raise InputError(f"--over {text!r}: {listed!r} is not a list of numbers; write e.g. clicks=0,4,8") from None
         if not all(isfinite(value) for value in values) or len(set(values)) != len(values):
             raise InputError(f"--over {text!r}: the values must be finite and different from each other")
+        if shocks == 1 and len(values) < 2:
+            raise InputError(f"--over {text!r} has one value; give two or more, e.g. rebound=0,4,8")
+        if shocks not in (1, len(values)):
+            raise InputError(f"--over {text!r} has {len(values)} values for {shocks} shocks; give one value per shock")
         return cls(name.strip(), values)
 
     @property
@@ -137,13 +120,10 @@ def shock_table(
     if len(shocks) > 1 and over is None:
         raise InputError(f"{len(shocks)} shocks make a table over a setting; give it, e.g. --over clicks=0,4,8")
     files = list(sources)
-    if len(shocks) == 1 and over is not None:
-        setting: Setting | None = Setting.of_one_shock(over)
-        assert setting is not None
+    setting = None if over is None else Setting.parse(over, len(shocks))
+    if len(shocks) == 1 and over is not None and setting is not None:
         shocks = _at_settings(shocks[0], setting, over)
         files *= len(shocks)
-    else:
-        setting = None if over is None else Setting.parse(over, len(shocks))
     order = range(len(shocks)) if setting is None else np.argsort(setting.values).tolist()
     chosen, files = [shocks[k] for k in order], [files[k] for k in order]
     if setting is not None:

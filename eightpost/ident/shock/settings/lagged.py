@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
 from eightpost.ident.shock.hysteresis_search import Found, Projected, Projection, minimum_from, non_negative
 from eightpost.ident.shock.robust import Robust, nearly_equal, weights_for
@@ -150,7 +149,9 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> Joint
     end, notes = found.end, (first.stop_note, "both curves depend on the setting")
     x = np.zeros(model.size)
     for part, place in zip(end.parts, model.places, strict=True):
-        x[place] = np.linalg.solve(_coordinates(part.problem.model), np.append(part.linear, part.parameters))
+        x[place] = np.linalg.solve(
+            np.vstack(search_coordinates(part.problem.model)), np.append(part.linear, part.parameters)
+        )
     spread = _covariances(model, x, end)
     return JointFit(model, x, spread, found.converged, found.status, (*first.notes, *notes))
 
@@ -182,11 +183,6 @@ def _start_forces(problem: JointProjection, first: HysteresisFit) -> Array:
     common = problem.parts[0].model.gas.size
     forces = [float(first.found.end.linear[2 * KNOTS])] if problem.parts[0].dynamics.has_stop else []
     return np.array([*forces, *([stiffness * common] if common else [])]) / problem.deviation
-
-
-def _coordinates(model: ForceModel) -> Array:
-    """Return the matrix from the parameters of a setting's model to the linear ones and those of the states."""
-    return np.vstack(search_coordinates(model))
 
 
 def _covariances(model: JointModel, x: Array, end: JointPoint) -> Array:
