@@ -121,9 +121,11 @@ def validate_static(
         series = series.window(began + segment[0], began + segment[1])
     holds, settling = _holds(series)
     if len({round(hold.displacement, 4) for hold in holds}) < 2:
+        where = f" from {segment[0]:g} to {segment[1]:g} s" if segment else ""
+        remedy = "give another --segment" if segment else "for another test give its --kind"
         raise ParameterError(
-            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements; a static test has "
-            "steps with a hold after each (Fig 3.12); for another test give its --kind"
+            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements{where}; a static "
+            f"test has steps with a hold after each (Fig 3.12); {remedy}"
         )
     hysteresis = _hysteresis(holds)
     return StaticValidation(
