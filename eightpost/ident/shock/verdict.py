@@ -341,8 +341,8 @@ def _of_record(test: DynoTest) -> Iterator[Reason]:
     """Yield the doubts about a record; a lag and a change of temperature have their own rules."""
     origin, lag = test.label, force_lag(test.series)
     if lag is not None and lag.low > LARGEST_LAG * LAG:
-        figure = f"by {lag}; a shock has under {1e3 * LAG:g} ms"
-        yield INSTRUMENT_LAG.reason("the force is later than a shock makes it", figure=figure, origin=origin)
+        figure = f"{lag}; a shock has under {1e3 * LAG:g} ms"
+        yield INSTRUMENT_LAG.reason("the lag of the force is not that of a shock", figure=figure, origin=origin)
     warming = warming_note(test.series)
     if warming is not None:
         figure = f"{temperature_drift(test.series):+.1f} K; limit {DRIFT:g} K"
