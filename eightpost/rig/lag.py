@@ -84,11 +84,11 @@ def force_lag(series: TimeSeries) -> Lag | None:
     even = series if series.is_uniform else series.resample(series.sample_rate)
     path = even["displacement"] if "displacement" in even else _integral(even)
     rows = _compared(np.stack([even["velocity"], path, even["force"]]), even.sample_rate)
-    if rows is None or not rows.std(axis=1).all():
+    if not rows.std(axis=1).all():
         return None
     velocity, path, force = rows
     period = 2.0 * np.pi * float(path.std() / velocity.std())
-    return _lag(force, velocity, _curve(velocity), path - path.mean(), period)
+    return _lag(force, velocity, _curve(velocity), path, period)
 
 
 def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
@@ -100,7 +100,7 @@ def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
         rate: Sample rate [Hz].
     """
     rows = _compared(np.stack([values, reference]), rate)
-    if rows is None or not rows.std(axis=1).all():
+    if not rows.std(axis=1).all():
         return None
     period = 2.0 * np.pi * float(rows[1].std() / (_RATE * np.diff(rows[1])).std())
     return _lag(rows[0], rows[1], rows[1][:, None], None, period)
@@ -114,12 +114,12 @@ def _integral(series: TimeSeries) -> Array:
 # ---- The estimate ---------------------------------------------------------------------------------------------------
 
 
-def _compared(rows: Array, rate: float) -> Array | None:
-    """Return channels (C, N) without high frequencies at the rate of the comparison; None if they are too short."""
+def _compared(rows: Array, rate: float) -> Array:
+    """Return channels (C, N) without high frequencies at the rate of the comparison."""
     low = lowpass(rows, rate, min(_CUTOFF, 0.3 * rate))
     time = np.arange(rows.shape[1]) / rate
     grid = np.arange(0.0, time[-1], 1.0 / _RATE)
-    return np.asarray(CubicSpline(time, low, axis=1)(grid)) if grid.size > _FEWEST else None
+    return np.asarray(CubicSpline(time, low, axis=1)(grid))
 
 
 def _curve(velocity: Array) -> Array:
@@ -137,24 +137,23 @@ def _lag(values: Array, reference: Array, columns: Array, spring: Array | None, 
     reach = SHARE * period
     steps = np.arange(int(max(EARLIEST, -reach) * _RATE), int(min(LATEST, reach) * _RATE) + 1)
     used = _used(values.size, int(steps[-1]))
-    if steps.size < _FEWEST_STEPS or used.size < max(_FEWEST, period * _RATE):
+    if steps.size < _FEWEST_STEPS or used.size < _FEWEST:
         return None
     shifted, lags = _about(values[used + steps[:, None]].T), steps / _RATE
     fine = np.arange(lags[0], lags[-1], _FINE)
-    plain = _about(columns[used])
-    sprung = plain if spring is None else np.column_stack([plain, _about(spring[used])])
-    stiffness = np.zeros(fine.size)
-    profile, _ = _residual(plain, shifted, lags, fine)
+    model, stiffness = _about(columns[used]), np.zeros(fine.size)
+    profile, _ = _residual(model, shifted, lags, fine)
     if spring is not None:
-        other, weight = _residual(sprung, shifted, lags, fine)
+        model = np.column_stack([model, _about(spring[used])])
+        other, weight = _residual(model, shifted, lags, fine)
         profile, stiffness = np.where(weight > 0.0, other, profile), np.maximum(weight, 0.0)
     # At half a period the channels oppose each other: a curve that falls would explain them.
     follows = CubicSpline(lags, _about(reference[used]) @ shifted)(fine) > 0.0
-    best = int(np.argmin(np.where(follows, profile, np.inf)))
-    columns = sprung if stiffness[best] > 0.0 else plain
+    profile = np.where(follows, profile, np.inf)
+    best = int(np.argmin(profile))
     nearest = shifted[:, int(np.argmin(np.abs(lags - fine[best])))]
-    independent = _independent(nearest - columns @ _weights(columns, columns.T @ nearest))
-    found = _interval(fine, np.where(follows, profile, np.inf), best, independent)
+    independent = _independent(nearest - model @ _weights(model, model.T @ nearest))
+    found = _interval(fine, profile, best, independent)
     return None if found is None else Lag(float(fine[best]), *found, float(stiffness[best]))
 
 

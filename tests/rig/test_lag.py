@@ -62,6 +62,7 @@ def test_gas_does_not_change_the_lag_of_sines_of_several_speeds_and_is_found_its
     assert found.low <= 4e-3 <= found.high
     assert found.high - found.low < 1.5e-3
     assert found.stiffness == pytest.approx(stiffness, rel=0.02, abs=15.0)
+    assert found.stiffness >= 0.0
 
 
 @pytest.mark.parametrize("lag", [-5e-3, 0.0, 12e-3, 30e-3])
@@ -103,6 +104,25 @@ def test_the_interval_contains_the_lag_of_any_sines_and_random_motion(
 def test_one_sine_shows_the_lag_of_a_curve_with_a_knee():
     found = force_lag(record(sines([0.2], cycles=8), stiffness=1500.0))
     assert found.low <= 2e-3 <= found.high
+
+
+def test_a_spring_does_not_pull_so_that_a_larger_lag_than_the_loop_shows_is_less_likely_than_a_smaller_one():
+    found = force_lag(record(sines([0.2], cycles=8), noise=20.0))
+    assert found.low <= 2e-3 <= found.high
+    assert 0.0 < found.high - found.seconds < 0.6 * (found.seconds - found.low)
+
+
+def test_many_samples_do_not_make_the_lag_more_certain_than_the_model_is():
+    few, many = (force_lag(record(random_motion(seconds=seconds), noise=20.0)) for seconds in (8.0, 40.0))
+    for found in (few, many):
+        assert 2.5e-4 < found.high - found.seconds < 5e-4
+        assert 2.5e-4 < found.seconds - found.low < 5e-4
+
+
+def test_a_fast_sine_has_no_lag_of_a_whole_period_more():
+    time, _, v = fast = sines([0.4], amplitude=0.4 / (2.0 * np.pi * 20.0), cycles=60)
+    assert force_lag(record(fast, lag=-6e-3)).seconds == pytest.approx(-6e-3, abs=2e-4)
+    assert channel_lag(np.interp(time - 3e-3, time, v), v, 500.0).seconds == pytest.approx(3e-3, abs=2e-4)
 
 
 def test_the_lag_of_one_sine_and_a_straight_line_is_unknown_because_a_spring_does_the_same():
@@ -154,6 +174,13 @@ def test_a_force_of_the_wrong_sign_or_of_noise_has_no_lag(motion):
         assert force_lag(turned.with_channel("force", "N", force)) is None
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_that_correlates_with_velocity_by_chance_has_no_lag(seed):
+    motion = record(random_motion(seed, seconds=4.0))
+    noise = 300.0 * np.random.default_rng(seed).standard_normal(len(motion))
+    assert force_lag(motion.with_channel("force", "N", noise)) is None
+
+
 @pytest.mark.parametrize("motion", [sines(), random_motion()], ids=["sines", "random"])
 def test_clipping_moves_the_lag_by_less_than_a_millisecond(motion):
     series = record(motion, lag=6e-3, stiffness=1000.0)
@@ -184,6 +211,11 @@ def test_a_short_record_and_one_at_rest_have_no_lag():
     assert force_lag(series.at(slice(0, 240))) is None
     assert force_lag(series.at(slice(0, 150))) is None
     assert force_lag(series.with_channel("velocity", "m/s", np.zeros(len(series)))) is None
+
+
+def test_a_displacement_in_a_wrong_unit_gives_no_lag():
+    series = record(random_motion())
+    assert force_lag(series.with_channel("displacement", "m", 1e-3 * series["displacement"])) is None
 
 
 def test_less_than_a_period_has_no_lag():
