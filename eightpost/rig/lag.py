@@ -1,6 +1,6 @@
 """Delay of a channel behind another one, above all of the force of a dynamometer record behind its velocity.
 
-The delay T is that with which a small model of the shock leaves the least residual,
+The delay T is that with which a small model of the shock leaves the smallest residual,
 
     min over T, f, K, F0 of  sum (F(t + T) - f(v) - K x - F0)^2,   K >= 0
 
@@ -203,12 +203,12 @@ def _independent(residual: Array) -> float:
 
 
 def _interval(lags: Array, profile: Array, best: int, independent: float) -> tuple[float, float] | None:
-    """Return the 95 % interval of the delay with the least residual; None if it is wide or ends with the search.
+    """Return the 95 % interval of the delay with the smallest residual; None if it is wide or ends with the search.
 
     Args:
         lags: Delays (F,) [s].
         profile: Share of the residual at each; infinite where a delay is excluded.
-        best: Number of the delay with the least residual.
+        best: Number of the delay with the smallest residual.
         independent: Number of independent values of the residual.
     """
     limit = profile[best] * (1.0 + float(student.ppf(0.975, independent)) ** 2 / independent)
@@ -222,7 +222,7 @@ def _interval(lags: Array, profile: Array, best: int, independent: float) -> tup
     return float(lags[best]) - early, float(lags[best]) + late
 
 
-# ---- What is said about it ------------------------------------------------------------------------------------------
+# ---- What is stated --------------------------------------------------------------------------------------------------
 
 
 def lag_statement(series: TimeSeries) -> str:

@@ -243,7 +243,7 @@ def test_channels_at_rest_or_too_short_have_no_lag():
     assert channel_lag(v[:150], v[:150], 500.0) is None
 
 
-# ---- What is said ---------------------------------------------------------------------------------------------------
+# ---- What is stated --------------------------------------------------------------------------------------------------
 
 
 def test_the_statement_has_the_lag_and_its_interval():
