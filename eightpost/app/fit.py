@@ -68,7 +68,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "in the file.")  # fmt: skip
 @click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
-@click.option("--plot", type=OutputFile(PICTURE), help="Force-velocity picture to draw.")
+@click.option("--plot", type=OutputFile(PICTURE), help="Force-velocity picture; default: none.")
 @click.pass_context
 def fit(  # one parameter per option
     ctx: click.Context,
