@@ -25,10 +25,6 @@ _SPACING = 1.8
 #: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/explanation/static_curve.md).
 RIDGE, CHANGE, END_BEND = 1e-4, 3e-4, 3e-2
 
-#: Least slope beyond the last knot of a side, as a share of the mean slope of that side: that a slow run ends flat does
-#: not show that the force stays there at higher speeds (docs/explanation/shock_law.md).
-LEAST_END = 0.2
-
 
 @dataclass(frozen=True, slots=True)
 class KnotBasis:
@@ -117,18 +113,9 @@ class KnotBasis:
         return velocity, KnotBasis(tuple(velocity.tolist()))._forces_of_slopes() @ fine, fine
 
     def static_curve(self, slopes: Array) -> StaticCurve:
-        """Return the curve of slopes (K,) [N.s/m]; beyond the knots it rises at least by a share of its mean slope."""
+        """Return the curve of slopes (K,) [N.s/m]; beyond the knots it continues with the slopes of their ends."""
         velocity, force, slope = self.subdivided(slopes)
-        rebound, compression = (
-            max(float(slope[end]), LEAST_END * float(force[end] / velocity[end])) for end in (0, -1)
-        )
-        return StaticCurve.through_knots(
-            tuple(velocity.tolist()),
-            tuple(force.tolist()),
-            tuple(slope.tolist()),
-            compression_slope=compression,
-            rebound_slope=rebound,
-        )
+        return StaticCurve.through_knots(tuple(velocity.tolist()), tuple(force.tolist()), tuple(slope.tolist()))
 
 
 def _halved(knots: tuple[float, ...]) -> Array:
