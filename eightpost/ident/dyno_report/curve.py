@@ -24,14 +24,20 @@ from eightpost.units import convert
 Stroke = Literal["compression", "rebound"]
 STROKES: tuple[Stroke, Stroke] = ("compression", "rebound")
 
-#: Number of classes of speed in each stroke, their growth with speed, and minimum number of samples of a branch.
-CLASSES, GROWTH, FEWEST_SAMPLES = 40, 1.5, 3
+#: Number of classes of speed in each stroke, and their growth with speed.
+CLASSES, GROWTH = 40, 1.5
+#: Smallest and largest minimum number of samples of a branch in a class; in between it grows with the record.
+FEWEST_SAMPLES = (3, 12)
+#: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
+NEAR_ZERO = 0.1
 #: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
 HARMONICS = 6.0
 #: Lags of the search [s]: from that of a late velocity to a share of a period, which is within these limits.
 EARLIEST, LONGEST, SHARE = -0.01, (0.03, 0.05), 0.2
 #: Step of the search [s].
 STEP = 0.002
+#: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
+FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
 #: Lags whose loops are open by less than this multiple of the best one are as likely, if they are this far apart [s].
 AS_LIKELY, APART = 4.0, 0.004
 #: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
@@ -66,17 +72,22 @@ class LoopClasses:
     kept: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, series: TimeSeries) -> LoopClasses:
-        """Return the classes of a record; no class contains zero velocity, and those near it are narrow."""
-        velocity = series["velocity"]
+    def of(cls, velocity: Array, rises: NDArray[np.bool_]) -> LoopClasses:
+        """Return the classes of velocities (N,) [m/s], and whether they rise (N,).
+
+        No class contains zero velocity, and those near it are narrow, as far as both branches have samples there.
+        """
         low, high = min(float(velocity.min()), 0.0), max(float(velocity.max()), 0.0)
         share = np.linspace(0.0, 1.0, CLASSES + 1) ** GROWTH
         edges = np.concatenate([low * share[::-1], high * share[1:]])
         number = np.clip(np.searchsorted(edges, velocity, "left") - 1, 0, 2 * CLASSES - 1)
-        cell = 2 * number + (_acceleration(series) > 0.0)
+        counts = np.bincount(2 * number + rises, minlength=4 * CLASSES).reshape(-1, 2)
+        fewest = int(np.clip(velocity.size // (6 * CLASSES), *FEWEST_SAMPLES))
+        below, above = _merged(counts[CLASSES - 1 :: -1], fewest)[::-1], _merged(counts[CLASSES:], fewest)
+        merged = np.concatenate([CLASSES - 1 - below, CLASSES + above])
+        cell = 2 * merged[number] + rises
         counts = np.bincount(cell, minlength=4 * CLASSES)
-        kept = np.asarray((counts.reshape(-1, 2) >= FEWEST_SAMPLES).all(axis=1))
-        return cls(cell, counts, kept)
+        return cls(cell, counts, np.asarray((counts.reshape(-1, 2) >= fewest).all(axis=1)))
 
     def means(self, row: Array) -> Array:
         """Return the means (2, K) of a channel (N,) on the falling and the rising branch of the kept classes."""
@@ -89,6 +100,17 @@ class LoopClasses:
         sums = np.bincount(number, weights=row, minlength=self.kept.size)
         means = sums / np.maximum(self.counts.reshape(-1, 2).sum(axis=1), 1)
         return np.asarray((row - means[number])[self.kept[number]])
+
+
+def _merged(counts: NDArray[np.intp], fewest: int) -> NDArray[np.intp]:
+    """Return the number of the class of each class (C,), from zero outward, with enough samples (C, 2) on each branch."""
+    numbers, number, found = [], 0, np.zeros(2, dtype=np.intp)
+    for own in counts:
+        numbers.append(number)
+        found = found + own
+        if found.min() >= fewest:
+            number, found = number + 1, np.zeros(2, dtype=np.intp)
+    return np.minimum(numbers, max(number - 1, 0))
 
 
 def _usual_frequency(series: TimeSeries) -> float:
@@ -104,67 +126,86 @@ def _acceleration(series: TimeSeries) -> Array:
     return derivative(lowpass(series["velocity"], rate, cutoff, order=4), rate)
 
 
+def _classes_of(series: TimeSeries) -> LoopClasses:
+    return LoopClasses.of(series["velocity"], _acceleration(series) > 0.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedLoop:
     """A record whose branches agree: without the lag of the force, and without a spring in parallel."""
 
-    #: Record with the force without lag and spring.
+    #: Record with the force without lag and spring; the velocity is that of the valves behind a spring in series.
     series: TimeSeries
-    #: Lag [s]: a delay, or the time constant of first order.
+    #: Lag of force behind velocity [s].
     lag: Found
-    #: Stiffness of the spring [N/m], which acts from the middle of the stroke.
-    stiffness: float
 
 
 def closed_loop(series: TimeSeries) -> ClosedLoop:
-    """Return a record without the lag and the spring with which the branches of its loop agree best.
+    """Return a record without the lag and the gas spring with which the branches of its loop agree best.
 
-        F(t + d) = f(v) + k (x - middle)   or   F + d dF/dt = f(v) + k (x - middle)
+    Three forms of the lag d are tried, with the static force f and a gas spring k about the middle of the stroke:
 
-    Both forms of the lag d are tried. The stiffness k, 0 or more, is that of force over displacement within the classes
-    of velocity, so that the spring of a gas is not taken for a lag.
+        a delay:              F(t + d) = f(v) + k (x - middle)
+        first order:          F + d dF/dt = f(v) + k (x - middle)
+        a spring in series:   F = f(v - dF/dt / K) + k (x - middle),  with K such that the mean lag is d
+
+    The stiffness k, 0 or more, is that of force over displacement within the classes of velocity.
 
     Args:
         series: Record with an even time step, `velocity` [m/s] and `force` [N].
     """
-    classes, path, time = LoopClasses.of(series), path_of(series), series.time
-    if not classes.kept.any():
-        return ClosedLoop(series, Unknown("too few samples are on both branches of the loop"), 0.0)
+    time, rate, velocity, force = series.time, series.sample_rate, series["velocity"], series["force"]
+    path = path_of(series)
     path = path - 0.5 * float(path.max() + path.min())
-    rate = series.sample_rate
-    slope = derivative(lowpass(series["force"], rate, min(CUTOFF, 0.2 * rate), order=2), rate)
-    rows = {"force": (series["force"], slope), "path": (path, derivative(path, rate))}
+    acceleration = _acceleration(series)
+    rises = acceleration > 0.0
+    classes = LoopClasses.of(velocity, rises)
+    if not classes.kept.any():
+        return ClosedLoop(series, Unknown("too few samples are on both branches of the loop"))
+    smooth = lowpass(force, rate, min(CUTOFF, 0.2 * rate), order=2)
+    change = derivative(smooth, rate)
+    # Velocity of a series spring per force and lag, such that it delays the force by the lag on average
+    compliance = float(np.sum(acceleration**2)) / max(float(np.sum(change * acceleration)), 1e-12)
 
-    def shifted(what: str, form: str, lag: float) -> Array:
-        values, change = rows[what]
-        return np.interp(time + lag, time, values) if form == "delay" else values + lag * change
-
-    inverse = 1.0 / classes.counts.reshape(-1, 2)[classes.kept]
-    weights = 1.0 / inverse.sum(axis=1)
+    def shifted(form: str, lag: float) -> tuple[Array, Array, Array]:
+        """Return velocity, force and displacement (N,) without a lag."""
+        if form == "delay":
+            return velocity, np.interp(time + lag, time, force), np.interp(time + lag, time, path)
+        if form == "first order":
+            return velocity, force + lag * change, path + lag * derivative(path, rate)
+        return velocity - lag * compliance * change, force, path
 
     def opened(form: str, lag: float) -> tuple[float, float]:
         """Return how far the loop is open, and the stiffness."""
-        force, place = shifted("force", form, lag), shifted("path", form, lag)
-        about = classes.about_means(place)
-        stiffness = max(float(np.sum(about * classes.about_means(force)) / np.sum(about**2)), 0.0)
-        difference = np.diff(classes.means(force - stiffness * place), axis=0)[0]
-        return float(np.sum(weights * difference**2)), stiffness
+        speeds, forces, places = shifted(form, lag)
+        inside = LoopClasses.of(speeds, rises) if form == "series" else classes
+        if not inside.kept.any():
+            return np.inf, 0.0
+        about = inside.about_means(places)
+        stiffness = max(float(np.sum(about * inside.about_means(forces)) / np.sum(about**2)), 0.0)
+        difference = np.diff(inside.means(forces - stiffness * places), axis=0)[0]
+        weights = 1.0 / np.sum(1.0 / inside.counts.reshape(-1, 2)[inside.kept], axis=1)
+        return float(np.sum(weights * difference**2) / np.sum(weights)), stiffness
 
     longest = float(np.clip(SHARE / _usual_frequency(series), *LONGEST))
-    grids = {"delay": np.arange(EARLIEST, longest, STEP), "first order": np.arange(0.0, longest, STEP)}
+    grids = {form: np.arange(EARLIEST if form == "delay" else 0.0, longest, STEP) for form in FORMS}
     tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid) for form, grid in grids.items()}  # type: ignore[misc]
     form = min(tried, key=lambda name: tried[name][1])
+    if tried[form][1] > CLEARLY * tried["delay"][1]:
+        form = "delay"
     lag, least, others = tried[form]
     stiffness = opened(form, lag)[1]
-    force = shifted("force", form, lag) - stiffness * shifted("path", form, lag)
+    speeds, forces, places = shifted(form, lag)
     inside = (time + lag >= time[0]) & (time + lag <= time[-1]) if form == "delay" else np.ones(time.size, dtype=bool)
-    names = [name for name in series.names if name != "force"]
-    closed = series.select(names).with_channel("force", "N", force).at(inside)
+    closed = series.select([name for name in series.names if name not in ("force", "velocity")])
+    closed = closed.with_channel("velocity", "m/s", speeds).with_channel("force", "N", forces - stiffness * places)
+    if form == "series" and "displacement" in series:
+        closed = closed.with_channel("displacement", "m", series["displacement"] - lag * compliance * smooth)
     likely = grids[form][others <= AS_LIKELY * least]
     known: Found = lag
     if likely.size and float(np.ptp(likely)) > APART:
         known = Unknown("the motion does not distinguish a lag from a spring; a sine of another speed does")
-    return ClosedLoop(closed, known, stiffness)
+    return ClosedLoop(closed.at(inside), known)
 
 
 def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float, Array]:
@@ -193,7 +234,7 @@ class Branches:
 
 def branches_of(series: TimeSeries, level: float) -> Branches | Unknown:
     """Return the branches of a record, without a constant force [N]."""
-    classes = LoopClasses.of(series)
+    classes = _classes_of(series)
     if not classes.kept.any():
         return Unknown("too few samples are on both branches of a loop of force over velocity")
     velocity = classes.means(series["velocity"]).mean(axis=0)
@@ -235,6 +276,21 @@ class VelocityCurve:
         return float(np.interp(speed, speeds, forces))
 
 
+def force_at_zero(curve: VelocityCurve | Unknown) -> Found:
+    """Return the force at zero velocity [N] of a curve: the mean of both strokes, in which friction cancels."""
+    if isinstance(curve, Unknown):
+        return curve
+    found = []
+    for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
+        speeds, forces = curve.stroke(stroke)
+        count = max(int(np.searchsorted(speeds, NEAR_ZERO * speeds[-1])), FEWEST_POINTS // 2) if speeds.size else 0
+        if speeds.size < FEWEST_POINTS // 2:
+            return Unknown(f"there are too few points in {stroke}")
+        bent = np.polynomial.Polynomial.fit(speeds[:count], forces[:count], 2 if count >= FEWEST_POINTS else 1)
+        found.append(sign * float(bent(0.0)))
+    return 0.5 * sum(found)
+
+
 def ratio_at(curve: VelocityCurve | Unknown, speed: float) -> Found:
     """Return the force in rebound over the force in compression [1] at a speed [m/s]."""
     compression, rebound = (forces_at(curve, speed, stroke) for stroke in STROKES)
@@ -252,7 +308,7 @@ def forces_at(curve: VelocityCurve | Unknown, speed: float, stroke: Stroke) -> F
     return curve if isinstance(curve, Unknown) else curve.force_at(speed, stroke)
 
 
-def curve_of_series(series: TimeSeries, cycles: Cycles, offset: float) -> VelocityCurve | Unknown:
+def curve_of_series(series: TimeSeries, cycles: Cycles, level: float = 0.0) -> VelocityCurve | Unknown:
     """Return the mean curve of a record: in classes of velocity, both branches of the loop count equally.
 
     The ends of the curve of a steady run are the means of its peaks.
@@ -260,15 +316,15 @@ def curve_of_series(series: TimeSeries, cycles: Cycles, offset: float) -> Veloci
     Args:
         series: Record of a closed loop.
         cycles: Cycles of the record.
-        offset: Force at zero velocity [N], which is subtracted.
+        level: Force [N] that is subtracted.
     """
-    classes = LoopClasses.of(series)
-    speeds, forces = (classes.means(row).mean(axis=0) for row in (series["velocity"], series["force"] - offset))
+    classes = _classes_of(series)
+    speeds, forces = (classes.means(row).mean(axis=0) for row in (series["velocity"], series["force"] - level))
     points = list(zip(speeds.tolist(), forces.tolist(), strict=True))
     for sign in (-1.0, 1.0) if cycles.is_steady else ():
         for peak in cycles.peaks(sign)[:1]:
             points = [point for point in points if sign * point[0] < peak.speed]
-            points.append((sign * peak.speed, sign * peak.force - offset))
+            points.append((sign * peak.speed, sign * peak.force - level))
     if len(points) < FEWEST_POINTS:
         return Unknown("too few samples are on both branches of a loop of force over velocity")
     found = np.array(sorted(points))

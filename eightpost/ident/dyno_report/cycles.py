@@ -98,13 +98,19 @@ class Cycles:
                 groups[-1].append(k)
             else:
                 groups.append([k])
-        repeated = [group for group in groups if len(group) >= FEWEST_CYCLES or self.span]
-        if sum(map(len, repeated)) < STEADY * speeds.size:
+        repeated = [k for group in groups if len(group) >= FEWEST_CYCLES or self.span for k in group]
+        if len(repeated) < STEADY * speeds.size:
             return ()
+        same: list[list[int]] = []
+        for k in sorted(repeated, key=lambda k: float(speeds[k])):
+            if same and speeds[k] <= (1.0 + ALIKE) * speeds[same[-1][0]]:
+                same[-1].append(k)
+            else:
+                same.append([k])
         return tuple(
             Peaks(float(speeds[group].mean()), float(forces[group].mean()),
                   float(forces[group].std(ddof=1)) if len(group) > 1 else None, len(group))
-            for group in repeated
+            for group in same
         )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from eightpost.ident.dyno_report.curve import (
     curve_of_law,
     curve_of_series,
     curve_of_table,
+    force_at_zero,
     stroke_figures,
 )
 from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
@@ -143,16 +144,14 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
     closed = _closed(series)
-    static, at_rest = cycles_of(closed.series, cycle), force_at_rest(closed.series)
-    offset = static.offset if isinstance(at_rest, Unknown) else at_rest
+    static = cycles_of(closed.series, cycle)
     cycles = replace(cycles_of(series, cycle), peak_velocity=static.peak_velocity, peak_force=static.peak_force)
+    at_rest = force_at_rest(closed.series)
+    offset = force_at_zero(curve_of_series(closed.series, static)) if isinstance(at_rest, Unknown) else at_rest
     curve, branches = offset, offset
     if isinstance(offset, float):
-        parts = (closed.series, series) if static.span is None else (
-            one.window(*static.span) for one in (closed.series, series)
-        )  # fmt: skip
-        steady, measured = parts
-        curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
+        parts = [one if static.span is None else one.window(*static.span) for one in (closed.series, series)]
+        curve, branches = curve_of_series(parts[0], static, offset), branches_of(parts[1], offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
@@ -165,13 +164,13 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
 def _closed(series: TimeSeries) -> ClosedLoop:
     """Return the closed loop of a record; a motion that is slow, or has no damping, keeps its loop."""
     if float(np.abs(series["velocity"]).max()) <= SLOW:
-        return ClosedLoop(series, Unknown(f"the motion is too slow for a lag, below {1e3 * SLOW:.0f} mm/s"), 0.0)
+        return ClosedLoop(series, Unknown(f"the motion is too slow for a lag, below {1e3 * SLOW:.0f} mm/s"))
     closed = closed_loop(series)
     correlation = float(np.corrcoef(closed.series["force"], closed.series["velocity"])[0, 1])
     if correlation >= CORRELATED:
         return closed
     why = f"force and velocity barely correlate ({correlation:.2f}), so the lag has no meaning"
-    return ClosedLoop(series, Unknown(why), 0.0)
+    return ClosedLoop(series, Unknown(why))
 
 
 def _warming(series: TimeSeries, test: DynoTest) -> Warming:

@@ -27,7 +27,7 @@ _CYCLES, _SPAN = 2, 1.0
 #: Longest time of the runs shown together, over the shortest.
 _LONGEST = 2.0
 #: Panels of runs in a row, and largest number of them.
-_COLUMNS, _MOST = 3, 12
+_COLUMNS, _MOST = 4, 12
 #: Classes of shaft speed on a track.
 _BARS = 60
 
@@ -125,7 +125,7 @@ def branches_figure(report: DynoReport) -> Figure:
         "Every run: measured branches of the loop, and their mean without lag and gas spring, which is the curve of the "
         f"tables.{more}"
     )
-    figure = grid_figure(caption, 90 + 215 * rows, panels, columns, gap=(0.06, 0.30 / rows))
+    figure = grid_figure(caption, 95 + 185 * rows, panels, columns, gap=(0.06, 0.30 / rows))
     for k, entry in enumerate(runs):
         series, level = _series(entry), 0.0 if isinstance(entry.level, Unknown) else entry.level
         every = slice(None, None, max(1, len(series) // _DOTS))

@@ -15,9 +15,6 @@ from eightpost.report.tables import ResultTable
 _SIGNS = (
     "Velocity, displacement and force are positive in compression. Forces in tables are magnitudes without the gas."
 )
-#: Number of findings at the top of the page; the section of notes has all.
-_OPEN = 2
-
 #: How the figures are made.
 _DEFINITIONS = (
     "Mean curve: mean of both branches of the loop in classes of speed, without the lag and the gas spring with which "
@@ -49,7 +46,7 @@ def write_report(path: str | Path, report: DynoReport, *, title: str = "Dynamome
     """
     lead = f"{_count(report)}. {_SIGNS}"
     verdict, sections = report_verdict(report.entries), list(sections_of(report))
-    return write_page(path, document(title, verdict, sections, lead=lead, fold=_OPEN))
+    return write_page(path, document(title, verdict, sections, lead=lead, fold=0))
 
 
 def _count(report: DynoReport) -> str:
@@ -67,9 +64,6 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
         none: list[Block] = [soft("No run or table reaches a speed of the master curve.")]
         heading = f"Limits: {report.limits.name}"
         yield Section("limits", heading, tables.limit_table(report) or none)
-    yield Section("knees", "Knees and slopes", tables.knee_table(report))
-    if report.corners:
-        yield Section("damping", "Damping ratio", tables.damping_tables(report))
     if len(report.variants) > 1:
         none = [soft("No build has a curve of the same kind as the first: one is measured, one a law.")]
         heading = f"Differences from {report.variants[0].label}"
@@ -78,6 +72,9 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
         yield Section("branches", "Branches and peaks", [
             figures.branches_figure(report), *tables.peak_table(report), *tables.branch_table(report)
         ])  # fmt: skip
+    yield Section("knees", "Knees and slopes", tables.knee_table(report))
+    if report.corners:
+        yield Section("damping", "Damping ratio", tables.damping_tables(report))
     loops: list[Block] = [figures.loops_figure(report)] if report.runs else []
     yield Section("runs", "Runs, loops and gas", [*loops, *tables.run_table(report), *tables.loop_table(report)])
     if repeats := [*tables.repeat_table(report), *([lines] if (lines := tables.heat_lines(report)) else [])]:

@@ -17,16 +17,21 @@ from eightpost.ident.dyno_report.builds import (
     mean_force,
     repeated_runs,
 )
-from eightpost.ident.dyno_report.curve import STROKES, Stroke, ratio_at
+from eightpost.ident.dyno_report.curve import STROKES, Branches, Stroke, ratio_at
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.found import Found, Unknown, mean_of
+from eightpost.report.numbers import plain
 from eightpost.report.page import Block, digest
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
 
 Row = Sequence[Cell | Found | None]
 
 BASES = ("measured", "law")
+#: Texts that need no column if all rows have them.
+_USUAL = ("measured", "run")
+#: Peaks of both strokes belong together if their speeds agree within this share.
+SAME_SPEED = 0.1
 
 
 @dataclass
@@ -54,7 +59,8 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row]) 
     """
     rows = [tuple(row) for row in rows]
     empty = [k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)]
-    kept = [k for k in range(len(columns)) if k not in empty]
+    same = [k for k in range(len(columns)) if all(row[k] in _USUAL for row in rows)]
+    kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
     if not rows or not kept:
         return []
     reasons = Reasons()
@@ -72,10 +78,12 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row]) 
     return [replace(table, heads=tuple(heads)), *([lines] if lines else [])]
 
 
-def at_speeds(report: DynoReport, heads: Sequence[str], rows: Iterable[tuple[Sequence[Cell], Sequence[Found]]]) -> list[Block]:
+def at_speeds(
+    report: DynoReport, heads: Sequence[str], rows: Iterable[tuple[Sequence[Cell], Sequence[Found]]], title: str = ""
+) -> list[Block]:
     """Return a table with a column for each speed; figures at speeds that a curve does not reach are dashes."""
     columns = [*heads, *(Amount(speed, "m/s") for speed in report.speeds)]
-    return explained("", columns, ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows))
+    return explained(title, columns, ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows))
 
 
 def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
@@ -119,11 +127,10 @@ def difference_table(report: DynoReport) -> list[Block]:
             ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
             for stroke in STROKES if ours and base else ():
                 pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
-                label = (variant.label, basis, stroke)
-                rows.append(((*label, unit_html("N")), [_of_both(pair, lambda a, b: a - b) for pair in pairs]))
-                shares = [_of_both(pair, lambda a, b: 100.0 * (a - b) / b if b else Unknown("zero")) for pair in pairs]
-                rows.append(((*label, "%"), [_plain(share, "%") for share in shares]))
-    return at_speeds(report, ("build", "basis", "stroke", "in"), rows)
+                changes = [_of_both(pair, lambda a, b: a - b) for pair in pairs]
+                found = [_with_share(change, base) for change, (_, base) in zip(changes, pairs, strict=True)]
+                rows.append(((variant.label, basis, stroke), found))
+    return at_speeds(report, ("build", "basis", "stroke"), rows)
 
 
 def _of_both(pair: tuple[Found, Found], change: Callable[[float, float], Found]) -> Found:
@@ -131,6 +138,14 @@ def _of_both(pair: tuple[Found, Found], change: Callable[[float, float], Found])
     if isinstance(first, Unknown):
         return first
     return second if isinstance(second, Unknown) else change(first, second)
+
+
+def _with_share(value: Found, whole: Found) -> Found:
+    """Return a force and its share of another one, as a cell."""
+    if isinstance(value, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
+        return value
+    share = plain(100.0 * value / abs(whole), 2).replace("-", "−")
+    return Markup("{} ({}\N{NO-BREAK SPACE}%)").format(cell_html(Amount(value, "N")), share)  # type: ignore[return-value]
 
 
 def limit_table(report: DynoReport) -> list[Block]:
@@ -151,12 +166,9 @@ def repeat_table(report: DynoReport) -> list[Block]:
     for variant in report.variants:
         for group in repeated_runs(variant):
             for stroke in STROKES:
-                label = (variant.label, str(len(group)), stroke)
-                pairs = [(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds]
-                rows.append(((*label, unit_html("N")), [deviation for deviation, _ in pairs]))
-                shares = [_of_both(pair, lambda a, b: 100.0 * a / abs(b) if b else Unknown("zero")) for pair in pairs]
-                rows.append(((*label, "% of mean"), [_plain(share, "%") for share in shares]))
-    return at_speeds(report, ("build", "runs", "stroke", "in"), rows)
+                found = [_with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds]
+                rows.append(((variant.label, str(len(group)), stroke), found))
+    return at_speeds(report, ("build", "runs", "stroke"), rows)
 
 
 def heat_lines(report: DynoReport) -> tuple[str, ...]:
@@ -274,11 +286,17 @@ def _fit_error(entry: Entry) -> float | None:
 def branch_table(report: DynoReport) -> list[Block]:
     """Return the forces on the open and the closed branch of the loop of every run."""
     rows = [
-        ((entry.name, stroke, branch), [entry.branches.force_at(v, stroke, branch) for v in report.speeds])
-        for entry in report.runs if not isinstance(entry.branches, Unknown)
-        for stroke in STROKES for branch in ("open", "closed")
+        ((entry.name, stroke), [_branch_cell(entry.branches, v, stroke) for v in report.speeds])
+        for entry in report.runs if not isinstance(entry.branches, Unknown) for stroke in STROKES
     ]  # fmt: skip
-    return at_speeds(report, ("run", "stroke", "branch"), rows)
+    return at_speeds(report, ("run", "stroke"), rows, "Branches of the loop (CVP), open / closed")
+
+
+def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found:
+    forces = [branches.force_at(speed, stroke, branch) for branch in ("open", "closed")]
+    if unknown := next((force for force in forces if isinstance(force, Unknown)), None):
+        return unknown
+    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in forces)  # type: ignore[return-value, arg-type]
 
 
 def peak_table(report: DynoReport) -> list[Block]:
@@ -286,14 +304,17 @@ def peak_table(report: DynoReport) -> list[Block]:
     rows: list[Row] = []
     for entry in report.runs:
         level = 0.0 if isinstance(entry.level, Unknown) else entry.level
-        for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
-            for peak in entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else ():
-                force = peak.force - sign * level
-                share = 100.0 * peak.scatter / abs(force) if peak.scatter is not None and force else None
-                rows.append((entry.name, stroke, peak.speed, force, peak.scatter, share, str(peak.count)))
-    columns = ("run", "stroke", "peak speed [m/s]", "force at the centre [N]", "standard deviation [N] .2",
-               "deviation / force [%] .2", "peaks")  # fmt: skip
-    return explained("", columns, rows)
+        compression, rebound = (entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else () for sign in (1.0, -1.0))
+        for down in rebound:
+            up = next((one for one in compression if abs(one.speed / down.speed - 1.0) <= SAME_SPEED), None)
+            force = down.force + level
+            of_up = (None, None, None, None) if up is None else (
+                up.speed, up.force - level, up.scatter, force / (up.force - level)
+            )  # fmt: skip
+            rows.append((entry.name, *of_up[:3], down.speed, force, down.scatter, of_up[3], str(down.count)))
+    columns = ("run", "compression at [m/s]", "force [N]", "deviation [N] .2", "rebound at [m/s]", "force [N]",
+               "deviation [N] .2", "reb/comp", "peaks")  # fmt: skip
+    return explained("Peaks at the centre of the stroke (PVP)", columns, rows)
 
 
 def file_table(report: DynoReport) -> ResultTable:
