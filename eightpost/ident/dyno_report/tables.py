@@ -28,8 +28,8 @@ from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, 
 Row = Sequence[Cell | Found | None]
 
 BASES = ("measured", "law")
-#: Texts that need no column if all rows have them.
-_USUAL = ("measured", "run")
+#: Columns that are left out if all rows have the usual text.
+_USUAL = {"basis": "measured", "kind": "run"}
 #: Peaks of both strokes belong together if their speeds agree within this share.
 SAME_SPEED = 0.1
 
@@ -59,7 +59,7 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row]) 
     """
     rows = [tuple(row) for row in rows]
     empty = [k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)]
-    same = [k for k in range(len(columns)) if all(row[k] in _USUAL for row in rows)]
+    same = [k for k in range(len(columns)) if all(row[k] == _USUAL.get(str(columns[k])) for row in rows)]
     kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
     if not rows or not kept:
         return []
