@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from math import sqrt
-from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +38,8 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     {'ohlins_t1_18_18_s5_150psi': '18_18_s5_150psi', 'ohlins_t1_24_24_s5_100psi': '24_24_s5_100psi'}
     """
     names = list(dict.fromkeys(names))
-    common = commonprefix(names) if len(names) > 1 and max(map(len, names)) > LONG_NAME else ""
+    letters = zip(*names, strict=False) if len(names) > 1 and max(map(len, names)) > LONG_NAME else ()
+    common = "".join(column[0] for column in takewhile(lambda column: len(set(column)) == 1, letters))
     cut = max(common.rfind(separator) for separator in "_- .") + 1
     return {name: name[cut:] for name in names}
 

@@ -103,7 +103,7 @@ class LoopClasses:
 
 
 def _merged(counts: NDArray[np.intp], fewest: int) -> NDArray[np.intp]:
-    """Return the number of the class of each class (C,), from zero outward, with enough samples (C, 2) on each branch."""
+    """Return the number of the merged class of each class (C,), so that its counts (C, 2) are not too small."""
     numbers, number, found = [], 0, np.zeros(2, dtype=np.intp)
     for own in counts:
         numbers.append(number)
@@ -232,11 +232,11 @@ class Branches:
         return VelocityCurve(self.velocity, self.opening if branch == "open" else self.closing).force_at(speed, stroke)
 
 
-def branches_of(series: TimeSeries, level: float) -> Branches | Unknown:
-    """Return the branches of a record, without a constant force [N]."""
+def branches_of(series: TimeSeries, level: float) -> Branches | None:
+    """Return the branches of a record, without a constant force [N]; None if it has too few samples."""
     classes = _classes_of(series)
     if not classes.kept.any():
-        return Unknown("too few samples are on both branches of a loop of force over velocity")
+        return None
     velocity = classes.means(series["velocity"]).mean(axis=0)
     falling, rising = classes.means(series["force"] - level)
     return Branches(velocity, np.where(velocity > 0.0, rising, falling), np.where(velocity > 0.0, falling, rising))

@@ -103,7 +103,7 @@ class Entry:
     slow: SlowFigures
     warming: Warming
     #: Measured branches of a run, without `level`.
-    branches: Branches | Unknown = Unknown("it has no loop")
+    branches: Branches | None = None
     #: Record of a run with an even time step.
     test: DynoTest | None = None
     #: Shock of a law, and the 95 % band of its static curve.
@@ -148,10 +148,12 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     cycles = replace(cycles_of(series, cycle), peak_velocity=static.peak_velocity, peak_force=static.peak_force)
     at_rest = force_at_rest(closed.series)
     offset = force_at_zero(curve_of_series(closed.series, static)) if isinstance(at_rest, Unknown) else at_rest
-    curve, branches = offset, offset
-    if isinstance(offset, float):
-        parts = [one if static.span is None else one.window(*static.span) for one in (closed.series, series)]
-        curve, branches = curve_of_series(parts[0], static, offset), branches_of(parts[1], offset)
+    curve: VelocityCurve | Unknown
+    if isinstance(offset, Unknown):
+        curve, branches = offset, None
+    else:
+        steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed.series, series))
+        curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
@@ -208,7 +210,7 @@ def _without_gas(entry: Entry, slow: Entry) -> Entry:
     gas, stiffness, own = slow.slow.gas_force, slow.slow.stiffness, entry.offset
     if not isinstance(own, float) or not isinstance(gas, float) or not isinstance(stiffness, float):
         return entry
-    if isinstance(entry.curve, Unknown) or isinstance(entry.branches, Unknown):
+    if isinstance(entry.curve, Unknown) or entry.branches is None:
         return entry
     assert entry.test is not None and slow.test is not None  # both are runs
     if "displacement" not in entry.test.series:
@@ -241,7 +243,7 @@ def entry_of_table(table: PeakVelocityTable, name: str, build: str) -> Entry:
     notes = (f"the gas force was found from {table.gas_source}",) if table.gas_source else ()
     return Entry(
         "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve), gas, gas,
-        _NO_TIME, _NO_TIME, no_time, Warming(_NO_TIME, _NO_TIME, _NO_TIME, _NO_TIME), notes=notes,
+        _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
     )  # fmt: skip
 
 
@@ -275,9 +277,8 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
                       _NO_RECORD)  # fmt: skip
     changes = tuple(str(change) for change in shock.fit.get("changes", ()) if isinstance(change, str))
     return Entry(
-        "law", name, setting, source, sha256, curve, _strokes_of(curve), port.gas_preload, port.gas_preload, _NO_RECORD, lag,
-        gas,
-        Warming(_NO_RECORD, _NO_RECORD, _NO_RECORD, _NO_RECORD), shock=shock, band=_band(shock), notes=changes,
+        "law", name, setting, source, sha256, curve, _strokes_of(curve), port.gas_preload, port.gas_preload, _NO_RECORD,
+        lag, gas, Warming(*(_NO_RECORD,) * 4), shock=shock, band=_band(shock), notes=changes,
     )  # fmt: skip
 
 

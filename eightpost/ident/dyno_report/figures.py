@@ -1,4 +1,4 @@
-"""Figures of a report: the curves of all builds, the branches of every run, and the loops over displacement and time."""
+"""Figures of a report: the curves of all builds, the branches of every run, and the loops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from eightpost.ident.dyno_report.curve import STROKES, VelocityCurve
 from eightpost.ident.dyno_report.cycles import Cycles, crossings_of
 from eightpost.ident.dyno_report.entry import Band, Entry
 from eightpost.ident.dyno_report.found import Unknown
-from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
+from eightpost.report.charts import COLORS, Axis, Figure, Panel, grid_figure
 from eightpost.signals import TimeSeries
 
 _VELOCITY, _FORCE, _DISPLACEMENT = Axis("velocity", "m/s"), Axis("force", "N"), Axis("displacement", "m")
@@ -45,15 +45,22 @@ def curves_figure(report: DynoReport) -> Figure:
     left, right = (0.0, 0.47), (0.55, 1.0)
     panels = [
         Panel(_VELOCITY, _FORCE, left, (0.36, 1.0) if report.track else _WHOLE, "force over velocity"),
-        Panel(Axis("speed", "m/s"), _FORCE, right, _WHOLE, "both strokes over speed: compression solid, rebound dotted"),
+        Panel(
+            Axis("speed", "m/s"), _FORCE, right, _WHOLE, "both strokes over speed: compression solid, rebound dotted"
+        ),
     ]
     if report.track:
         panels.append(Panel(_VELOCITY, Axis("time [%]"), left, (0.0, 0.2), "shaft velocity on the track"))
     has_both = {v.label: bool(v.of_basis("measured") and v.of_basis("law")) for v in report.variants}
-    caption = "Mean force over velocity, without the force at zero velocity or the gas force of a slow run. A colour is a build."
+    caption = (
+        "Mean force over velocity, without the force at zero velocity or the gas force of a slow run. A colour is a "
+        "build."
+    )
     if any(has_both.values()):
         caption += " Dashed: laws, with their 95 % bands."
-    figure, color = Figure(caption, 470 if report.track else 390, panels), colors(report)
+    if report.track:
+        caption += " The outer bars of the shaft velocity have the speeds beyond."
+    figure, color = Figure(caption, 410 if report.track else 390, panels), colors(report)
     if report.limits is not None:
         _limits(figure, report.limits.band)
     for variant in report.variants:
@@ -63,7 +70,9 @@ def curves_figure(report: DynoReport) -> Figure:
         for entry in variant.of_basis("measured") or variant.entries:
             for stroke, dash in zip(STROKES, ("solid", "dot"), strict=True):
                 if not isinstance(entry.curve, Unknown):
-                    figure.line(1, *entry.curve.stroke(stroke), name=variant.label, color=color[variant.label], dash=dash)
+                    figure.line(
+                        1, *entry.curve.stroke(stroke), name=variant.label, color=color[variant.label], dash=dash
+                    )
     if report.track:
         _shaft_speeds(figure, report)
     return figure
@@ -93,14 +102,13 @@ def _limits(figure: Figure, band: Band) -> None:
 
 
 def _shaft_speeds(figure: Figure, report: DynoReport) -> None:
-    """Draw the histograms of shaft velocity over the same range as the curves."""
+    """Draw the histograms of shaft velocity over the range of the curves; the outer bars have the speeds beyond."""
     top = max(entry.highest for entry in report.entries)
-    top = max(top, *(float(np.abs(velocity).max()) for velocity in report.track.values()))
     edges = np.linspace(-top, top, _BARS + 1)
     for panel in (0, 2):
         figure.dots(panel, edges[[0, -1]], np.zeros(2), name="", color=_INVISIBLE)
     for k, (name, velocity) in enumerate(report.track.items()):
-        share = 100.0 * np.histogram(velocity, edges)[0] / velocity.size
+        share = 100.0 * np.histogram(np.clip(velocity, -top, top), edges)[0] / velocity.size
         x, y = np.repeat(edges, 2)[1:-1], np.repeat(share, 2)
         color = (_DARK, *COLORS[::-1])[k % (1 + len(COLORS))]
         figure.ribbon(2, x, np.zeros(x.size), y, name=name, color=color)
@@ -122,7 +130,7 @@ def branches_figure(report: DynoReport) -> Figure:
     ]  # fmt: skip
     more = f" The first {_MOST} of {len(report.runs)} runs." if len(report.runs) > _MOST else ""
     caption = (
-        "Every run: measured branches of the loop, and their mean without lag and gas spring, which is the curve of the "
+        "Every run: measured branches of the loop, and their mean without lag and gas spring, the curve of the "
         f"tables.{more}"
     )
     figure = grid_figure(caption, 95 + 185 * rows, panels, columns, gap=(0.06, 0.30 / rows))
@@ -130,7 +138,7 @@ def branches_figure(report: DynoReport) -> Figure:
         series, level = _series(entry), 0.0 if isinstance(entry.level, Unknown) else entry.level
         every = slice(None, None, max(1, len(series) // _DOTS))
         figure.dots(k, series["velocity"][every], series["force"][every] - level, name="samples", size=2.0)
-        if not isinstance(entry.branches, Unknown):
+        if entry.branches is not None:
             at, opening, closing = entry.branches.velocity, entry.branches.opening, entry.branches.closing
             figure.line(k, at, opening, name="open branch (speed rises)", color=COLORS[0])
             figure.line(k, at, closing, name="closed branch (speed falls)", color=COLORS[1])
@@ -148,7 +156,9 @@ def loops_figure(report: DynoReport) -> Figure:
         Panel(_TIME, _FORCE, (0.36, 0.64), _WHOLE, "force over time"),
         Panel(_TIME, third, (0.71, 1.0), _WHOLE, f"{'temperature' if heated else 'velocity'} over time"),
     )
-    caption = "One loop of every run over displacement from the middle of the stroke, and two cycles over time, as measured."
+    caption = (
+        "One loop of every run over displacement from the middle of the stroke, and two cycles over time, as measured."
+    )
     figure, color = Figure(caption, 300, panels), colors(report)
     shortest = min((float(np.ptp(_series(e).time[_cycles_in(e, _CYCLES)])) for e in report.runs), default=0.0)
     for variant in report.variants:
@@ -185,7 +195,7 @@ def _series(entry: Entry) -> TimeSeries:
 
 
 def _cycles_in(entry: Entry, count: int) -> NDArray[np.intp]:
-    """Return the samples of the chosen cycle, of whole cycles in the middle, or of a second around the highest speed."""
+    """Return the samples of the chosen cycle, of cycles in the middle, or of a second around the highest speed."""
     series = _series(entry)
     starts = [crossing.time for crossing in crossings_of(series) if crossing.upward]
     if isinstance(entry.cycles, Cycles) and entry.cycles.span is not None:

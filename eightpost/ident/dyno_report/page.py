@@ -22,7 +22,7 @@ _DEFINITIONS = (
     "extrapolated to zero acceleration), or the gas force of a slow run of the same build, clicks and gas pressure.",
     "A build's figures are means over its fastest entries (90 % of the highest speed or more).",
     "Knee: two lines that meet are fitted to the mean curve of a stroke. There is no knee if the slopes differ by less "
-    f"than {100.0 * BEND:.0f} %, or if two lines are not clearly better than one; then both slopes are that of one line.",
+    f"than {100.0 * BEND:.0f} %, or if two lines are not clearly better than one; both slopes are those of one line.",
     "Damping ratio c r² / (2 √(k m)): damping rate c at the damper, motion ratio r, wheel rate k and sprung mass m of "
     "the corner; the tire is rigid. The rates are the slopes below and above the knee.",
     "Energy: integral of force times velocity over a cycle. Width: force at zero velocity at the compressed end minus "

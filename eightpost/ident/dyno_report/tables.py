@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,38 +52,50 @@ class Reasons:
         return tuple(f"[{number}] {reason}." for reason, number in self._numbers.items())
 
 
-def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row]) -> list[Block]:
+def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:
     """Return a table without its empty columns and the reasons below it; nothing if there is no row.
 
-    A column without any figure is left out; one line names it with its reason. A column may be a speed, of forces.
+    A column without any figure is left out; one line names it with its reason. A column may be a speed, of figures in
+    a unit.
     """
     rows = [tuple(row) for row in rows]
-    empty = [k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)]
+    empty = [
+        k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)
+    ]
     same = [k for k in range(len(columns)) if all(row[k] == _USUAL.get(str(columns[k])) for row in rows)]
     kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
     if not rows or not kept:
         return []
     reasons = Reasons()
     cells = [[reasons.cell(row[k]) for k in kept] for row in rows]
-    table = ResultTable.of(title, ["at [N]" if isinstance(columns[k], Amount) else columns[k] for k in kept], cells)  # type: ignore[misc]
+    names = [f"at [{unit}]" if isinstance(column, Amount) else column for column in columns]
+    table = ResultTable.of(title, [names[k] for k in kept], cells)
     heads = [
-        (Markup("{} {}").format(cell_html(column), unit_html(column.unit)), head[1]) if isinstance(column, Amount) else head
-        for head, column in zip(table.heads, (columns[k] for k in kept), strict=True)
+        (Markup("{} {}").format(cell_html(speed), unit_html(speed.unit)), head[1])
+        if isinstance(speed, Amount)
+        else head
+        for head, speed in zip(table.heads, (columns[k] for k in kept), strict=True)
     ]
     causes: dict[str, list[str]] = {}
     for k in empty:
-        for reason in dict.fromkeys(row[k].reason for row in rows if isinstance(row[k], Unknown)):  # type: ignore[union-attr]
-            causes.setdefault(reason, []).append(str(columns[k]).partition(" [")[0])
-    lines = (*reasons.lines(), *(f"Not known: {', '.join(names)}; {reason}." for reason, names in causes.items()))
+        for reason in dict.fromkeys(cell.reason for row in rows if isinstance(cell := row[k], Unknown)):
+            causes.setdefault(reason, []).append(names[k].partition(" [")[0])
+    lines = (*reasons.lines(), *(f"Not known: {', '.join(found)}; {reason}." for reason, found in causes.items()))
     return [replace(table, heads=tuple(heads)), *([lines] if lines else [])]
 
 
 def at_speeds(
-    report: DynoReport, heads: Sequence[str], rows: Iterable[tuple[Sequence[Cell], Sequence[Found]]], title: str = ""
+    report: DynoReport,
+    heads: Sequence[str],
+    rows: Iterable[tuple[Sequence[Cell], Sequence[Found | Cell]]],
+    *,
+    title: str = "",
+    unit: str = "N",
 ) -> list[Block]:
     """Return a table with a column for each speed; figures at speeds that a curve does not reach are dashes."""
-    columns = [*heads, *(Amount(speed, "m/s") for speed in report.speeds)]
-    return explained(title, columns, ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows))
+    columns: list[str | Amount] = [*heads, *(Amount(speed, "m/s") for speed in report.speeds)]
+    shown = ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows)
+    return explained(title, columns, shown, unit)
 
 
 def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
@@ -95,21 +107,23 @@ def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
 
 def force_table(report: DynoReport) -> list[Block]:
     """Return the forces of every build at the report's speeds, and the ratio of rebound to compression."""
-    rows: list[tuple[Sequence[Cell], Sequence[Found]]] = []
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for variant in report.variants:
         for basis in BASES:
             if entries := variant.representatives(basis):
                 label = (*_fitted(report, variant), variant.label, basis)
-                rows += [((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES]
+                rows += [
+                    ((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES
+                ]
                 ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
-                rows.append(((*label, "reb/comp"), [_plain(ratio, "1") for ratio in ratios]))
+                rows.append(((*label, "reb/comp"), [_plain(ratio) for ratio in ratios]))
     corner = ("corner",) if report.fitted_to else ()
     return at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
 
 
-def _plain(value: Found, unit: str) -> Found:
-    """Return a figure in a unit of its own in a column of forces."""
-    return value if isinstance(value, Unknown) else Amount(value, unit)  # type: ignore[return-value]
+def _plain(value: Found) -> Found | Cell:
+    """Return a plain number in a column of forces."""
+    return value if isinstance(value, Unknown) else Amount(value, "1")
 
 
 def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
@@ -121,31 +135,28 @@ def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
 
 def difference_table(report: DynoReport) -> list[Block]:
     """Return the forces of every build relative to the first one: means of measured curves, and of laws."""
-    rows: list[tuple[Sequence[Cell], Sequence[Found]]] = []
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for variant in report.variants[1:]:
         for basis in BASES:
             ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
             for stroke in STROKES if ours and base else ():
                 pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
-                changes = [_of_both(pair, lambda a, b: a - b) for pair in pairs]
-                found = [_with_share(change, base) for change, (_, base) in zip(changes, pairs, strict=True)]
-                rows.append(((variant.label, basis, stroke), found))
+                rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
     return at_speeds(report, ("build", "basis", "stroke"), rows)
 
 
-def _of_both(pair: tuple[Found, Found], change: Callable[[float, float], Found]) -> Found:
-    first, second = pair
+def _minus(first: Found, second: Found) -> Found:
     if isinstance(first, Unknown):
         return first
-    return second if isinstance(second, Unknown) else change(first, second)
+    return second if isinstance(second, Unknown) else first - second
 
 
-def _with_share(value: Found, whole: Found) -> Found:
+def _with_share(value: Found, whole: Found) -> Found | Cell:
     """Return a force and its share of another one, as a cell."""
     if isinstance(value, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
         return value
     share = plain(100.0 * value / abs(whole), 2).replace("-", "−")
-    return Markup("{} ({}\N{NO-BREAK SPACE}%)").format(cell_html(Amount(value, "N")), share)  # type: ignore[return-value]
+    return Markup("{} ({}\N{NO-BREAK SPACE}%)").format(cell_html(Amount(value, "N")), share)
 
 
 def limit_table(report: DynoReport) -> list[Block]:
@@ -162,11 +173,13 @@ def limit_table(report: DynoReport) -> list[Block]:
 
 def repeat_table(report: DynoReport) -> list[Block]:
     """Return the standard deviation of the forces of repeated runs."""
-    rows: list[tuple[Sequence[Cell], Sequence[Found]]] = []
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for variant in report.variants:
         for group in repeated_runs(variant):
             for stroke in STROKES:
-                found = [_with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds]
+                found = [
+                    _with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds
+                ]
                 rows.append(((variant.label, str(len(group)), stroke), found))
     return at_speeds(report, ("build", "runs", "stroke"), rows)
 
@@ -179,12 +192,12 @@ def heat_lines(report: DynoReport) -> tuple[str, ...]:
 
 def track_table(report: DynoReport) -> list[Block]:
     """Return the share of time of each track that the shaft spends in each stroke below the report's speeds."""
-    rows: list[tuple[Sequence[Cell], Sequence[Found]]] = []
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for name, velocity in report.track.items():
         for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
             speed = sign * velocity[sign * velocity > 0.0]
-            rows.append(((name, stroke), [_plain(100.0 * float(np.mean(speed <= v)), "%") for v in report.speeds]))
-    return at_speeds(report, ("track", "time of the stroke below, %"), rows)
+            rows.append(((name, stroke), [100.0 * float(np.mean(speed <= v)) for v in report.speeds]))
+    return at_speeds(report, ("track", "time in the stroke below"), rows, unit="%")
 
 
 # ---- Knees and damping ----------------------------------------------------------------------------------------------
@@ -229,17 +242,24 @@ def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
 
 
 def run_table(report: DynoReport) -> list[Block]:
-    """Return conditions and motion of every entry, and the temperature and power of the runs."""
-    rows = []
+    """Return conditions and motion of the runs and tables, and the temperature and power of the runs."""
+    rows: list[Row] = []
     for variant, entry in _labelled(report):
         test, cycles, warming = entry.test, entry.cycles, entry.warming
-        of_run = (None,) * 6
+        build = None if entry.name == variant.label else variant.label
+        first = (
+            entry.name,
+            build,
+            entry.title,
+            entry.setting.clicks,
+            entry.setting.gas_pressure,
+            entry.highest or None,
+        )
         if test is not None and isinstance(cycles, Cycles):
-            of_run = (test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start), _kelvin(warming.drift),
-                      warming.power)  # type: ignore[assignment]  # fmt: skip
-        name = None if entry.name == variant.label else variant.label
-        rows.append((entry.name, name, entry.title, entry.setting.clicks, entry.setting.gas_pressure,
-                     entry.highest or None, *of_run))  # fmt: skip
+            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start),
+                         _kelvin(warming.drift), warming.power))  # fmt: skip
+        elif entry.kind == "table":
+            rows.append((*first, *(None,) * 6))
     columns = ("entry", "build", "kind", "clicks", "gas pressure [Pa]", "highest speed [m/s]", "stroke [m]",
                "frequency [Hz]", "cycles", "temperature", "warming", "mean power [W]")  # fmt: skip
     return explained("", columns, rows)
@@ -274,7 +294,7 @@ def loop_table(report: DynoReport) -> list[Block]:
                      lag if isinstance(lag, Unknown) else 1e3 * lag, entry.slow.gas_force, entry.slow.stiffness,
                      entry.slow.friction, _fit_error(entry)))  # fmt: skip
     columns = ("entry", "kind", "energy per cycle [J]", "its deviation [J]", "width at v = 0 [N]", "force at v = 0 [N]",
-               "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "error of the fit [%] .2")  # fmt: skip
+               "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "fit error [%] .2")  # fmt: skip
     return explained("", columns, rows)
 
 
@@ -287,16 +307,16 @@ def branch_table(report: DynoReport) -> list[Block]:
     """Return the forces on the open and the closed branch of the loop of every run."""
     rows = [
         ((entry.name, stroke), [_branch_cell(entry.branches, v, stroke) for v in report.speeds])
-        for entry in report.runs if not isinstance(entry.branches, Unknown) for stroke in STROKES
+        for entry in report.runs if entry.branches is not None for stroke in STROKES
     ]  # fmt: skip
-    return at_speeds(report, ("run", "stroke"), rows, "Branches of the loop (CVP), open / closed")
+    return at_speeds(report, ("run", "stroke"), rows, title="Branches of the loop (CVP), open / closed")
 
 
-def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found:
-    forces = [branches.force_at(speed, stroke, branch) for branch in ("open", "closed")]
-    if unknown := next((force for force in forces if isinstance(force, Unknown)), None):
-        return unknown
-    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in forces)  # type: ignore[return-value, arg-type]
+def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
+    opening, closing = (branches.force_at(speed, stroke, branch) for branch in ("open", "closed"))
+    if isinstance(opening, Unknown) or isinstance(closing, Unknown):
+        return Unknown("the loop does not reach this speed")
+    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in (opening, closing))
 
 
 def peak_table(report: DynoReport) -> list[Block]:
@@ -304,14 +324,15 @@ def peak_table(report: DynoReport) -> list[Block]:
     rows: list[Row] = []
     for entry in report.runs:
         level = 0.0 if isinstance(entry.level, Unknown) else entry.level
-        compression, rebound = (entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else () for sign in (1.0, -1.0))
+        compression, rebound = (
+            entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else () for sign in (1.0, -1.0)
+        )
         for down in rebound:
             up = next((one for one in compression if abs(one.speed / down.speed - 1.0) <= SAME_SPEED), None)
             force = down.force + level
-            of_up = (None, None, None, None) if up is None else (
-                up.speed, up.force - level, up.scatter, force / (up.force - level)
-            )  # fmt: skip
-            rows.append((entry.name, *of_up[:3], down.speed, force, down.scatter, of_up[3], str(down.count)))
+            above = (None,) * 3 if up is None else (up.speed, up.force - level, up.scatter)
+            ratio = None if up is None else force / (up.force - level)
+            rows.append((entry.name, *above, down.speed, force, down.scatter, ratio, str(down.count)))
     columns = ("run", "compression at [m/s]", "force [N]", "deviation [N] .2", "rebound at [m/s]", "force [N]",
                "deviation [N] .2", "reb/comp", "peaks")  # fmt: skip
     return explained("Peaks at the centre of the stroke (PVP)", columns, rows)

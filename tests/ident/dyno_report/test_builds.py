@@ -21,12 +21,12 @@ from eightpost.ident.dyno_report.builds import (
     repeated_runs,
     short_names,
 )
+from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.reading import Reading, read_entries
 from eightpost.ident.dyno_report.tables import difference_table, loop_table, peak_table, repeat_table
-from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
 from eightpost.rig import PeakVelocityTable, read_dyno_test
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
@@ -299,7 +299,9 @@ def test_the_peaks_of_both_strokes_are_without_the_level_of_the_force_and_with_t
     cycles = Cycles(velocity, force, 3, True, *(Unknown("no"),) * 5)
     random = replace(cycles, peak_velocity=np.array([0.1, 0.2, 0.3, 0.4]), peak_force=np.arange(4.0))
     assert random.peaks(1.0) == ()
-    run = replace(entry("run", "A"), cycles=replace(cycles, peak_velocity=velocity * [1, 1.5, 1, 1.5, 1.5, 1]), level=50.0)
+    run = replace(
+        entry("run", "A"), cycles=replace(cycles, peak_velocity=velocity * [1, 1.5, 1, 1.5, 1.5, 1]), level=50.0
+    )
     (table,) = peak_table(dyno_report([run, replace(run, name="none", cycles=random)]))
     ((name, *cells, peaks),) = table.rows
     assert (name, peaks) == ("run", "3")

@@ -1,4 +1,4 @@
-"""The curve of a run with a lag is that of its law, for each form of a lag; every figure on the page follows from it."""
+"""The curve of a run with a lag is that of its law, for each form of a lag, and so is every figure on the page."""
 
 from __future__ import annotations
 
@@ -150,6 +150,7 @@ def test_peaks_are_the_forces_at_the_centre_of_the_stroke(delayed_run):
 
 def test_the_shown_cycle_is_the_last_one_or_that_of_a_number():
     """Each cycle of this run is stronger by 2 % of the first one."""
+
     def growing(time, velocity):
         return law(velocity) * (1.0 + 0.02 * np.floor(time * 10.0 / (2.0 * np.pi)))
 
@@ -180,7 +181,9 @@ def test_both_strokes_are_upward_over_speed(delayed_run):
     assert [trace["line"]["dash"] for trace in traces] == ["solid", "dot"]
     for trace, stroke in zip(traces, STROKES, strict=True):
         assert min(trace["x"]) > 0.0
-        assert trace["y"][-1] == pytest.approx(float(two_lines(LOW[stroke], HIGH[stroke], KNEE)(trace["x"][-1])), rel=0.01)
+        assert trace["y"][-1] == pytest.approx(
+            float(two_lines(LOW[stroke], HIGH[stroke], KNEE)(trace["x"][-1])), rel=0.01
+        )
 
 
 def test_shaft_speeds_of_a_track_are_a_histogram_below_the_curve_and_shares_of_time(delayed_run):
@@ -188,7 +191,9 @@ def test_shaft_speeds_of_a_track_are_a_histogram_below_the_curve_and_shares_of_t
     report = dyno_report([delayed_run], track={"lap": velocity})
     traces = [trace for trace in curves_figure(report).content()["data"] if trace["name"] == "lap"]
     assert max(traces[-1]["y"]) == pytest.approx(60.0)
-    table = next(block for block in next(iter(sections_of(report))).blocks if "track" in str(getattr(block, "heads", "")))
+    table = next(
+        block for block in next(iter(sections_of(report))).blocks if "track" in str(getattr(block, "heads", ""))
+    )
     assert numbers(table.rows[0]) == pytest.approx([75.0, 75.0, 75.0, 100.0])
     assert numbers(table.rows[1]) == pytest.approx([0.0, 100.0, 100.0, 100.0])
 

@@ -10,11 +10,11 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
+from eightpost.ident.dyno_report.curve import BEND, STROKES, forces_at, ratio_at
 from eightpost.ident.dyno_report.cycles import cycles_of, force_at_rest
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.slow import slow_figures
-from eightpost.ident.dyno_report.curve import BEND, STROKES, forces_at, ratio_at
 from eightpost.rig.excitations import random_multisine
 from eightpost.signals import TimeSeries
 
@@ -110,7 +110,7 @@ def test_the_force_at_rest_of_a_random_motion_has_little_of_the_bias_of_the_lag(
     found, biased = force_at_rest(series), cycles_of(series).offset
     assert abs(biased - exact) > 30.0
     assert abs(found - exact) < 0.15 * abs(biased - exact)
-    assert entry(series).offset == found
+    assert entry(series).offset == pytest.approx(exact, abs=3.0)
 
 
 def test_the_force_at_rest_is_exact_without_a_lag():

@@ -41,7 +41,9 @@ def judged(tmp_path, rate, limits):
     return dyno_report(entries, speeds=SPEEDS, limits=limits)
 
 
-@pytest.mark.parametrize(("rate", "passes"), [(2000.0, (True, True)), (2120.0, (True, False)), (1700.0, (False, False))])
+@pytest.mark.parametrize(
+    ("rate", "passes"), [(2000.0, (True, True)), (2120.0, (True, False)), (1700.0, (False, False))]
+)
 def test_a_column_of_tolerances_belongs_to_the_speeds_of_the_master(tmp_path, rate, passes):
     limits = read_limits(master(tmp_path / "master.csv"), Reading(), ())
     assert limits.at(0.15, "rebound") == pytest.approx((600.0, 30.0))
@@ -91,7 +93,9 @@ def test_limits_are_a_band_in_both_panels(tmp_path):
     assert min(over_speed["y"]) == pytest.approx(60.0)
 
 
-@pytest.mark.parametrize(("rate", "code", "text"), [(2010.0, 0, "pass: all curves"), (2400.0, 1, "FAIL: run, compression")])
+@pytest.mark.parametrize(
+    ("rate", "code", "text"), [(2010.0, 0, "pass: all curves"), (2400.0, 1, "FAIL: run, compression")]
+)
 def test_the_command_prints_the_result_and_exits_1_if_a_curve_fails(tmp_path, rate, code, text):
     words = ["report", record(tmp_path / "run.csv", rate), "--limits", master(tmp_path / "m.csv", tolerance=""),
              "--tolerance", "5 %", "--tolerance", "10 N", "--cycle", "last", "-o", tmp_path / "page.html"]  # fmt: skip

@@ -64,12 +64,13 @@ def test_the_gas_force_of_the_examples_is_that_of_their_damper(entries):
     """The demo damper has 46 lbf of gas; no curve of force over velocity shows it without the bias of its lag."""
     assert [entry.test is not None for entry in entries[: len(RECORDS)]] == [True] * len(RECORDS)
     for entry in entries[: len(RECORDS)]:
-        assert entry.offset == pytest.approx(204.6, abs=8.0)
+        assert entry.offset == pytest.approx(204.6, abs=12.0)
 
 
 def test_a_column_of_unknown_figures_is_one_line_below_the_table():
-    table, lines = explained("", ("a", "b [N]", "c [m]", "d"), [("x", 1.0, Unknown("why"), Unknown("why")),
-                                                               ("y", Unknown("few"), Unknown("why"), None)])  # fmt: skip
+    why = Unknown("why")
+    rows = [("x", 1.0, why, why), ("y", Unknown("few"), why, None)]
+    table, lines = explained("", ("a", "b [N]", "c [m]", "d"), rows)
     assert [head for head, _ in table.heads] == ["a", "b"]
     assert table.rows[1] == ("y", "–\N{NO-BREAK SPACE}[1]")
     assert lines == ("[1] few.", "Not known: c, d; why.")
