@@ -44,10 +44,14 @@ def curves_figure(report: DynoReport) -> Figure:
     """Return force over velocity of all entries, and both strokes upward over speed, with limits and shaft speeds."""
     left, right = (0.0, 0.47), (0.55, 1.0)
     panels = [
-        Panel(_VELOCITY, _FORCE, left, (0.36, 1.0) if report.track else _WHOLE, "force over velocity"),
         Panel(
-            Axis("speed", "m/s"), _FORCE, right, _WHOLE, "both strokes over speed: compression solid, rebound dotted"
+            Axis("", "m/s") if report.track else _VELOCITY,
+            _FORCE,
+            left,
+            (0.36, 1.0) if report.track else _WHOLE,
+            "force over velocity",
         ),
+        Panel(Axis("speed", "m/s"), _FORCE, right, _WHOLE, "over speed: compression solid, rebound dotted"),
     ]
     if report.track:
         panels.append(Panel(_VELOCITY, Axis("time [%]"), left, (0.0, 0.2), "shaft velocity on the track"))

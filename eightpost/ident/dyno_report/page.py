@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from markupsafe import Markup
+
 from eightpost.ident.dyno_report import figures, tables
 from eightpost.ident.dyno_report.builds import DynoReport
 from eightpost.ident.dyno_report.curve import BEND
@@ -44,9 +46,18 @@ def write_report(path: str | Path, report: DynoReport, *, title: str = "Dynamome
     Returns:
         Path of the written file.
     """
-    lead = f"{_count(report)}. {_SIGNS}"
+    lead = Markup("{}. {}{}").format(_count(report), _result(report), _SIGNS)
     verdict, sections = report_verdict(report.entries), list(sections_of(report))
     return write_page(path, document(title, verdict, sections, lead=lead, fold=0))
+
+
+def _result(report: DynoReport) -> Markup:
+    """Return whether the curves are within the limits, as a sentence; nothing without limits."""
+    if not report.judgements:
+        return Markup("")
+    failed = sorted({one.entry.name for one in report.judgements if not one.passed})
+    text = f"Limits: FAIL ({', '.join(failed)})." if failed else "Limits: pass."
+    return Markup('<strong class="{}">{}</strong> ').format("fail" if failed else "pass", text)
 
 
 def _count(report: DynoReport) -> str:
@@ -79,7 +90,7 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
     yield Section("runs", "Runs, loops and gas", [*loops, *tables.run_table(report), *tables.loop_table(report)])
     if repeats := [*tables.repeat_table(report), *([lines] if (lines := tables.heat_lines(report)) else [])]:
         yield Section("repeatability", "Repeatability", repeats)
-    yield Section("notes", "Notes", [*_notes(report), tables.file_table(report), _DEFINITIONS])
+    yield Section("notes", "Notes", [*_notes(report), *tables.file_table(report), _DEFINITIONS])
 
 
 def _notes(report: DynoReport) -> list[Block]:

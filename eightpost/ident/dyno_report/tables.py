@@ -338,10 +338,11 @@ def peak_table(report: DynoReport) -> list[Block]:
     return explained("Peaks at the centre of the stroke (PVP)", columns, rows)
 
 
-def file_table(report: DynoReport) -> ResultTable:
+def file_table(report: DynoReport) -> list[Block]:
     """Return the files of the entries, with their full names and digests."""
     rows = [
-        (entry.name, entry.setting.build, entry.source.name if entry.source else NONE, digest(entry.sha256 or NONE))
+        (entry.name, None if entry.source and entry.setting.build == entry.source.stem else entry.setting.build,
+         entry.source.name if entry.source else None, digest(entry.sha256) if entry.sha256 else None)
         for entry in report.entries
-    ]
-    return ResultTable.of("Files", ("entry", "build", "file", "SHA-256"), rows)
+    ]  # fmt: skip
+    return explained("Files", ("entry", "build", "file", "SHA-256"), rows)

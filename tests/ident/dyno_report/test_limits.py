@@ -104,7 +104,8 @@ def test_the_command_prints_the_result_and_exits_1_if_a_curve_fails(tmp_path, ra
     assert text in done.output
     html = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Limits: m.csv" in html
-    assert ('class="fail"' in html) == bool(code)
+    assert ("Limits: FAIL (run)." in html) == bool(code)
+    assert ("Limits: pass." in html) != bool(code)
 
 
 def test_the_velocity_of_a_track_is_measured_or_the_derivative_of_the_displacement(tmp_path):
