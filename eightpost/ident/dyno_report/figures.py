@@ -19,7 +19,7 @@ _TIME = Axis("time [s]")
 _WHOLE = (0.0, 1.0)
 _LIMITS = "limits"
 #: Colours of limits and of shaft speeds, and of what only sets the range of an axis.
-_GREEN, _DARK, _INVISIBLE = "#009e73", "#4d4d4d", "rgba(0,0,0,0)"
+_GREY, _DARK, _INVISIBLE = "#5b6675", "#4d4d4d", "rgba(0,0,0,0)"
 #: Numbers of dots of a run and of points of a line; more would only fill the page.
 _DOTS, _POINTS = 700, 600
 #: Number of cycles shown over time, and duration shown of a record without cycles [s].
@@ -96,13 +96,13 @@ def _curve(figure: Figure, entry: Entry, name: str, color: str, dash: str) -> No
 
 def _limits(figure: Figure, band: Band) -> None:
     """Shade the limits over velocity, and over the speed of each stroke."""
-    figure.ribbon(0, band.velocity, band.low, band.high, name=_LIMITS, color=_GREEN)
+    figure.ribbon(0, band.velocity, band.low, band.high, name=_LIMITS, color=_GREY)
     for edge in (band.low, band.high):
-        figure.line(0, band.velocity, edge, name=_LIMITS, color=_GREEN, dash="dash")
+        figure.line(0, band.velocity, edge, name=_LIMITS, color=_GREY, dash="dash")
     low, high = VelocityCurve(band.velocity, band.low), VelocityCurve(band.velocity, band.high)
     for stroke in STROKES:
         speed, edge = low.stroke(stroke)
-        figure.ribbon(1, speed, edge, high.stroke(stroke)[1], name=_LIMITS, color=_GREEN)
+        figure.ribbon(1, speed, edge, high.stroke(stroke)[1], name=_LIMITS, color=_GREY)
 
 
 def _shaft_speeds(figure: Figure, report: DynoReport) -> None:
