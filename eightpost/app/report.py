@@ -36,7 +36,7 @@ if TYPE_CHECKING:
               "those in the file.")  # fmt: skip
 @click.option("--limits", type=FilePath(), metavar="MASTER",
               help="Master curve, for pass or fail: a table of speed, compression, rebound and tolerance, in N or %, "
-              "or another dynamometer or shock file with --tolerance.")  # fmt: skip
+              "or another dynamometer or shock file with --tolerance. Default: no limits.")  # fmt: skip
 @click.option("--tolerance", "tolerances", metavar="'5 %'|'20 N'", multiple=True,
               help="Tolerance of a --limits file without one, in percent of its force or as a force; given twice, the "
               "larger one counts.")  # fmt: skip
