@@ -107,7 +107,7 @@ def report(  # one parameter per option
     Examples:
       eightpost report run1.csv run2.csv shock.json -o report.html
       eightpost report A.csv A.json B.csv B.json --corner-mass '306 kg' --wheel-rate '40 N/mm'
-      eightpost report shock7.csv --limits master.csv --tolerance '5 %' --tolerance '10 N' --cycle last
+      eightpost report run1.csv --limits dyno.csv --tolerance '5 %' --tolerance '10 N' --cycle last
       eightpost report bank/*.json --car car.toml --corner lf=A --corner rf=A --corner lr=B --corner rr=B
       eightpost report day.csv --split --build day.csv='front 3' --speed '5 in/s' --speed '10 in/s'
     """
