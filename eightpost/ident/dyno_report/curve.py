@@ -38,8 +38,6 @@ EARLIEST, LONGEST, SHARE = -0.01, (0.03, 0.05), 0.2
 STEP = 0.002
 #: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
 FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
-#: Lags whose loops are open by less than this multiple of the best one are as likely, if they are this far apart [s].
-AS_LIKELY, APART = 4.0, 0.004
 #: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
 CUTOFF = 200.0
 
@@ -130,18 +128,10 @@ def _classes_of(series: TimeSeries) -> LoopClasses:
     return LoopClasses.of(series["velocity"], _acceleration(series) > 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClosedLoop:
-    """A record whose branches agree: without the lag of the force, and without a spring in parallel."""
-
-    #: Record with the force without lag and spring; the velocity is that of the valves behind a spring in series.
-    series: TimeSeries
-    #: Lag of force behind velocity [s].
-    lag: Found
-
-
-def closed_loop(series: TimeSeries) -> ClosedLoop:
+def closed_loop(series: TimeSeries) -> TimeSeries:
     """Return a record without the lag and the gas spring with which the branches of its loop agree best.
+
+    With a spring in series, velocity and displacement are those of the valves behind it.
 
     Three forms of the lag d are tried, with the static force f and a gas spring k about the middle of the stroke:
 
@@ -161,7 +151,7 @@ def closed_loop(series: TimeSeries) -> ClosedLoop:
     rises = acceleration > 0.0
     classes = LoopClasses.of(velocity, rises)
     if not classes.kept.any():
-        return ClosedLoop(series, Unknown("too few samples are on both branches of the loop"))
+        return series
     smooth = lowpass(force, rate, min(CUTOFF, 0.2 * rate), order=2)
     change = derivative(smooth, rate)
     # Velocity of a series spring per force and lag, such that it delays the force by the lag on average
@@ -193,7 +183,7 @@ def closed_loop(series: TimeSeries) -> ClosedLoop:
     form = min(tried, key=lambda name: tried[name][1])
     if tried[form][1] > CLEARLY * tried["delay"][1]:
         form = "delay"
-    lag, least, others = tried[form]
+    lag = tried[form][0]
     stiffness = opened(form, lag)[1]
     speeds, forces, places = shifted(form, lag)
     inside = (time + lag >= time[0]) & (time + lag <= time[-1]) if form == "delay" else np.ones(time.size, dtype=bool)
@@ -201,21 +191,16 @@ def closed_loop(series: TimeSeries) -> ClosedLoop:
     closed = closed.with_channel("velocity", "m/s", speeds).with_channel("force", "N", forces - stiffness * places)
     if form == "series" and "displacement" in series:
         closed = closed.with_channel("displacement", "m", series["displacement"] - lag * compliance * smooth)
-    likely = grids[form][others <= AS_LIKELY * least]
-    known: Found = lag
-    if likely.size and float(np.ptp(likely)) > APART:
-        known = Unknown("the motion does not distinguish a lag from a spring; a sine of another speed does")
-    return ClosedLoop(closed.at(inside), known)
+    return closed.at(inside)
 
 
-def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float, Array]:
-    """Return where a function is least, its value there, and its values on the grid (G,)."""
+def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float]:
+    """Return where a function is least, from the best point of a grid (G,), and its value there."""
     values = np.array([function(float(at)) for at in grid])
     best = int(np.argmin(values))
     ends = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
     found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": 1e-6})
-    at, value = (float(found.x), float(found.fun)) if found.fun < values[best] else (float(grid[best]), values[best])
-    return at, float(value), values
+    return (float(found.x), float(found.fun)) if found.fun < values[best] else (float(grid[best]), float(values[best]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

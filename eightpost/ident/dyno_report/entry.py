@@ -13,7 +13,6 @@ from eightpost.array_types import Array
 from eightpost.ident.dyno_report.curve import (
     STROKES,
     Branches,
-    ClosedLoop,
     Stroke,
     StrokeFigures,
     VelocityCurve,
@@ -29,6 +28,7 @@ from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_ti
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.lag import force_lag
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.rig.temperature_drift import temperature_drift
 from eightpost.shock import Shock, law_title
@@ -36,7 +36,7 @@ from eightpost.signals import TimeSeries
 
 Kind = Literal["run", "table", "law"]
 
-#: Correlation of force and velocity below which a lag has no meaning.
+#: Correlation of force and velocity below which a closed loop has no meaning.
 CORRELATED = 0.3
 
 
@@ -144,35 +144,37 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
     closed = _closed(series)
-    static = cycles_of(closed.series, cycle)
+    static = cycles_of(closed, cycle)
     cycles = replace(cycles_of(series, cycle), peak_velocity=static.peak_velocity, peak_force=static.peak_force)
-    at_rest = force_at_rest(closed.series)
-    offset = force_at_zero(curve_of_series(closed.series, static)) if isinstance(at_rest, Unknown) else at_rest
+    at_rest = force_at_rest(closed)
+    offset = force_at_zero(curve_of_series(closed, static)) if isinstance(at_rest, Unknown) else at_rest
     curve: VelocityCurve | Unknown
     if isinstance(offset, Unknown):
         curve, branches = offset, None
     else:
-        steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed.series, series))
+        steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
         curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, _strokes_of(curve), offset, offset, cycles, closed.lag, slow_figures(series), _warming(series, test),
+        curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
         branches, test=replace(test, series=series), notes=(*test.derived, *test.notes),
     )  # fmt: skip
 
 
-def _closed(series: TimeSeries) -> ClosedLoop:
+def _closed(series: TimeSeries) -> TimeSeries:
     """Return the closed loop of a record; a motion that is slow, or has no damping, keeps its loop."""
     if float(np.abs(series["velocity"]).max()) <= SLOW:
-        return ClosedLoop(series, Unknown(f"the motion is too slow for a lag, below {1e3 * SLOW:.0f} mm/s"))
+        return series
     closed = closed_loop(series)
-    correlation = float(np.corrcoef(closed.series["force"], closed.series["velocity"])[0, 1])
-    if correlation >= CORRELATED:
-        return closed
-    why = f"force and velocity barely correlate ({correlation:.2f}), so the lag has no meaning"
-    return ClosedLoop(series, Unknown(why))
+    damped = float(np.corrcoef(closed["force"], closed["velocity"])[0, 1]) >= CORRELATED
+    return closed if damped else series
+
+
+def _lag(series: TimeSeries) -> Found:
+    lag = force_lag(series)
+    return Unknown("the motion does not separate a lag from gas and friction") if lag is None else lag.seconds
 
 
 def _warming(series: TimeSeries, test: DynoTest) -> Warming:

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
-from eightpost.ident.dyno_report.curve import STROKES, closed_loop
+from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.entry import Setting, entry_of_test
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
 from eightpost.ident.dyno_report.found import Unknown
@@ -106,7 +106,7 @@ def test_a_random_motion_has_the_forces_of_the_law_too(lag, share):
 
 
 def test_lag_level_and_damping_ratios_are_those_of_the_law(delayed_run):
-    assert delayed_run.lag == pytest.approx(LAG, abs=1e-4)
+    assert delayed_run.lag == pytest.approx(LAG, abs=1e-3)
     assert delayed_run.level == pytest.approx(GAS, abs=1.0)
     corner = CarCorner("lf", 300.0, 40_000.0, 0.9)
     table = damping_tables(dyno_report([delayed_run], corners=[corner]))[-1]
@@ -120,8 +120,8 @@ def test_a_lag_and_a_spring_of_one_linear_sine_are_not_distinguished():
     velocity = np.sin(10.0 * time)
     channels = {"velocity": ("m/s", velocity), "displacement": ("m", -0.1 * np.cos(10.0 * time)),
                 "force": ("N", 2000.0 * np.sin(10.0 * (time - LAG)))}  # fmt: skip
-    lag = closed_loop(TimeSeries.from_channels(time, channels)).lag
-    assert isinstance(lag, Unknown) and "does not distinguish" in lag.reason
+    lag = entry_of_test(run(TimeSeries.from_channels(time, channels)), "a", "A").lag
+    assert isinstance(lag, Unknown) and "does not separate" in lag.reason
 
 
 def test_the_branches_are_those_of_the_measured_loop(delayed_run):
