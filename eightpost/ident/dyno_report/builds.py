@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.dyno_report.curve import Stroke, forces_at
-from eightpost.ident.dyno_report.entry import Entry, Kind
+from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.found import Found, Unknown, known, mean_of
 from eightpost.ident.dyno_report.limits import Judgement, Limits, judgements
 from eightpost.rig.temperature import TemperatureEffect, temperature_effect
@@ -58,23 +58,20 @@ class Variant:
     #: Entries in the order of the files.
     entries: tuple[Entry, ...]
 
-    def of_kind(self, *kinds: Kind) -> tuple[Entry, ...]:
-        """Return the entries of the given kinds."""
-        return tuple(entry for entry in self.entries if entry.kind in kinds)
-
-    def fastest(self, *kinds: Kind) -> tuple[Entry, ...]:
-        """Return the entries of the given kinds that reach 90 % of the highest speed among them."""
-        found = self.of_kind(*kinds)
-        highest = max((entry.highest for entry in found), default=0.0)
-        return tuple(entry for entry in found if entry.highest >= FAST * highest)
+    @property
+    def runs(self) -> tuple[Entry, ...]:
+        """Runs of this build."""
+        return tuple(entry for entry in self.entries if entry.kind == "run")
 
     def of_basis(self, basis: str) -> tuple[Entry, ...]:
         """Return the entries that are `measured`, or laws."""
-        return self.of_kind("run", "table") if basis == "measured" else self.of_kind("law")
+        return tuple(entry for entry in self.entries if (entry.kind == "law") == (basis == "law"))
 
     def representatives(self, basis: str) -> tuple[Entry, ...]:
-        """Return the fastest entries, either `measured` ones or laws."""
-        return self.fastest("run", "table") if basis == "measured" else self.fastest("law")
+        """Return the entries of a basis that reach 90 % of the highest speed among them."""
+        found = self.of_basis(basis)
+        highest = max((entry.highest for entry in found), default=0.0)
+        return tuple(entry for entry in found if entry.highest >= FAST * highest)
 
 
 def variants_of(entries: Sequence[Entry]) -> tuple[Variant, ...]:
@@ -108,7 +105,7 @@ def mean_force(entries: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
 def repeated_runs(variant: Variant) -> tuple[tuple[Entry, ...], ...]:
     """Return the groups of two or more runs with the same gas pressure and standard deviations of velocity."""
     groups: list[list[Entry]] = []
-    for entry in sorted(variant.of_kind("run"), key=_motion):
+    for entry in sorted(variant.runs, key=_motion):
         if groups and _motion(entry) <= (1.0 + ALIKE) * _motion(groups[-1][0]):
             groups[-1].append(entry)
         else:
@@ -132,7 +129,7 @@ def _motion(entry: Entry) -> float:
 
 def heat_effect(variant: Variant) -> TemperatureEffect | None:
     """Return the change of force with temperature over the repeated runs of a variant; None without them."""
-    return temperature_effect(entry.test for entry in variant.of_kind("run") if entry.test)
+    return temperature_effect(entry.test for entry in variant.runs if entry.test)
 
 
 # ---- Corners of a car -----------------------------------------------------------------------------------------------

@@ -78,8 +78,6 @@ class Cycles:
     is_steady: bool
     #: Mean frequency [Hz].
     frequency: Found
-    #: Mean of the forces at zero velocity at both ends of the stroke [N].
-    offset: Found
     #: Force at zero velocity at the compressed end minus that at the extended end [N].
     width: Found
     #: Energy dissipated per cycle [J], and its standard deviation between cycles [J].
@@ -126,7 +124,6 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
     """
     crossings = crossings_of(series)
     peaks = np.array([_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]).reshape(-1, 2)
-    offset, width = _at_zero(crossings)
     times = np.array([crossing.time for crossing in crossings if crossing.upward])
     none = NO_CYCLE if times.size < FEWEST_CYCLES + 1 else UNLIKE
     duration, stroke = np.diff(times), _strokes(series, times)
@@ -135,13 +132,11 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
         usual = (np.median(stroke), np.median(duration))
         alike = (np.abs(stroke / usual[0] - 1.0) <= ALIKE) & (np.abs(duration / usual[1] - 1.0) <= ALIKE)
     if np.count_nonzero(alike) < max(FEWEST_CYCLES, STEADY * alike.size):
-        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, none, offset,
-                      none if none is UNLIKE else width, none, none)  # fmt: skip
+        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, none,
+                      none if none is UNLIKE else _width(crossings), none, none)  # fmt: skip
     energy = np.diff(np.interp(times, series.time, energy_over_time(series)))
-    if cycle == "mean":
-        used, span = np.flatnonzero(alike), None
-    else:
-        used = np.flatnonzero(alike)
+    used, span = np.flatnonzero(alike), None
+    if cycle != "mean":
         number = used.size if cycle == "last" else int(cycle)
         if not 1 <= number <= used.size:
             raise InputError(f"--cycle {cycle}: the run has {used.size} whole cycles that are alike")
@@ -151,8 +146,8 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
         peaks = peaks[(middles > span[0]) & (middles < span[1])]
     scatter: Found = float(energy[used].std(ddof=1)) if used.size > 1 else Unknown("one cycle has no scatter")
     return Cycles(
-        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[used].mean()), offset, width,
-        float(energy[used].mean()), scatter, span,
+        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[used].mean()),
+        _width(crossings), float(energy[used].mean()), scatter, span,
     )  # fmt: skip
 
 
@@ -252,15 +247,13 @@ def force_at_rest(series: TimeSeries) -> Found:
     return float(found[0])
 
 
-def _at_zero(crossings: list[Crossing]) -> tuple[Found, Found]:
-    """Return the offset and the width of the loop at zero velocity [N]."""
+def _width(crossings: list[Crossing]) -> Found:
+    """Return the width of the loop at zero velocity [N]."""
     extended = [crossing.force for crossing in crossings if crossing.upward]
     compressed = [crossing.force for crossing in crossings if not crossing.upward]
     if not (extended and compressed):
-        none = Unknown("the velocity does not change its sign in both directions")
-        return none, none
-    low, high = float(np.mean(extended)), float(np.mean(compressed))
-    return 0.5 * (low + high), high - low
+        return Unknown("the velocity does not change its sign in both directions")
+    return float(np.mean(compressed)) - float(np.mean(extended))
 
 
 def _strokes(series: TimeSeries, times: Array) -> Array:

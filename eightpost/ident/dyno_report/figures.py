@@ -167,7 +167,7 @@ def loops_figure(report: DynoReport) -> Figure:
     shortest = min((float(np.ptp(_series(e).time[_cycles_in(e, _CYCLES)])) for e in report.runs), default=0.0)
     for variant in report.variants:
         name, style = variant.label, color[variant.label]
-        for entry in variant.of_kind("run"):
+        for entry in variant.runs:
             series, loop, part = _series(entry), _cycles_in(entry, 1), _cycles_in(entry, _CYCLES)
             if "displacement" in series:
                 path = series["displacement"] - 0.5 * float(series["displacement"].max() + series["displacement"].min())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from markupsafe import Markup
@@ -34,24 +34,6 @@ _USUAL = {"basis": "measured", "kind": "run"}
 SAME_SPEED = 0.1
 
 
-@dataclass
-class Reasons:
-    """Reasons of the unknown figures of a table, numbered in the order in which they occur."""
-
-    _numbers: dict[str, int] = field(default_factory=dict)
-
-    def cell(self, value: Cell | Found | None) -> Cell | float | None:
-        """Return the content of a cell: an unknown figure becomes a dash with the number of its reason."""
-        if not isinstance(value, Unknown):
-            return value
-        number = self._numbers.setdefault(value.reason, len(self._numbers) + 1)
-        return f"{NONE}\N{NO-BREAK SPACE}[{number}]"
-
-    def lines(self) -> tuple[str, ...]:
-        """Return the reasons with their numbers."""
-        return tuple(f"[{number}] {reason}." for reason, number in self._numbers.items())
-
-
 def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:
     """Return a table without its empty columns and the reasons below it; nothing if there is no row.
 
@@ -66,8 +48,14 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], 
     kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
     if not rows or not kept:
         return []
-    reasons = Reasons()
-    cells = [[reasons.cell(row[k]) for k in kept] for row in rows]
+    reasons: dict[str, int] = {}
+
+    def shown(value: Cell | Found | None) -> Cell | float | None:
+        if not isinstance(value, Unknown):
+            return value
+        return f"{NONE}\N{NO-BREAK SPACE}[{reasons.setdefault(value.reason, len(reasons) + 1)}]"
+
+    cells = [[shown(row[k]) for k in kept] for row in rows]
     names = [f"at [{unit}]" if isinstance(column, Amount) else column for column in columns]
     table = ResultTable.of(title, [names[k] for k in kept], cells)
     heads = [
@@ -80,8 +68,9 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], 
     for k in empty:
         for reason in dict.fromkeys(cell.reason for row in rows if isinstance(cell := row[k], Unknown)):
             causes.setdefault(reason, []).append(names[k].partition(" [")[0])
-    lines = (*reasons.lines(), *(f"Not known: {', '.join(found)}; {reason}." for reason, found in causes.items()))
-    return [replace(table, heads=tuple(heads)), *([lines] if lines else [])]
+    lines = [f"[{number}] {reason}." for reason, number in reasons.items()]
+    lines += [f"Not known: {', '.join(found)}; {reason}." for reason, found in causes.items()]
+    return [replace(table, heads=tuple(heads)), *([tuple(lines)] if lines else [])]
 
 
 def at_speeds(

@@ -296,7 +296,7 @@ def test_the_peaks_of_both_strokes_are_without_the_level_of_the_force_and_with_t
     """The gas force of 50 N raises the force in compression and lowers that in rebound; the last peak is a stop."""
     velocity = np.array([0.3, -0.2, 0.3, -0.2, -0.2, 0.1])
     force = np.array([640.0, -430.0, 660.0, -450.0, -470.0, 99.0])
-    cycles = Cycles(velocity, force, 3, True, *(Unknown("no"),) * 5)
+    cycles = Cycles(velocity, force, 3, True, *(Unknown("no"),) * 4)
     random = replace(cycles, peak_velocity=np.array([0.1, 0.2, 0.3, 0.4]), peak_force=np.arange(4.0))
     assert random.peaks(1.0) == ()
     run = replace(
