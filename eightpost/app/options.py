@@ -79,6 +79,21 @@ class FilePath(click.Path):
         return super().convert(value, param, ctx)
 
 
+class LawName(click.Choice):
+    """The name of a shock law."""
+
+    def __init__(self) -> None:
+        from eightpost.shock import LAWS
+
+        super().__init__(list(LAWS))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name."""
+        if value == "auto":
+            self.fail("the choice among laws was removed; omit --law, and hysteresis is fitted", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class OutputFile(FilePath):
     """A file to write, which is checked before the verb computes anything (`eightpost.outputs`).
 
