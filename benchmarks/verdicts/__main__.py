@@ -9,8 +9,8 @@ noise and channels, every fifth with a fault. With --records, the measured recor
 Errors are in percent of the standard deviation of the force of the record that was left out, without their mean if it
 is another run of a measured damper, whose load cell may have another zero. Such a record is within the range of the fit
 if its median stroke is within the stated lengths, peak speeds and frequencies, and if its extremes of velocity,
-displacement and temperature are within the fitted ones, by 10 % (2 K). The bands of green fits are compared with those
-of a fit to a left-out record. Rows that FILE already has are not computed again.
+displacement and temperature are within the fitted ones, by 10 % (2 K). The bands of fits to both halves of
+the records of a green fit are compared, if these are green too. Rows that FILE already has are not computed again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from benchmarks.table import number
 from benchmarks.verdicts.cases import Case, case
 from benchmarks.verdicts.final_kinds import FINAL
 from benchmarks.verdicts.kinds import CHECK, TUNE
-from benchmarks.verdicts.measured import LAST_THIRD, measured
+from benchmarks.verdicts.measured import LAST_THIRD, measured, part
 from eightpost.ident import ShockFit, evaluate, fit_shock
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.tested_range import TestedRange, strokes
@@ -60,18 +60,20 @@ def rows_of(found: Case, law: str) -> Iterator[Row]:
     common = {"case": found.name, "grade": fit.verdict.grade.value, "residual": fit.percent}
     common["rules"] = [reason.rule for reason in fit.verdict.decisive]
     common["held_out"] = None if fit.held_out is None else fit.held_out.percent
-    covered = _covered(fit, next(iter(found.held_out.values())), law) if common["grade"] == ORDER[-1] else None
+    covered = _covered(found.fitted, law) if common["grade"] == ORDER[-1] else None
     for name, record in found.held_out.items():
         judged = evaluate(fit.shock, record, segment=(0.0, record.series.duration))
         is_other_run = found.is_measured and name != LAST_THIRD
         error = float(judged.error.std()) if is_other_run else judged.rms
         is_within = _is_within(fit, found.fitted, record)
-        yield common | {"held": name, "error": 100.0 * error / judged.deviation, "within": is_within, "covered": covered}
+        found_here = {"held": name, "error": 100.0 * error / judged.deviation, "within": is_within}
+        yield common | found_here | {"covered": covered}
         covered = None  # counted once for each fit
 
 
 def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> bool:
-    tested, held = TestedRange.of([prepare(one) for one in fitted]), prepare(record, segment=(0.0, record.series.duration))
+    tested = TestedRange.of([prepare(one) for one in fitted])
+    held = prepare(record, segment=(0.0, record.series.duration))
     stroke, speed, duration = strokes(held.record["velocity"][held.inside], held.step)
     values = (_median(value, duration) for value in (stroke, speed, 0.5 / duration))
     limits = (tested.stroke, tested.speed, tested.frequency)
@@ -95,18 +97,25 @@ def _median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order[np.searchsorted(share, 0.5)]])
 
 
-def _covered(fit: ShockFit, record: DynoTest, law: str) -> float | None:
-    """Return the share of speeds [%] at which the band of a fit and that of a left-out record agree."""
-    try:
-        other = fit_shock(record, law, segment=(0.0, record.series.duration))
-    except ValueError:
+def _covered(fitted: Sequence[DynoTest], law: str) -> float | None:
+    """Return the share of speeds [%] at which the bands of fits to both halves of records agree, if these are green."""
+    halves = []
+    for number in (0, 1):
+        parts = [
+            part(run, 0.5 * number * run.series.duration, 0.5 * (number + 1) * run.series.duration) for run in fitted
+        ]
+        try:
+            halves.append(fit_shock(parts, law, segment=(0.0, min(one.series.duration for one in parts))))
+        except ValueError:  # raised by laws and fits that reject the data
+            return None
+    if any(one.verdict.grade != ORDER[-1] for one in halves):
         return None
-    peak = min(float(np.abs(one.band.velocity[[0, -1]]).min()) for one in (fit, other))
-    points = [[np.interp(SHARES * peak, one.band.velocity, values) for values in (one.band.force, one.band.half_width)]
-              for one in (fit, other)]  # fmt: skip
-    (force, wide), (other_force, other_wide) = points
-    apart = force - other_force
-    return 100.0 * float(np.mean(np.abs(apart - np.median(apart)) <= np.hypot(wide, other_wide)))
+    peak = min(float(np.abs(one.band.velocity[[0, -1]]).min()) for one in halves)
+    (force, wide), (other, other_wide) = (
+        [np.interp(SHARES * peak, one.band.velocity, values) for values in (one.band.force, one.band.half_width)]
+        for one in halves
+    )
+    return 100.0 * float(np.mean(np.abs(force - other) <= np.hypot(wide, other_wide)))
 
 
 def report(rows: Sequence[Row]) -> str:
@@ -125,7 +134,7 @@ def report(rows: Sequence[Row]) -> str:
     text = "\n".join(f"| {' | '.join(line)} |" for line in cells)
     text += f"\n\nFits with at most 5 % on all records within their range: {len(good)}, of which green: {green}."
     if covered:
-        text += f" Bands of green fits: {np.mean(covered):.0f} % of the speeds agree, at worst {min(covered):.0f} %."
+        text += f" The bands of {len(covered)} pairs of halves agree at {np.mean(covered):.0f} % of the speeds, at worst {min(covered):.0f} %."
     refused = sum("refused" in row for row in rows)
     return text + (f" Refused: {refused}." if refused else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from benchmarks.verdicts.damper import Damper
 from benchmarks.verdicts.kinds import Kind, Random, between, common, digressive, pair
@@ -10,39 +11,29 @@ from benchmarks.verdicts.kinds import Kind, Random, between, common, digressive,
 
 def bypassed(random: Random) -> Damper:
     """Softer in the middle of the stroke."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  bypass=between(random, 0.05, 1.0), **common(random))  # fmt: skip
+    return replace(digressive(random), bypass=between(random, 0.05, 1.0))
 
 
 def cushioned(random: Random) -> Damper:
     """A hydraulic stop near the ends of the stroke."""
-    base = digressive(random)
-    known = common(random) | {"reach": between(random, 0.015, 0.04)}
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  cushion=between(random, 500.0, 10000.0), **known)  # fmt: skip
+    cushion = between(random, 500.0, 10000.0)
+    return replace(digressive(random), cushion=cushion, reach=between(random, 0.015, 0.04))
 
 
 def selective(random: Random) -> Damper:
     """Frequency-selective damping."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  selective=between(random, 5e3, 2e5), **common(random))  # fmt: skip
+    return replace(digressive(random), selective=between(random, 5e3, 2e5))
 
 
 def loose(random: Random) -> Damper:
     """Play of a mount."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  play=between(random, 2e-5, 5e-4), **common(random))  # fmt: skip
+    return replace(digressive(random), play=between(random, 2e-5, 5e-4))
 
 
 def aerated(random: Random) -> Damper:
     """Oil with bubbles, soft at low pressure."""
-    base = digressive(random)
-    known = common(random) | {"stiffness": between(random, 3e5, 2e6)}
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  gas_in_oil=between(random, 30.0, 500.0), **known)  # fmt: skip
+    bubbles = between(random, 30.0, 500.0)
+    return replace(digressive(random), gas_in_oil=bubbles, stiffness=between(random, 3e5, 2e6))
 
 
 def magnetic(random: Random) -> Damper:

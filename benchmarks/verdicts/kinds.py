@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,30 +62,26 @@ def soft(random: Random) -> Damper:
 
 def rough(random: Random) -> Damper:
     """Much dry friction, larger at standstill."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened,
-                  **common(random) | {"friction": between(random, 80.0, 300.0), "stribeck": between(random, 10.0, 200.0)})  # fmt: skip
+    friction, more = between(random, 80.0, 300.0), between(random, 10.0, 200.0)
+    return replace(digressive(random), friction=friction, stribeck=more)
 
 
 def hysteretic(random: Random) -> Damper:
     """A valve that opens late and closes at a lower pressure."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  closing=random.uniform(0.4, 0.9), opening_time=between(random, 5e-4, 1e-2), **common(random))  # fmt: skip
+    opening_time = between(random, 5e-4, 1e-2)
+    return replace(digressive(random), closing=random.uniform(0.4, 0.9), opening_time=opening_time)
 
 
 def cavitating(random: Random) -> Damper:
     """Oil separates in fast rebound."""
     base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened,
-                  cavitation=base.blow_off[1] * random.uniform(1.1, 1.8), **common(random))  # fmt: skip
+    return replace(base, cavitation=base.blow_off[1] * random.uniform(1.1, 1.8))
 
 
 def fading(random: Random) -> Damper:
     """Oil that warms and thins."""
-    base = digressive(random)
-    return Damper(laminar=base.laminar, blow_off=base.blow_off, opened=base.opened, bleed=base.bleed,
-                  warming=between(random, 2e-4, 1e-2), fading=random.uniform(0.003, 0.015), **common(random))  # fmt: skip
+    warming = between(random, 2e-4, 1e-2)
+    return replace(digressive(random), warming=warming, fading=random.uniform(0.003, 0.015))
 
 
 #: Kinds of the sets.

@@ -25,17 +25,20 @@ def measured(folder: Path) -> Iterator[Case]:
         runs = {path.stem: _short(read_dyno_test(path)) for path in sorted(damper.glob("*.csv"))}
         for name, run in runs.items():
             end = run.series.duration
-            parts = [_part(run, *ends) for ends in ((0.0, end / 1.5), (end / 1.5, end))]
+            thirds = [part(run, *ends) for ends in ((0.0, end / 1.5), (end / 1.5, end))]
             others = {other: one for other, one in runs.items() if other != name}
-            yield Case(f"{name}, its first two thirds", (parts[0],), {LAST_THIRD: parts[1]} | others, is_measured=True)
+            yield Case(
+                f"{name}, its first two thirds", (thirds[0],), {LAST_THIRD: thirds[1]} | others, is_measured=True
+            )
             if len(others) > 1:
                 yield Case(f"{damper.name}, all but {name}", tuple(others.values()), {name: run}, is_measured=True)
 
 
 def _short(run: DynoTest) -> DynoTest:
-    return _part(run, 0.0, min(run.series.duration, LONGEST))
+    return part(run, 0.0, min(run.series.duration, LONGEST))
 
 
-def _part(run: DynoTest, start: float, stop: float) -> DynoTest:
+def part(run: DynoTest, start: float, stop: float) -> DynoTest:
+    """Return the seconds from `start` to `stop` of a run."""
     first = float(run.series.time[0])
     return DynoTest(run.series.window(first + start, first + stop))

@@ -100,7 +100,7 @@ def test_builds_are_left_out_only_if_others_have_their_speeds(tests):
     runs = prepare_runs(tests[:4])
     assert runs.has_repeated_builds
     slow = [replace(test, series=_slower(test.series)) if test.conditions.build == "b" else test for test in tests[:4]]
-    assert prepare_runs(slow).has_repeated_speeds and not prepare_runs(slow).has_repeated_builds
+    assert prepare_runs(slow).has_repeated_motions and not prepare_runs(slow).has_repeated_builds
     assert not prepare_runs(tests[:2]).has_repeated_builds
 
 

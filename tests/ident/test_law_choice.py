@@ -196,7 +196,7 @@ def test_a_run_whose_speed_no_other_has_is_not_left_out_for_the_choice():
 )  # fmt: skip
 def test_runs_are_left_out_if_each_has_another_of_its_speed(speeds, are_repeated):
     runs = Runs.of([prepare(sine(speed=speed, duration=4.0)) for speed in speeds])
-    assert runs.has_repeated_speeds is are_repeated
+    assert runs.has_repeated_motions is are_repeated
 
 
 def test_a_tie_gives_the_simpler_law_and_of_equally_simple_ones_the_better():

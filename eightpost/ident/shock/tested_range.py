@@ -49,19 +49,26 @@ class TestedRange:
 
     def __str__(self) -> str:
         millimetres = (1e3 * self.stroke[0], 1e3 * self.stroke[1])
-        known = ((millimetres, "mm"), (self.speed, "m/s"), (self.frequency, "Hz"))
-        stroke, speed, frequency = (f"{low:.2g} to {high:.2g} {unit}" for (low, high), unit in known)
-        return f"strokes of {stroke}, peak speeds of {speed}, {frequency}"
+        return f"strokes of {_ends(millimetres)} mm, peak speeds of {_ends(self.speed)} m/s, {_ends(self.frequency)} Hz"
 
 
 def strokes(velocity: Array, step: float) -> Array:
-    """Return length [m], peak speed [m/s] and duration [s] of each stroke of a velocity (N,), as (3, S)."""
+    """Return length [m], peak speed [m/s] and duration [s] of each stroke of a velocity (N,), as (3, S).
+
+    The first and the last stroke of a record are incomplete; they count only if there is no other one.
+    """
     moving = np.flatnonzero(np.abs(velocity) > _AT_REST * np.abs(velocity).max())
-    turns = np.flatnonzero(np.diff(np.sign(velocity[moving])))
-    starts = np.concatenate([[0], moving[turns + 1]])
+    turns = moving[1:][np.diff(np.sign(velocity[moving])) != 0.0]
+    if turns.size < 2:
+        turns = np.array([0, *turns, velocity.size])
+    velocity, starts = velocity[: turns[-1]], turns[:-1]
     length = np.abs(np.add.reduceat(velocity, starts)) * step
-    duration = np.diff([*starts, velocity.size]) * step
-    return np.array([length, np.maximum.reduceat(np.abs(velocity), starts), duration])
+    return np.array([length, np.maximum.reduceat(np.abs(velocity), starts), np.diff(turns) * step])
+
+
+def _ends(ends: tuple[float, float]) -> str:
+    low, high = (f"{end:.2g}" for end in ends)
+    return low if low == high else f"{low} to {high}"
 
 
 def _range(values: Array, duration: Array) -> tuple[float, float]:
