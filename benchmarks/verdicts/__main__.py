@@ -88,7 +88,7 @@ def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> b
     if "temperature_range [K]" in known and held.temperature is not None:
         cold, warm = known["temperature_range [K]"]
         is_cold = cold - WARMER <= held.temperature.min() and held.temperature.max() <= warm + WARMER
-    return all(typical) and is_slower and is_shorter and is_cold
+    return bool(all(typical) and is_slower and is_shorter and is_cold)
 
 
 def _median(values: np.ndarray, weights: np.ndarray) -> float:
@@ -100,12 +100,11 @@ def _median(values: np.ndarray, weights: np.ndarray) -> float:
 def _covered(fitted: Sequence[DynoTest], law: str) -> float | None:
     """Return the share of speeds [%] at which the bands of fits to both halves of records agree, if these are green."""
     halves = []
-    for number in (0, 1):
-        parts = [
-            part(run, 0.5 * number * run.series.duration, 0.5 * (number + 1) * run.series.duration) for run in fitted
-        ]
+    for first in (0.0, 0.5):
+        lengths = [run.series.duration for run in fitted]
+        parts = [part(run, first * end, (first + 0.5) * end) for run, end in zip(fitted, lengths, strict=True)]
         try:
-            halves.append(fit_shock(parts, law, segment=(0.0, min(one.series.duration for one in parts))))
+            halves.append(fit_shock(parts, law, segment=(0.0, 0.5 * min(lengths))))
         except ValueError:  # raised by laws and fits that reject the data
             return None
     if any(one.verdict.grade != ORDER[-1] for one in halves):
@@ -134,7 +133,8 @@ def report(rows: Sequence[Row]) -> str:
     text = "\n".join(f"| {' | '.join(line)} |" for line in cells)
     text += f"\n\nFits with at most 5 % on all records within their range: {len(good)}, of which green: {green}."
     if covered:
-        text += f" The bands of {len(covered)} pairs of halves agree at {np.mean(covered):.0f} % of the speeds, at worst {min(covered):.0f} %."
+        share = f"{np.mean(covered):.0f} % of the speeds, at worst {min(covered):.0f} %"
+        text += f" Bands of {len(covered)} pairs of green halves agree at {share}."
     refused = sum("refused" in row for row in rows)
     return text + (f" Refused: {refused}." if refused else "")
 
