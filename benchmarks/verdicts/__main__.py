@@ -34,7 +34,7 @@ from benchmarks.verdicts.kinds import CHECK, TUNE
 from benchmarks.verdicts.measured import LAST_THIRD, measured, part
 from eightpost.ident import ShockFit, evaluate, fit_shock
 from eightpost.ident.shock.record import prepare
-from eightpost.ident.shock.tested_range import TestedRange, strokes
+from eightpost.ident.shock.stroke_range import StrokeRange, strokes
 from eightpost.rig import DynoTest
 from eightpost.verdict import ORDER
 
@@ -72,7 +72,7 @@ def rows_of(found: Case, law: str) -> Iterator[Row]:
 
 
 def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> bool:
-    tested = TestedRange.of([prepare(one) for one in fitted])
+    tested = StrokeRange.of([prepare(one) for one in fitted])
     held = prepare(record, segment=(0.0, record.series.duration))
     stroke, speed, duration = strokes(held.record["velocity"][held.inside], held.step)
     values = (_median(value, duration) for value in (stroke, speed, 0.5 / duration))

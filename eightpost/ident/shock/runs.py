@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
-from eightpost.ident.shock.tested_range import strokes
+from eightpost.ident.shock.stroke_range import strokes
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.temperature import SMALLEST_SPREAD
 

@@ -15,7 +15,7 @@ from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.tested_range import ONE_FREQUENCY, TestedRange
+from eightpost.ident.shock.stroke_range import ONE_FREQUENCY, StrokeRange
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
@@ -269,7 +269,7 @@ def shock_validity(
         trouble: Cause that kept the fit from converging; empty if it converged.
         conditions: Conditions of the measurement, as in a shock file.
     """
-    origin, tested = origin_of(tests), TestedRange.of(runs.prepared)
+    origin, tested = origin_of(tests), StrokeRange.of(runs.prepared)
     reasons = [_error(percent, held_out, origin, str(tested))]
     if tested.has_one_frequency:
         reasons.append(ONE_FREQUENCY_ONLY.reason("the test has one frequency", figure=str(tested), origin=origin))

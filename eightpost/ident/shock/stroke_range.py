@@ -21,7 +21,7 @@ ONE_FREQUENCY = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class TestedRange:
+class StrokeRange:
     """Ranges of the strokes of records, each without a tenth of the time at either end.
 
     Attributes:
@@ -35,7 +35,7 @@ class TestedRange:
     frequency: tuple[float, float]
 
     @classmethod
-    def of(cls, prepared: Sequence[Prepared]) -> TestedRange:
+    def of(cls, prepared: Sequence[Prepared]) -> StrokeRange:
         """Return the ranges of prepared records."""
         found = [strokes(p.record["velocity"][p.inside], p.step) for p in prepared]
         stroke, speed, duration = np.hstack(found)
