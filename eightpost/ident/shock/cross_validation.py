@@ -81,7 +81,7 @@ class HeldOut:
         """
         ratios = _logarithms(self.pieces) - _logarithms(other.pieces)
         spread = float(np.std(ratios, ddof=1) / np.sqrt(ratios.size)) if ratios.size > 1 else 0.0
-        return float(ratios.mean()) > max(spread, -np.log1p(-_WORTHWHILE))
+        return bool(ratios.mean() > max(spread, -np.log1p(-_WORTHWHILE)))
 
 
 @dataclass(frozen=True, slots=True)
