@@ -124,13 +124,17 @@ def case(kinds: Mapping[str, Kind], seed: int, number: int) -> Case:
     damper, rig = kinds[kind](random), Rig.drawn(random)
     stroke = between(random, 0.008, 0.028)
     speed = min(between(random, 0.06, 0.8), FASTEST, 2.0 * np.pi * 8.0 * stroke)
-    fitted = []
-    for place, x in enumerate(_motions(random, plan, stroke, speed)):
+    corner, fitted = between(random, 0.6, 4.0), []
+    for place, x in enumerate(_motions(random, plan, stroke, speed, corner)):
         other = replace(damper, laminar=tuple(1.4 * one for one in damper.laminar)) if place else damper
         used = other if fault == "another damper" else damper
         fitted.append(rig.record(random, used, x, fault))
     held: dict[str, DynoTest] = {}
-    for place, smallest in enumerate((0.3, 0.6, 0.8, 0.9)):
+    for name in ("again", "once more"):
+        shares = random.uniform(0.8, 1.0, 2)
+        motions = _motions(random, plan, shares[0] * stroke, shares[1] * speed, corner)
+        held[name] = rig.record(random, damper, motions[random.integers(len(motions))])
+    for place, smallest in enumerate((0.3, 0.7)):
         amplitude = stroke * between(random, smallest, 1.0)
         peak = min(speed * between(random, 0.3, 1.0), 2.0 * np.pi * 10.0 * amplitude)
         held[f"sine {place}"] = rig.record(random, damper, sine(amplitude, peak / (2.0 * np.pi * amplitude), 4.0))
@@ -145,7 +149,7 @@ def _limited(x: Array, speed: float) -> Array:
     return x * min(1.0, speed / float(np.abs(np.gradient(x, 1.0 / RATE)).max()))
 
 
-def _motions(random: Random, plan: str, stroke: float, speed: float) -> list[Array]:
+def _motions(random: Random, plan: str, stroke: float, speed: float, corner: float) -> list[Array]:
     frequency = speed / (2.0 * np.pi * stroke)
     if plan == "one sine":
         return [sine(stroke, frequency)]
@@ -157,6 +161,6 @@ def _motions(random: Random, plan: str, stroke: float, speed: float) -> list[Arr
         return [sine(stroke, one, 2.0) for one in np.maximum(shares * frequency, SLOWEST)]
     if plan == "stepped sines":
         return [stepped(stroke, np.maximum(shares * frequency, SLOWEST))]
-    moved = noise(random, stroke, between(random, 0.6, 4.0), bumps=plan == "track")
+    moved = noise(random, stroke, corner, bumps=plan == "track")
     motions = [_limited(moved, speed)]
     return [*motions, sine(0.5 * stroke, frequency, 4.0)] if plan == "random and sine" else motions

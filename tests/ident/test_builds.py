@@ -129,7 +129,7 @@ def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, 
         files.append(str(path))
     output = tmp_path / "pooled.json"
     words = ["fit", *files, "--build", "run_a.csv=first", "--build", "run_b.csv=second"]
-    words += ["--law", "polylinear"]
+    words += ["--law", "lpf1"]
     shown = CliRunner().invoke(main, [*words, "-o", str(output)])
     assert shown.exit_code == 0, shown.output
     assert "2 builds (first, second): the static force differs from build to build by" in shown.output

@@ -269,14 +269,22 @@ def shock_validity(
         trouble: Cause that kept the fit from converging; empty if it converged.
         conditions: Conditions of the measurement, as in a shock file.
     """
-    origin, tested = origin_of(tests), StrokeRange.of(runs.prepared)
-    reasons = [_error(percent, held_out, origin, str(tested))]
-    if tested.has_one_frequency:
-        reasons.append(ONE_FREQUENCY_ONLY.reason("the test has one frequency", figure=str(tested), origin=origin))
+    origin, strokes = origin_of(tests), StrokeRange.of(runs.prepared)
+    tested = f"{strokes}{_temperatures(conditions)}"
+    reasons = [_error(percent, held_out, origin, tested)]
+    if strokes.has_one_frequency:
+        reasons.append(ONE_FREQUENCY_ONLY.reason("the test has one frequency", figure=tested, origin=origin))
     if trouble:
         reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
     reasons += [reason for test in tests for reason in _of_record(test)]
     return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
+
+
+def _temperatures(conditions: Mapping[str, Any]) -> str:
+    if "temperature_range [K]" not in conditions:
+        return ""
+    low, high = (f"{convert(end, 'K', 'degC'):.0f}" for end in conditions["temperature_range [K]"])
+    return f", {low} to {high} degC"
 
 
 def origin_of(tests: Iterable[DynoTest]) -> str:
