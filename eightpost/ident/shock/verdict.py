@@ -215,7 +215,7 @@ RULES = Rules()
 PREDICTS = RULES.add("small error", ABOUT, Grade.USABLE,
     condition=f"error at most {GOOD:g} % of the force's standard deviation: that on parts of the records that were "
     "left out of the fit, or the residual if this is larger or the other one is not known",
-    why="other records within the stated range then have less than 5 % (docs/evidence/shock_verdicts.md)",
+    why="other records within the stated range then have less than 5 % (table in docs/reference/verdict.md)",
 )  # fmt: skip
 PREDICTS_ROUGHLY = RULES.add("notable error", ABOUT, Grade.LIMITED,
     condition=f"the same error above {GOOD:g} %",
@@ -230,7 +230,7 @@ PREDICTS_POORLY = RULES.add("large error", ABOUT, Grade.NOT_USABLE,
 ONE_FREQUENCY_ONLY = RULES.add("one frequency", ABOUT, Grade.LIMITED,
     condition=f"the strokes of all records have one frequency, within a factor of {ONE_FREQUENCY:g}",
     why="at one frequency, lag, friction and a spring have the same effect: most records of another stroke or speed "
-    "have errors above 10 % (docs/evidence/shock_verdicts.md)",
+    "have errors above 10 % (table in docs/reference/verdict.md)",
     remedy="use the shock near this stroke and frequency only; add runs of other strokes and frequencies",
 )  # fmt: skip
 NOT_CONVERGED = RULES.add("fit not converged", ABOUT, Grade.LIMITED,
