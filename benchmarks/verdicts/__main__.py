@@ -57,17 +57,20 @@ def rows_of(found: Case, law: str) -> Iterator[Row]:
     except ValueError as error:  # raised by laws and fits that reject the data
         yield {"case": found.name, "refused": str(error)}
         return
-    common = {"case": found.name, "grade": fit.verdict.grade.value, "residual": fit.percent}
+    common: Row = {"case": found.name, "grade": fit.verdict.grade.value, "residual": fit.percent}
     common["rules"] = [reason.rule for reason in fit.verdict.decisive]
     common["held_out"] = None if fit.held_out is None else fit.held_out.percent
     covered = _covered(found.fitted, law) if common["grade"] == ORDER[-1] else None
     for name, record in found.held_out.items():
         judged = evaluate(fit.shock, record, segment=(0.0, record.series.duration))
         is_other_run = found.is_measured and name != LAST_THIRD
-        error = float(judged.error.std()) if is_other_run else judged.rms
-        is_within = _is_within(fit, found.fitted, record)
-        found_here = {"held": name, "error": 100.0 * error / judged.deviation, "within": is_within}
-        yield common | found_here | {"covered": covered}
+        percent = 100.0 * (float(judged.error.std()) if is_other_run else judged.rms) / judged.deviation
+        yield common | {
+            "held": name,
+            "error": percent,
+            "within": _is_within(fit, found.fitted, record),
+            "covered": covered,
+        }
         covered = None  # counted once for each fit
 
 

@@ -43,7 +43,8 @@ class Case:
 def sine(amplitude: float, frequency: float, duration: float = DURATION) -> Array:
     """Return a sine of at least three cycles that starts at its lower end."""
     cycles = max(3, round(duration * frequency))
-    return -amplitude * np.cos(2.0 * np.pi * frequency * np.arange(round(cycles / frequency * RATE)) / RATE)
+    time = np.arange(round(cycles / frequency * RATE)) / RATE
+    return np.asarray(-amplitude * np.cos(2.0 * np.pi * frequency * time))
 
 
 def stepped(amplitude: float, frequencies: Array) -> Array:
@@ -64,7 +65,7 @@ def noise(random: Random, peak: float, corner: float, *, bumps: bool) -> Array:
             width = round(between(random, 0.05, 0.3) * RATE)
             first = round(start * RATE)
             x[first : first + width] += random.choice([-3.0, 3.0]) * np.hanning(width)
-    return peak * (x - x.mean()) / np.abs(x - x.mean()).max()
+    return np.asarray(peak * (x - x.mean()) / np.abs(x - x.mean()).max())
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +125,10 @@ def case(kinds: Mapping[str, Kind], seed: int, number: int) -> Case:
     damper, rig = kinds[kind](random), Rig.drawn(random)
     stroke = between(random, 0.008, 0.028)
     speed = min(between(random, 0.06, 0.8), FASTEST, 2.0 * np.pi * 8.0 * stroke)
+    stiffer = replace(damper, laminar=(1.4 * damper.laminar[0], 1.4 * damper.laminar[1]))
     corner, fitted = between(random, 0.6, 4.0), []
     for place, x in enumerate(_motions(random, plan, stroke, speed, corner)):
-        other = replace(damper, laminar=tuple(1.4 * one for one in damper.laminar)) if place else damper
-        used = other if fault == "another damper" else damper
-        fitted.append(rig.record(random, used, x, fault))
+        fitted.append(rig.record(random, stiffer if place and fault == "another damper" else damper, x, fault))
     held: dict[str, DynoTest] = {}
     for name in ("again", "once more"):
         shares = random.uniform(0.8, 1.0, 2)
@@ -146,7 +146,7 @@ def case(kinds: Mapping[str, Kind], seed: int, number: int) -> Case:
 
 def _limited(x: Array, speed: float) -> Array:
     """Return a motion whose peak speed is at most `speed`."""
-    return x * min(1.0, speed / float(np.abs(np.gradient(x, 1.0 / RATE)).max()))
+    return np.asarray(x * min(1.0, speed / float(np.abs(np.gradient(x, 1.0 / RATE)).max())))
 
 
 def _motions(random: Random, plan: str, stroke: float, speed: float, corner: float) -> list[Array]:

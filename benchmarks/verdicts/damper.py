@@ -84,14 +84,14 @@ class Damper:
         return force + np.where(self.gas_stiffness * self.reach < 0.8 * self.gas, gas, linear), temperature
 
 
-@njit
+@njit  # type: ignore[untyped-decorator]
 def _flow(p: float, v: Array, side: int, share: float, soft: float) -> float:
     """Return the flow velocity [m/s] at a force `p` >= 0 across the valves; `share` of the valve is open."""
     flow = p / v[side] + v[2 + side] * (np.sqrt(p / 1000.0 + 1e-6) - 1e-3)
-    return soft * (flow + share * max(0.0, p - v[4 + side]) / v[6 + side])
+    return float(soft * (flow + share * max(0.0, p - v[4 + side]) / v[6 + side]))
 
 
-@njit
+@njit  # type: ignore[untyped-decorator]
 def _simulate(x: Array, v: Array, warm: float) -> tuple[Array, Array]:
     step, n = 1.0 / RATE, x.size
     force, heat = np.zeros(n), np.full(n, warm)

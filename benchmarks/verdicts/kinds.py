@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ def pair(random: Random, low: float, high: float) -> tuple[float, float]:
     return between(random, low, high), between(random, low, high)
 
 
-def common(random: Random) -> dict[str, float]:
+def common(random: Random) -> dict[str, Any]:
     """Return gas, friction and stiffness, which every damper has."""
     gas = random.uniform(50.0, 500.0)
     return {
