@@ -115,16 +115,16 @@ def _logarithms(pieces: tuple[float, ...]) -> Array:
 
 
 def left_out_blocks(runs: Runs) -> list[LeftOut]:
-    """Return four contiguous blocks with gaps; each contains one quarter of every run."""
+    """Return four sets of blocks with gaps; each set contains every fourth sixteenth of every run."""
     found = []
     for number in range(BLOCKS):
         kept, parts = np.ones(runs.target.size, dtype=bool), []
         for rows, rate in zip(_rows_of(runs), _rates(runs), strict=True):
-            size = rows.stop - rows.start
-            gap = round(min(_GAP * rate, _GAP_SHARE * size))
-            start, stop = (rows.start + size * k // BLOCKS for k in (number, number + 1))
-            kept[max(start - gap, rows.start) : min(stop + gap, rows.stop)] = False
-            parts.append(slice(start, stop))
+            ends = np.linspace(rows.start, rows.stop, BLOCKS * PIECES + 1).astype(int).tolist()
+            gap = round(min(_GAP * rate, _GAP_SHARE * (rows.stop - rows.start)))
+            for start, stop in list(pairwise(ends))[number::BLOCKS]:
+                kept[max(start - gap, rows.start) : min(stop + gap, rows.stop)] = False
+                parts.append(slice(start, stop))
         found.append(LeftOut(kept, tuple(parts), is_whole=False))
     return found
 
