@@ -139,8 +139,16 @@ class Runs:
     @property
     def has_one_motion(self) -> bool:
         """Whether every run is one sine, and their peak speeds and frequencies are nearly equal."""
-        is_sine = all(p.single_frequency is not None for p in self.prepared)
-        return is_sine and all(_are_alike(self.motions[0], motion) for motion in self.motions)
+        return self._are_sines and all(_are_alike(self.motions[0], motion) for motion in self.motions)
+
+    @property
+    def are_two_sines(self) -> bool:
+        """Whether there are two runs, each of them one sine."""
+        return len(self.prepared) == 2 and self._are_sines
+
+    @property
+    def _are_sines(self) -> bool:
+        return all(p.single_frequency is not None for p in self.prepared)
 
     @property
     def changes(self) -> tuple[str, ...]:

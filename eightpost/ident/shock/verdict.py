@@ -208,7 +208,7 @@ def _offset(solution: Solution) -> list[str]:
 ABOUT = "fit of the shock"
 
 #: Limits of the error, in percent of the force's standard deviation (benchmarks/verdicts).
-GOOD, POOR = 3.0, 15.0
+GOOD, POOR = 2.5, 15.0
 
 RULES = Rules()
 
@@ -232,6 +232,11 @@ ONE_FREQUENCY_ONLY = RULES.add("one frequency", ABOUT, Grade.LIMITED,
     why="at one frequency, lag, friction and a spring have the same effect: most records of another stroke or speed "
     "have errors above 10 % (table in docs/reference/verdict.md)",
     remedy="use the shock near this stroke and frequency only; add runs of other strokes and frequencies",
+)  # fmt: skip
+TWO_SINES_ONLY = RULES.add("two sines", ABOUT, Grade.LIMITED,
+    condition="there are two runs, each of them one sine",
+    why="a law can follow two sines of two settings as well: no third run shows whether both are of one shock",
+    remedy="repeat one of the runs, or add one of another stroke and frequency",
 )  # fmt: skip
 NOT_CONVERGED = RULES.add("fit not converged", ABOUT, Grade.LIMITED,
     condition="the search for the parameters did not end at a minimum",
@@ -274,6 +279,8 @@ def shock_validity(
     reasons = [_error(percent, held_out, origin, tested)]
     if strokes.has_one_frequency:
         reasons.append(ONE_FREQUENCY_ONLY.reason("the test has one frequency", figure=tested, origin=origin))
+    elif runs.are_two_sines:
+        reasons.append(TWO_SINES_ONLY.reason("the test has two sines only", figure=tested, origin=origin))
     if trouble:
         reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
     reasons += [reason for test in tests for reason in _of_record(test)]
