@@ -249,7 +249,7 @@ NO_DYNAMICS = RULES.add("no lag known", ABOUT, Grade.LIMITED,
     remedy="measure force and velocity over time, and fit a law with a lag",
 )  # fmt: skip
 DOUBT = RULES.add("doubt of the fit", ABOUT, Grade.LIMITED,
-    condition="the record is doubtful for any other reason",
+    condition="the record or the fit is doubtful for any other reason",
     why="it may be harmless; the text of the reason names it",
     remedy="check it in the record (eightpost inspect), and fit again",
 )  # fmt: skip
