@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.stroke_range import StrokeRange, strokes
 from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.plausibility_rules import LATE
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -82,6 +85,19 @@ def test_a_test_of_one_frequency_is_at_most_usable_within_limits(motions):
     found = verdict(0.1, 0.1, motions=motions)
     assert found.grade is Grade.LIMITED
     assert [reason.rule for reason in found.decisive] == ["one frequency"]
+
+
+@pytest.mark.parametrize(("low", "is_reported"), [(0.0067, True), (0.0066, False), (None, True)])
+def test_a_late_force_counts_if_it_turns_a_tenth_of_the_force_or_is_not_known_again(low, is_reported, monkeypatch):
+    late = LATE.reason("late", figure="by 12 ms", origin="a")
+    tests, runs = judged_records(*THREE_TESTS)
+    tests = [replace(test, reasons=(late,)) for test in tests]
+    frequency = StrokeRange.of(runs.prepared).frequency[1]
+    assert frequency == pytest.approx(3.0, rel=0.02)
+    lag = None if low is None else SimpleNamespace(low=low * 2.4 / frequency)
+    monkeypatch.setattr("eightpost.ident.shock.verdict.force_lag", lambda _: lag)
+    found = shock_validity(tests, runs, percent=0.1, held_out=None, trouble="", conditions={}).verdict
+    assert (late in found.reasons) is is_reported
 
 
 def test_two_sines_need_a_third_run():

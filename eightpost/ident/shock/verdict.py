@@ -17,9 +17,10 @@ from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.stroke_range import ONE_FREQUENCY, StrokeRange
 from eightpost.ident.shock.uncertainty import quantile, standard_error
-from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.lag import force_lag
 from eightpost.rig.plausibility import REST_SHARE
+from eightpost.rig.plausibility_rules import LATE
 from eightpost.rig.rest_force import pulls_at_standstill
 from eightpost.rig.temperature_drift import warming_note
 from eightpost.units import convert, us_customary
@@ -181,11 +182,10 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
 
 
 def _pulling(preload: Parameter) -> str:
-    value, unit = in_field_units(preload.value, preload.unit)
     return (
-        f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
-        "or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
-        "--flip displacement), otherwise compression and rebound are swapped"
+        f"gas_preload is {preload.value:.4g} N, but gas pushes: either the load cell was zeroed with the gas force on "
+        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity "
+        "or --flip displacement), otherwise compression and rebound are swapped"
     )
 
 
@@ -209,6 +209,9 @@ ABOUT = "fit of the shock"
 
 #: Limits of the error, in percent of the force's standard deviation (benchmarks/verdicts).
 GOOD, POOR = 2.5, 15.0
+
+#: Share of the force that a late force turns into stiffness, from which it is reported [1].
+_TURNED = 0.1
 
 RULES = Rules()
 
@@ -283,7 +286,7 @@ def shock_validity(
         reasons.append(TWO_SINES_ONLY.reason("the test has two sines only", figure=tested, origin=origin))
     if trouble:
         reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
-    reasons += [reason for test in tests for reason in _of_record(test)]
+    reasons += [reason for test in tests for reason in _of_record(test, strokes.frequency[1])]
     return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
 
 
@@ -323,12 +326,17 @@ def _error(percent: float, held_out: HeldOutErrors | None, origin: str, tested: 
     return rule.reason(f"the law describes its records {how}", figure=figure, origin=origin)
 
 
-def _of_record(test: DynoTest) -> Iterator[Reason]:
-    """Yield the doubts about a record; its warming is in the error and in the range of temperatures."""
-    lag = lag_note(test.series)
-    yield from test.reasons
+def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
+    """Yield the doubts about a record; its warming is in the error and in the range of temperatures.
+
+    A late force counts if it turns a tenth of the force or more from damping into stiffness at a frequency [Hz].
+    """
+    for reason in test.reasons:
+        lag = force_lag(test.series) if reason.rule == LATE.name else None
+        if lag is None or 2.0 * np.pi * frequency * lag.low > _TURNED:
+            yield reason
     for note in test.notes:
-        if note not in (warming_note(test.series), None if lag is None else lag.note):
+        if note != warming_note(test.series):
             yield DOUBT.reason("the record is doubtful", figure=note, origin=test.label)
 
 
