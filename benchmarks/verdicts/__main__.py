@@ -31,7 +31,7 @@ from benchmarks.table import number
 from benchmarks.verdicts.cases import Case, case
 from benchmarks.verdicts.final_kinds import FINAL
 from benchmarks.verdicts.kinds import CHECK, TUNE
-from benchmarks.verdicts.measured import LAST_THIRD, measured, part
+from benchmarks.verdicts.measured import LAST_THIRD, measured, part, whole
 from eightpost.ident import ShockFit, evaluate, fit_shock
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.stroke_range import StrokeRange, strokes
@@ -62,7 +62,7 @@ def rows_of(found: Case, law: str) -> Iterator[Row]:
     common["held_out"] = None if fit.held_out is None else fit.held_out.percent
     covered = _covered(found.fitted, law) if common["grade"] == ORDER[-1] else None
     for name, record in found.held_out.items():
-        judged = evaluate(fit.shock, record, segment=(0.0, record.series.duration))
+        judged = evaluate(fit.shock, record, segment=whole(record))
         is_other_run = found.is_measured and name != LAST_THIRD
         percent = 100.0 * (float(judged.error.std()) if is_other_run else judged.rms) / judged.deviation
         yield common | {
@@ -76,7 +76,7 @@ def rows_of(found: Case, law: str) -> Iterator[Row]:
 
 def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> bool:
     tested = StrokeRange.of([prepare(one) for one in fitted])
-    held = prepare(record, segment=(0.0, record.series.duration))
+    held = prepare(record, segment=whole(record))
     stroke, speed, duration = strokes(held.record["velocity"][held.inside], held.step)
     values = (_median(value, duration) for value in (stroke, speed, 0.5 / duration))
     limits = (tested.stroke, tested.speed, tested.frequency)
@@ -107,7 +107,7 @@ def _covered(fitted: Sequence[DynoTest], law: str) -> float | None:
         lengths = [run.series.duration for run in fitted]
         parts = [part(run, first * end, (first + 0.5) * end) for run, end in zip(fitted, lengths, strict=True)]
         try:
-            halves.append(fit_shock(parts, law, segment=(0.0, 0.5 * min(lengths))))
+            halves.append(fit_shock(parts, law, segment=min(map(whole, parts))))
         except ValueError:  # raised by laws and fits that reject the data
             return None
     if any(one.verdict.grade != ORDER[-1] for one in halves):

@@ -42,3 +42,8 @@ def part(run: DynoTest, start: float, stop: float) -> DynoTest:
     """Return the seconds from `start` to `stop` of a run."""
     first = float(run.series.time[0])
     return DynoTest(run.series.window(first + start, first + stop))
+
+
+def whole(run: DynoTest) -> tuple[float, float]:
+    """Return start and end [s] of a run; its resampling may shorten it by a sample."""
+    return 0.0, run.series.duration - 2.0 / run.series.sample_rate
