@@ -74,7 +74,7 @@ class Case:
     @property
     def has_many_speeds(self) -> bool:
         """Whether the fitted runs have more than one speed."""
-        return not prepare_runs(self.fitted, segment=self.segment).has_one_speed
+        return not prepare_runs(self.fitted, segment=self.segment).has_one_motion
 
     @property
     def laws(self) -> tuple[str, ...]:

@@ -99,7 +99,7 @@ def test_builds_are_left_out_only_if_others_have_their_speeds(tests):
     runs = prepare_runs(tests[:4])
     assert runs.has_repeated_builds
     slow = [replace(test, series=_slower(test.series)) if test.conditions.build == "b" else test for test in tests[:4]]
-    assert prepare_runs(slow).has_repeated_speeds and not prepare_runs(slow).has_repeated_builds
+    assert prepare_runs(slow).has_repeated_motions and not prepare_runs(slow).has_repeated_builds
     assert not prepare_runs(tests[:2]).has_repeated_builds
 
 
@@ -129,7 +129,7 @@ def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, 
         files.append(str(path))
     output = tmp_path / "pooled.json"
     words = ["fit", *files, "--build", "run_a.csv=first", "--build", "run_b.csv=second"]
-    words += ["--law", "polylinear"]
+    words += ["--law", "lpf1"]
     shown = CliRunner().invoke(main, [*words, "-o", str(output)])
     assert shown.exit_code == 0, shown.output
     assert "2 builds (first, second): the static force differs from build to build by" in shown.output

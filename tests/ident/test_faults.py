@@ -60,7 +60,7 @@ def test_a_noisy_force_is_reported(record, seed, share):
     noise = np.random.default_rng(seed).standard_normal(len(record.series))
     force = record.series["force"] + share * 10.0 * record.series["force"].std() * noise
     fit = fit_shock(with_force(record, force), "lpf1")
-    assert any("does not describe this record" in warning for warning in fit.warnings)
+    assert [reason.rule for reason in fit.verdict.decisive] == ["large error"]
 
 
 @few

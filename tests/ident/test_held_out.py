@@ -1,4 +1,4 @@
-"""Parts of the records are left out of the fit and predicted; the verdict states what the records cannot show."""
+"""Parts of the records are left out of the fit and predicted."""
 
 from __future__ import annotations
 
@@ -21,11 +21,9 @@ from eightpost.ident.shock.cross_validation import (
 )
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.verdict import fit_reasons
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade
 
 RATE = 500.0
 
@@ -58,7 +56,12 @@ def test_the_quarters_are_apart_from_the_rows_that_are_fitted():
     for block in blocks:
         for part in block.parts:
             assert not block.kept[part].any()
-        assert 0.6 < block.kept.mean() < 0.74
+        assert 0.55 < block.kept.mean() < 0.74
+
+
+def test_a_part_of_every_quarter_is_fitted_so_that_no_speed_of_stepped_sines_is_left_out():
+    for block in left_out_blocks(Runs.of([prepare(sine())])):
+        assert all(0.4 < quarter.mean() < 0.9 for quarter in np.array_split(block.kept, 4))
 
 
 @pytest.mark.parametrize(("count", "fits"), [(2, 2), (8, 8), (11, 8)])
@@ -169,36 +172,3 @@ def test_without_a_name_hysteresis_is_fitted_and_lpnl2_by_the_dissertations_reci
 def test_the_choice_among_laws_is_refused_with_a_hint():
     with pytest.raises(ParameterError, match="was removed: omit the law"):
         fit_shock(sine(), "auto")
-
-
-# ---- The verdict ----------------------------------------------------------------------------------------------------
-
-
-def reasons(held_out, *tests):
-    return {r.rule: r for r in fit_reasons(held_out, Runs.of([prepare(test) for test in tests]), "run.csv")}
-
-
-@pytest.mark.parametrize(
-    ("percent", "rule", "grade"),
-    [(10.0, None, None), (10.1, "held-out error", Grade.LIMITED), (30.0, "held-out error", Grade.LIMITED),
-     (30.1, "large held-out error", Grade.NOT_USABLE)],
-)  # fmt: skip
-def test_the_held_out_error_is_judged(percent, rule, grade):
-    found = reasons(HeldOutErrors("quarters", percent), sine(speed=0.3, hertz=4.0), sine(speed=0.5, hertz=4.0))
-    assert [(name, reason.grade) for name, reason in found.items()] == ([(rule, grade)] if rule else [])
-    if rule:
-        assert found[rule].figure.startswith(f"held-out error {percent:.3g} % of the force's standard deviation")
-
-
-def test_eight_cycles_at_one_low_speed_do_not_show_enough():
-    found = reasons(None, sine(speed=0.1, duration=4.0))
-    assert list(found) == ["single speed", "few cycles", "low speeds only"]
-    assert found["single speed"].figure.endswith(" Hz, peak speed 0.1 m/s")
-    assert found["few cycles"].figure == "8 cycles in all; 16 are needed"
-    assert found["low speeds only"].figure == "peak speed 0.1 m/s; limit 0.254 m/s"
-
-
-def test_the_number_of_cycles_in_the_remedy_is_enough():
-    few, enough = (reasons(None, sine(speed=0.3, duration=seconds)) for seconds in (7.8, 8.5))
-    assert "few cycles" not in enough
-    assert few["few cycles"].remedy == "record 16 or more cycles"

@@ -155,4 +155,4 @@ def test_a_good_validation_has_a_good_verdict(lagged, random_test, tmp_path):
     for limit in (1.0, None):
         html = write_shock_page(tmp_path / "page.html", study, limit=limit).read_text(encoding="utf-8")
         assert 'class="verdict usable"' in html
-        assert f"limit{'s 10 and 30' if limit is None else ' 1'} %" in html
+        assert f"limit{'s 5 and 15' if limit is None else ' 1'} %" in html

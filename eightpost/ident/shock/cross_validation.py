@@ -115,16 +115,16 @@ def _logarithms(pieces: tuple[float, ...]) -> Array:
 
 
 def left_out_blocks(runs: Runs) -> list[LeftOut]:
-    """Return four contiguous blocks with gaps; each contains one quarter of every run."""
+    """Return four sets of blocks with gaps; each set contains every fourth sixteenth of every run."""
     found = []
     for number in range(BLOCKS):
         kept, parts = np.ones(runs.target.size, dtype=bool), []
         for rows, rate in zip(_rows_of(runs), _rates(runs), strict=True):
-            size = rows.stop - rows.start
-            gap = round(min(_GAP * rate, _GAP_SHARE * size))
-            start, stop = (rows.start + size * k // BLOCKS for k in (number, number + 1))
-            kept[max(start - gap, rows.start) : min(stop + gap, rows.stop)] = False
-            parts.append(slice(start, stop))
+            ends = np.linspace(rows.start, rows.stop, BLOCKS * PIECES + 1).astype(int).tolist()
+            gap = round(min(_GAP * rate, _GAP_SHARE * (rows.stop - rows.start)))
+            for start, stop in list(pairwise(ends))[number::BLOCKS]:
+                kept[max(start - gap, rows.start) : min(stop + gap, rows.stop)] = False
+                parts.append(slice(start, stop))
         found.append(LeftOut(kept, tuple(parts), is_whole=False))
     return found
 
@@ -166,17 +166,19 @@ class CrossValidation:
 
     @property
     def left_out(self) -> Parts:
-        """Whole builds or runs if each run has another of its speed that is not left out with it, else quarters."""
+        """Whole builds or runs if each run has another of its motion that is not left out with it, else quarters."""
         runs = self.fit.runs
-        return "builds" if runs.has_repeated_builds else "runs" if runs.has_repeated_speeds else "quarters"
+        return "builds" if runs.has_repeated_builds else "runs" if runs.has_repeated_motions else "quarters"
 
     def errors(self, counted: Array) -> HeldOut:
         """Return the errors on what is left out, with weights (R,) of the rows, such as 0 for outliers."""
         pieces: list[float] = []
+        target, runs = self.fit.runs.target, _rows_of(self.fit.runs)
         for part, force in self._predicted:
             for rows in part.parts:
-                measured, here, weights = self.fit.runs.target[rows], force[rows], counted[rows]
-                variance = max(_deviation(measured, weights) ** 2, 1e-300)
+                measured, here, weights = target[rows], force[rows], counted[rows]
+                run = next(run for run in runs if run.start <= rows.start < run.stop)
+                variance = max(_deviation(target[run], counted[run]) ** 2, 1e-300)
                 error = _without_level(here, measured, weights) if part.is_whole else here - measured
                 pieces += _mean_squares(error, weights, variance)
         return HeldOut(tuple(pieces))

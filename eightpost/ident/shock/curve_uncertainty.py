@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from eightpost.array_types import Array
@@ -17,14 +19,20 @@ _BAND = 61
 _FACTORS = ("compression_scale", "rebound_scale")
 
 
-def curve_band_of(solution: Solution) -> CurveBand:
-    """Return the band of a solution's static curve over the velocities of its records."""
+def curve_band_of(solution: Solution, error: float) -> CurveBand:
+    """Return the band of a solution's static curve over the velocities of its records.
+
+    Args:
+        solution: Solution of a fit.
+        error: RMS error of the fit on left-out parts [N], which the band contains besides that of the jackknife.
+    """
     model = solution.model
     n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
     velocity = np.linspace(inside.min(), inside.max(), _BAND)
     covariance, reach = np.nan_to_num(solution.covariance[:, :n, :n]), quantile(model.runs)
     columns, samples = model.basis.at(velocity), _samples(solution)
-    return curve_band(columns, samples, solution.parameters[:n], covariance, velocity, reach)
+    band = curve_band(columns, samples, solution.parameters[:n], covariance, velocity, reach)
+    return replace(band, half_width=np.hypot(band.half_width, error))
 
 
 def factor_half_widths(band: CurveBand) -> dict[str, float]:

@@ -144,7 +144,7 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
     basis, weigh = knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), weights_for(choices.robust)
     model = ForceModel(runs, basis, gas, dynamics)
     found = _robust(_without_stop, model, weigh)
-    if runs.has_one_speed:
+    if runs.has_one_motion:
         return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))
     model = replace(model, dynamics=dynamics.with_stop()).weighted(found.end.problem.model.runs.weights)
     taus, thin = found.end.parameters, Projection(found.end.problem.model, is_thin=True)

@@ -23,15 +23,7 @@ from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand
-from eightpost.ident.shock.verdict import (
-    Parameter,
-    doubts,
-    findings,
-    fit_reasons,
-    origin_of,
-    parameters_of,
-    shock_validity,
-)
+from eightpost.ident.shock.verdict import Parameter, findings, parameters_of, shock_validity
 from eightpost.labelled import data_frame, dataset
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Polylinear, Port, Shock, ShockLaw, law_title, write_shock
@@ -324,10 +316,10 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     static = _predicted(Polylinear(curve), runs, model.gas.columns @ g)
     rms, static_rms = (_rms(one["force"] - measured["force"]) for one in (predicted, static))
     parameters = parameters_of(solution)
-    found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
+    found = findings(solution, parameters, recipe=story.recipe, gas=story.gas)
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
-    band = curve_band_of(solution)
+    band = curve_band_of(solution, 0.01 * story.held_out.percent * runs.deviation if story.held_out else 0.0)
     further: dict[str, Any] = {"held_out": story.held_out.to_json()} if story.held_out else {}
     further |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
     further |= left_out_blocks(solution).section() if solution.left_out.size else {}
@@ -340,12 +332,11 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,
+            runs,
             percent=100.0 * rms / runs.deviation,
+            held_out=story.held_out,
             trouble="" if solution.converged else solution.status or "no minimum was found",
-            parameters=parameters,
-            doubts=(*doubts(solution, parameters, recipe=story.recipe, gas=story.gas), *ends),
             conditions=conditions,
-            further=fit_reasons(story.held_out, runs, origin_of(tests)),
         ),
     )
     return ShockFit(

@@ -14,11 +14,12 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
+from eightpost.ident.shock.stroke_range import strokes
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.temperature import SMALLEST_SPREAD
 
-#: Peak speeds of sines within this factor count as one speed.
-ONE_SPEED = 1.5
+#: Runs whose peak speeds and frequencies are within this factor have one motion.
+ONE_MOTION = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,36 +113,42 @@ class Runs:
         """The lowest sampling rate [Hz]."""
         return min(p.rate for p in self.prepared)
 
-    @property
-    def peak_speeds(self) -> list[float]:
-        """Peak speed of each run [m/s]."""
-        return [float(np.abs(p.record["velocity"][p.inside]).max()) for p in self.prepared]
+    @cached_property
+    def motions(self) -> list[tuple[float, float]]:
+        """Peak speed [m/s] and frequency of the median stroke [Hz] of each run."""
+        found = []
+        for p in self.prepared:
+            _, speed, duration = strokes(p.record["velocity"][p.inside], p.step)
+            found.append((float(speed.max()), float(0.5 / np.median(duration))))
+        return found
 
     @property
-    def has_repeated_speeds(self) -> bool:
-        """Whether every run has another one with nearly the same peak speed, from which it can be predicted."""
-        speeds = self.peak_speeds
-        others = (speeds[:place] + speeds[place + 1 :] for place in range(len(speeds)))
-        return all(
-            any(max(speed, one) <= ONE_SPEED * min(speed, one) for one in other)
-            for speed, other in zip(speeds, others, strict=True)
-        )
+    def has_repeated_motions(self) -> bool:
+        """Whether every run has another one of nearly the same motion, from which it can be predicted."""
+        numbered = list(enumerate(self.motions))
+        return all(any(_are_alike(one, other) for k, other in numbered if k != n) for n, one in numbered)
 
     @property
     def has_repeated_builds(self) -> bool:
-        """Whether there are several builds, and every run has one of nearly the same peak speed in another build."""
-        pairs = [(p.build, speed) for p, speed in zip(self.prepared, self.peak_speeds, strict=True)]
+        """Whether there are several builds, and every run has one of nearly the same motion in another build."""
+        pairs = [(p.build, motion) for p, motion in zip(self.prepared, self.motions, strict=True)]
         return len(self.builds) > 1 and all(
-            any(other != build and max(speed, one) <= ONE_SPEED * min(speed, one) for other, one in pairs)
-            for build, speed in pairs
+            any(other != build and _are_alike(motion, one) for other, one in pairs) for build, motion in pairs
         )
 
     @property
-    def has_one_speed(self) -> bool:
-        """Whether every run is one sine, and their peak speeds are nearly equal."""
-        speeds = self.peak_speeds
-        is_sine = all(p.single_frequency is not None for p in self.prepared)
-        return is_sine and max(speeds) <= ONE_SPEED * min(speeds)
+    def has_one_motion(self) -> bool:
+        """Whether every run is one sine, and their peak speeds and frequencies are nearly equal."""
+        return self._are_sines and all(_are_alike(self.motions[0], motion) for motion in self.motions)
+
+    @property
+    def are_two_sines(self) -> bool:
+        """Whether there are two runs, each of them one sine."""
+        return len(self.prepared) == 2 and self._are_sines
+
+    @property
+    def _are_sines(self) -> bool:
+        return all(p.single_frequency is not None for p in self.prepared)
 
     @property
     def changes(self) -> tuple[str, ...]:
@@ -176,6 +183,10 @@ class Runs:
             blocks += [slice(int(a), int(b)) for a, b in pairwise(ends)]
             start += f.rows.size
         return blocks
+
+
+def _are_alike(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return all(max(a, b) <= ONE_MOTION * min(a, b) for a, b in zip(one, other, strict=True))
 
 
 def _every(prepared: Prepared, start: int, by: int) -> Prepared:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from eightpost.ident.shock.verdict import POOR
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.shocks import MOST_BEYOND, ShockCase, ShockValidation
 from eightpost.ident.validation.static import SETTLING, StaticValidation
@@ -17,7 +18,7 @@ from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
 ABOUT = "validation of the shock"
 
 #: Limits of the error of a prediction, in percent of the force's standard deviation, if no other limit is given.
-GOOD_ERROR, LARGEST_ERROR = 10.0, 30.0
+GOOD_ERROR, LARGEST_ERROR = 5.0, POOR
 
 #: Share of the samples outside the fitted velocities from which it is reported.
 SOME_BEYOND = 0.01
@@ -32,7 +33,7 @@ RULES = Rules()
 
 LARGE_ERROR = RULES.add("large error of a prediction", ABOUT, Grade.NOT_USABLE,
     condition=f"RMS error on a record above the limit (--limit; {LARGEST_ERROR:g} % of the force's standard deviation)",
-    why="as for a fit: a third of the force is not in the model",
+    why="as for a fit: shocks would be ranked by chance",
     remedy="check that the record is of this shock and these conditions; fit another law, or a record like this one",
 )  # fmt: skip
 NOTABLE_ERROR = RULES.add("notable error of a prediction", ABOUT, Grade.LIMITED,

@@ -1,0 +1,148 @@
+"""A virtual damper of valves, compressible oil, friction and gas, with the effects that fitted laws do not have.
+
+It shares no code with the dampers of `eightpost.rig.damper`, on which laws were developed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numba import njit
+
+from eightpost.array_types import Array
+
+#: Rate of the simulation [Hz].
+RATE = 4000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Damper:
+    """Parameters, SI; pairs are for compression and rebound, forces are pressures times the piston's area.
+
+    Attributes:
+        laminar: Slope of the force over the velocity of the flow below the blow-off [N.s/m].
+        bleed: Flow velocity of an orifice at 1 kN [m/s].
+        blow_off: Force at which the valve opens [N].
+        opened: Slope of the force over the velocity beyond [N.s/m].
+        orifice: Force of a port in series, per square of the velocity [N.s2/m2].
+        closing: Force at which an open valve closes, over `blow_off`; 1 for a valve without hysteresis.
+        opening_time: Time constant of the valve [s]; 0 for one that follows at once.
+        stiffness: Stiffness of oil and mounts in series [N/m].
+        friction: Dry friction [N].
+        presliding: Displacement within which friction builds up [m].
+        stribeck: Additional friction at standstill, which fades within 10 mm/s [N].
+        gas: Force of the gas in the middle position [N].
+        gas_stiffness: Stiffness of the gas there [N/m]; it rises as the gas is compressed.
+        cavitation: Largest force in rebound before the oil separates [N].
+        bypass: Additional share of the flow in the middle position, within 5 mm of it.
+        cushion: Damping that begins at 70 % of the stroke `reach`, at its end [N.s/m].
+        reach: Largest travel from the middle [m].
+        selective: Stiffness of a valve whose leak closes within 10 ms (frequency-selective) [N/m].
+        play: Free play of a mount [m].
+        gas_in_oil: Force below which the oil is softened by gas bubbles [N].
+        warming: Temperature rise per work [K/J].
+        fading: Relative loss of damping per kelvin.
+        yield_force: Force of a magneto-rheological valve beside the others [N].
+    """
+
+    laminar: tuple[float, float] = (4000.0, 6000.0)
+    bleed: tuple[float, float] = (0.01, 0.01)
+    blow_off: tuple[float, float] = (400.0, 600.0)
+    opened: tuple[float, float] = (1000.0, 1500.0)
+    orifice: float = 200.0
+    closing: float = 1.0
+    opening_time: float = 0.0
+    stiffness: float = 1.5e6
+    friction: float = 30.0
+    presliding: float = 5e-5
+    stribeck: float = 0.0
+    gas: float = 200.0
+    gas_stiffness: float = 1000.0
+    cavitation: float = 1e5
+    bypass: float = 0.0
+    cushion: float = 0.0
+    reach: float = 0.03
+    selective: float = 0.0
+    play: float = 0.0
+    gas_in_oil: float = 0.0
+    warming: float = 0.0
+    fading: float = 0.0
+    yield_force: float = 0.0
+
+    def respond(self, displacement: Array, warm: float = 0.0) -> tuple[Array, Array]:
+        """Return force [N] and temperature above the reference [K], (N,) each, along a displacement (N,) at `RATE`.
+
+        Args:
+            displacement: Travel from the middle [m], positive in compression.
+            warm: Temperature at the start above the reference [K].
+        """
+        values = np.array([v for value in asdict(self).values() for v in np.atleast_1d(value)])
+        force, temperature = _simulate(displacement, values, warm)
+        gas = self.gas * (1.0 - self.gas_stiffness * displacement / max(self.gas, 1.0) / 1.3) ** -1.3
+        linear = self.gas + self.gas_stiffness * displacement
+        return force + np.where(self.gas_stiffness * self.reach < 0.8 * self.gas, gas, linear), temperature
+
+
+@njit  # type: ignore[untyped-decorator]
+def _flow(p: float, v: Array, side: int, share: float, soft: float) -> float:
+    """Return the flow velocity [m/s] at a force `p` >= 0 across the valves; `share` of the valve is open."""
+    flow = p / v[side] + v[2 + side] * (np.sqrt(p / 1000.0 + 1e-6) - 1e-3)
+    return float(soft * (flow + share * max(0.0, p - v[4 + side]) / v[6 + side]))
+
+
+@njit  # type: ignore[untyped-decorator]
+def _simulate(x: Array, v: Array, warm: float) -> tuple[Array, Array]:
+    step, n = 1.0 / RATE, x.size
+    force, heat = np.zeros(n), np.full(n, warm)
+    (orifice, closing, opening, k, friction, presliding, stribeck) = v[8:15]
+    (cavity, bypass, cushion, reach, selective, play, bubbles, warming, fading, strength) = v[17:27]
+    p = z = void = slow = mount = gel = 0.0
+    share = np.ones(2)
+    is_open = np.zeros(2)
+    y = x[0]
+    for i in range(1, n):
+        move = x[i] - x[i - 1]
+        if play > 0.0:  # the mount moves freely within its play
+            mount = min(max(mount + move, -0.5 * play), 0.5 * play)
+            target = x[i] - mount
+            move, y = target - y, target
+        speed = move / step
+        soft = (1.0 + bypass * np.exp(-((x[i] / 0.005) ** 2))) * np.exp(fading * heat[i - 1])
+        if void > 0.0 and speed > 0.0:  # compression first closes the void
+            used = min(void, move)
+            void -= used
+            speed -= used / step
+        spring = k / (1.0 + 4.0 * np.exp(-abs(p) / bubbles)) if bubbles > 0.0 else k
+        low, high = -2e5, 2e5
+        for _ in range(60):  # implicit step of dp/dt = k (speed - flow)
+            middle = 0.5 * (low + high)
+            side = 0 if middle > 0.0 else 1
+            flow = _flow(abs(middle), v, side, share[side], soft) * (1.0 if middle > 0.0 else -1.0)
+            if middle - p - step * spring * (speed - flow) > 0.0:
+                high = middle
+            else:
+                low = middle
+        p = 0.5 * (low + high)
+        if p < -cavity:
+            side = 1
+            void += max(0.0, -move - step * _flow(cavity, v, side, share[side], soft))
+            p = -cavity
+        for side in range(2):
+            q = p if side == 0 else -p
+            if closing < 1.0 or opening > 0.0:
+                is_open[side] = 1.0 if q > v[4 + side] else (is_open[side] if q > closing * v[4 + side] else 0.0)
+                wanted = 0.4 + 0.6 * is_open[side]
+                share[side] += (wanted - share[side]) * (step / (opening + step))
+        slow += (selective * speed - slow / 0.01) * step
+        rub = friction + stribeck * np.exp(-((speed / 0.01) ** 2))
+        z += move - (abs(move) * z / presliding)
+        z = min(max(z, -presliding), presliding)
+        gel += (speed - gel) * min(1.0, step / 0.004)
+        end = max(0.0, abs(x[i]) / reach - 0.7) / 0.3
+        total = p + orifice * speed * abs(speed) + slow + rub * z / presliding
+        total += strength * np.tanh(gel / 0.02) + cushion * end * speed
+        heat[i] = heat[i - 1] + warming * abs(total * move) - heat[i - 1] * step / 300.0
+        force[i] = total
+    force[0] = force[1]
+    return force, heat
