@@ -52,7 +52,7 @@ def setting_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
         origin: Name of the record.
     """
     velocity, force = series["velocity"], series["force"]
-    block = _cycle_blocks(velocity)
+    block = cycle_blocks(velocity)
     count = int(block.max()) + 1
     rest = rest_force(velocity, force)
     if count < FEWEST_BLOCKS or rest is None:
@@ -97,7 +97,7 @@ def _has_one_motion(phase: Array, velocity: Array, block: NDArray[np.intp], firs
     return bool((np.abs(np.log(sizes[0] / sizes[1])) <= 2.0 * np.log(MOTION)).all())
 
 
-def _cycle_blocks(velocity: Array) -> NDArray[np.intp]:
+def cycle_blocks(velocity: Array) -> NDArray[np.intp]:
     """Return the number of the block (N,) that each sample belongs to; a block is one or more whole cycles."""
     fast = np.flatnonzero(np.abs(velocity) > MOVING * float(np.abs(velocity).max()))
     signs = velocity[fast] > 0.0
