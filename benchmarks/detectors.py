@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+from pyarrow.csv import write_csv
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, lfilter, sosfilt
 
@@ -209,8 +211,7 @@ FAULTS = {
 def findings_of(columns: Columns, folder: Path) -> set[str]:
     """Return the names of the rules of the findings of a file, without notes."""
     path = folder / "run.csv"
-    body = np.column_stack(list(columns.values()))
-    np.savetxt(path, body, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    write_csv(pa.table(columns), path)
     try:
         return {reason.rule for reason in read_dyno_test(path).reasons} - _NOTES
     except InputError:

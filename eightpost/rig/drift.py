@@ -52,7 +52,7 @@ def explained(series: TimeSeries) -> Explained:
         path = series["displacement"] - series["displacement"].mean()
         columns.append((path / path.std())[:, None])
     design = np.hstack(columns)
-    found, *_ = np.linalg.lstsq(design, force, rcond=None)
+    found, *_ = np.linalg.lstsq(design.T @ design, design.T @ force, rcond=None)
     at_rest = int(np.argmin(np.abs(velocity)))
     return Explained(design @ found, float(curve[at_rest] @ found[: curve.shape[1]]))
 

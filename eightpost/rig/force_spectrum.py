@@ -24,11 +24,13 @@ HUM_SHARE, HUM_RATIO = 2e-3, 4.0
 #: Lowest frequency at which hum is looked for, because the motion is below [Hz].
 LOWEST_HUM = 8.0
 #: Durations of a moving average that are looked for [s], and smallest depth of its gaps (natural logarithm of power).
-AVERAGES, DEPTH = (0.01, 0.12), 1.5
+AVERAGES, DEPTH = (0.01, 0.12), 2.0
 #: Number of durations that are tried, and number of gaps that are examined: one percent of error shifts the last by 0.08.
 CANDIDATES, GAPS = 250, 8
 #: Length of the segments of the spectrum in periods of the motion, and smallest one [s].
 PERIODS, SEGMENT = 10.0, 4.0
+#: Distances of the gaps, in frequencies of the motion, that the odd harmonics of a sine leave as well.
+ODD = (1.7, 2.3)
 #: Half width of a gap or of the top of a lobe, as a share of their distance; quantile that is noise between harmonics.
 WIDTH, FLOOR = 0.1, 0.25
 
@@ -49,7 +51,7 @@ def spectrum_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str)
         if figure:
             yield HUM.reason(f"the {name} has hum", figure=figure, origin=origin)
     frequency = float(np.gradient(velocity, series.time).std() / velocity.std()) / (2.0 * np.pi)
-    if seconds := _average(force, rate, max(SEGMENT, PERIODS / frequency)):
+    if seconds := _average(force, rate, frequency):
         figure = f"a moving average over about {1e3 * seconds:.3g} ms"
         yield SMOOTHED.reason("the force is smoothed", figure=figure, origin=origin)
 
@@ -74,16 +76,16 @@ def _hum(values: Array, rate: float, span: float = 0.0) -> str:
     return ""
 
 
-def _average(values: Array, rate: float, segment: float) -> float:
-    """Return the duration [s] of a moving average that made `values` (N,); 0 if none did."""
-    count = min(values.size, round(segment * rate))
+def _average(values: Array, rate: float, motion: float) -> float:
+    """Return the duration [s] of a moving average that made `values` (N,) of a motion [Hz]; 0 if none did."""
+    count = min(values.size - 1, round(max(SEGMENT, PERIODS / motion) * rate))
     frequency, power = welch(np.diff(values), rate, nperseg=count, detrend="linear")
     level = np.log(np.maximum(power, 1e-300))
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
     for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
         depth = _depth(frequency, level, rate / samples)
-        if depth > best:
+        if depth > best and not ODD[0] * motion < rate / samples < ODD[1] * motion:
             best, found = depth, samples / rate
     return found
 

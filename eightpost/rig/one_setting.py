@@ -37,9 +37,11 @@ STEP_SHARE = 0.3
 SETTLING = (0.05, 0.1, 0.2, 0.4, 0.8)
 #: Ratio of the sizes of the motion before and after a step above which the motion changed, and the shock perhaps did
 #: not: the force at a velocity depends on frequency and stroke.
-MOTION = 1.5
+MOTION = 1.3
 #: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
 FADE = 0.5
+#: Smallest number of other cycles on each side of a step.
+FEWEST_MOVING = 2
 #: Minimum share of the record on each side of a step: a shock that cavitates needs some cycles to reach its state.
 FEWEST_SHARE = 0.15
 
@@ -91,7 +93,7 @@ def _has_one_motion(phase: Array, velocity: Array, block: NDArray[np.intp], firs
     squares = np.stack([np.bincount(block, weights=(row - row.mean()) ** 2) / count for row in (velocity, *phase)])
     moving = squares[0] > np.median(squares[0]) * FADE**2
     before = np.arange(count.size) < first
-    if not (before & moving).any() or not (~before & moving).any():
+    if min(np.count_nonzero(side & moving) for side in (before, ~before)) < FEWEST_MOVING:
         return False
     sizes = squares[:, before & moving].mean(axis=1), squares[:, ~before & moving].mean(axis=1)
     return bool((np.abs(np.log(sizes[0] / sizes[1])) <= 2.0 * np.log(MOTION)).all())

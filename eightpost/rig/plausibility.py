@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.rig.cycles import run_down
-from eightpost.rig.drift import drift_reasons
+from eightpost.rig.drift import drift_reasons, explained
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_spectrum import spectrum_reasons
 from eightpost.rig.motion_channels import motion_reasons
@@ -27,7 +27,7 @@ from eightpost.rig.plausibility_rules import (
     UNLIKELY_UNITS,
     UNRELATED,
 )
-from eightpost.rig.rest_force import pulls_at_standstill, rest_force
+from eightpost.rig.rest_force import rest_force
 from eightpost.rig.sample_faults import sample_reasons
 from eightpost.signals.filters import lowpass, white_noise
 from eightpost.signals.timeseries import TimeSeries
@@ -61,8 +61,8 @@ TURN_CLASSES = 12
 TURN_SAMPLES = 5
 #: Seconds that a fit uses unless others are given (3.3).
 SEGMENT = (1.0, 10.0)
-#: Share of the range, and number of standard errors, of a negative force at standstill that is reported.
-REST_SHARE, REST_ERRORS = 0.01, 4.0
+#: Share of the range of a negative force at standstill that is reported.
+REST_SHARE = 0.01
 #: Speeds above this share of the peak show whether a force has a sign.
 FAST = 0.15
 
@@ -104,11 +104,27 @@ def part_reasons(
         until: End of the fitted seconds, from the start of the series [s].
     """
     yield from sample_reasons(series, measured, origin)
-    stopping = list(_run_down_reasons(series, origin, until))
+    stop = _stop(series)
+    steady = series if stop is None else series.window(float(series.time[0]), stop)
     if not rectified_force(series):
-        changed = list(setting_reasons(series, origin))
-        yield from changed or ([] if stopping else drift_reasons(series, measured, origin))
-    yield from stopping
+        changed = list(setting_reasons(steady, origin))
+        yield from changed or drift_reasons(steady, measured, origin)
+    if stop is not None and stop - series.time[0] < until:
+        figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
+        remedy = f"fit the part before it: --segment '0 s' '{stop - series.time[0]:.4g} s'"
+        yield RUN_DOWN.reason("the machine stops within the record", figure=figure, origin=origin, remedy=remedy)
+
+
+def _stop(series: TimeSeries) -> float | None:
+    """Return the time [s] from which a steady sine runs down before the end of a record; None if it does not."""
+    velocity, rate = series["velocity"], series.sample_rate
+    path = series["displacement"] if "displacement" in series else _integral(series)
+    return run_down(series.time, lowpass(path, rate, min(50.0, 0.1 * rate), order=2), velocity)
+
+
+def _integral(series: TimeSeries) -> Array:
+    path = cumulative_trapezoid(series["velocity"] - series["velocity"].mean(), series.time, initial=0)
+    return np.asarray(path)
 
 
 # ---- Units ----------------------------------------------------------------------------------------------------------
@@ -197,7 +213,7 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
         return
     (rest, error), span = found, float(np.ptp(force))
     share = f"{rest:.4g} N at standstill, {100.0 * rest / span:.2g} % of the force's range"
-    if rest < -max(REST_SHARE * span, REST_ERRORS * error) and pulls_at_standstill(velocity, force, REST_SHARE * span):
+    if rest < 0.0 and explained(series).rest < -REST_SHARE * span:  # a lag of a stiff rebound does not count
         what = "the force at standstill is negative, although gas pushes"
         yield NEGATIVE_REST.reason(what, figure=share, origin=origin)
     if rest > max(0.5 * span, STRONG_GAS):
@@ -208,24 +224,3 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
             if abs(stated / rest / factor - 1.0) < GAS_TOLERANCE:
                 figure = f"{rest:.4g} N at standstill, but the stated gas force is {stated:.4g} N: {hint}"
                 yield CONTRADICTORY_UNITS.reason("the unit of the force is wrong", figure=figure, origin=origin)
-
-
-# ---- Steady motion --------------------------------------------------------------------------------------------------
-
-
-def _run_down_reasons(series: TimeSeries, origin: str, until: float) -> Iterator[Reason]:
-    """Yield a reason if a steady sine runs down before the end of a record."""
-    velocity, rate = series["velocity"], series.sample_rate
-    path = series["displacement"] if "displacement" in series else _integral(series)
-    start = run_down(series.time, lowpass(path, rate, min(50.0, 0.1 * rate), order=2), velocity)
-    begin, end = float(series.time[0]), float(series.time[-1])
-    if start is None or start - begin >= until:
-        return
-    figure = f"from {start:.4g} s to {end:.4g} s the motion runs down"
-    remedy = f"fit the part before it: --segment '0 s' '{start - begin:.4g} s'"
-    yield RUN_DOWN.reason("the machine stops within the record", figure=figure, origin=origin, remedy=remedy)
-
-
-def _integral(series: TimeSeries) -> Array:
-    path = cumulative_trapezoid(series["velocity"] - series["velocity"].mean(), series.time, initial=0)
-    return np.asarray(path)

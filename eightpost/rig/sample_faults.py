@@ -18,8 +18,8 @@ from eightpost.verdict import Reason
 FEWEST_LEVELS = 100
 #: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
-#: ... this multiple of the median change around it.
-JUMP_FACTOR = 10.0
+#: ... this multiple of the median change in so many samples around it.
+JUMP_FACTOR, AROUND = {"velocity": 8.0, "displacement": 10.0, "force": 8.0}, 21
 #: Share of repeated samples, and number of consecutive samples that are a copy.
 REPEATED_SHARE, FEWEST_COPIED = 0.02, 20
 #: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
@@ -62,10 +62,10 @@ def _jump(name: str, series: TimeSeries) -> str:
     """
     values, limit = series[name], JUMP_SHARE[name] * float(np.ptp(series[name]))
     change = np.abs(np.diff(values))
-    usual = np.maximum(median_filter(change, size=11, mode="nearest"), white_noise(values))
+    usual = np.maximum(median_filter(change, size=AROUND, mode="nearest"), white_noise(values))
     bad = [
         int(i)
-        for i in np.flatnonzero((change > limit) & (change > JUMP_FACTOR * usual))
+        for i in np.flatnonzero((change > limit) & (change > JUMP_FACTOR[name] * usual))
         if name == "displacement" or _returns(values, int(i))
     ]
     if not bad:
