@@ -84,21 +84,24 @@ def _average(values: Array, rate: float, motion: float) -> float:
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
     for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
-        depth = _depth(frequency, level, rate / samples)
+        depth = _depth(level, rate / samples / frequency[1])
         if depth > best and not ODD[0] * motion < rate / samples < ODD[1] * motion:
             best, found = depth, samples / rate
     return found
 
 
-def _depth(frequency: Array, level: Array, spacing: float) -> float:
-    """Return the median depth of the gaps in a spectrum at the multiples of a frequency."""
-    order = np.round(frequency / spacing)
-    place = frequency / spacing - order
-    gaps, tops = np.abs(place) <= WIDTH, np.abs(place) >= 0.5 - WIDTH
-    depths = []
-    for number in range(1, min(GAPS, int(frequency[-1] / spacing)) + 1):
-        gap = gaps & (order == number)
-        top = tops & (np.abs(frequency / spacing - number) <= 0.5 + WIDTH)
-        if np.count_nonzero(gap) >= 3 and np.count_nonzero(top) >= 3:
-            depths.append(float(np.quantile(level[top], FLOOR) - np.quantile(level[gap], FLOOR)))
+def _depth(level: Array, spacing: float) -> float:
+    """Return the median depth of the gaps in a spectrum (N,) at the multiples of a frequency [steps]."""
+    half = max(WIDTH * spacing, 1.0)
+
+    def floor(place: float) -> float:
+        """Return the noise of the spectrum around a multiple of the frequency."""
+        part = level[int(np.ceil(place * spacing - half)) : int(place * spacing + half) + 1]
+        return float(np.sort(part)[int(FLOOR * part.size)])
+
+    last = (level.size - 1 - half) / spacing
+    depths = [
+        np.mean([floor(place) for place in (k - 0.5, k + 0.5) if place <= last]) - floor(k)
+        for k in range(1, min(GAPS, int(last)) + 1)
+    ]
     return float(np.median(depths)) if len(depths) > 1 else 0.0

@@ -34,7 +34,7 @@ RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip
 NEGATIVE_REST = RULES.add("negative force at standstill", ABOUT, Grade.LIMITED,
-    condition="the force at standstill is negative, and below minus 1 % of the force's range by a fit that takes lag and "
+    condition="the force at standstill is negative, and below minus 1.5 % of the force's range by a fit that takes lag and "
     "gas stiffness into account",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
     "compression and rebound are swapped",
@@ -83,8 +83,8 @@ DISAGREE = RULES.add("velocity and displacement disagree", ABOUT, Grade.LIMITED,
     "the displacement",
 )  # fmt: skip
 JUMP = RULES.add("jump of a channel", ABOUT, Grade.LIMITED,
-    condition="two successive samples differ by 20 % of the range and eight times the changes around them, and velocity or "
-    "force returns (displacement: by 3 % and ten times)",
+    condition="two successive samples differ by 20 % of the range (displacement 3 %) and ten times the changes around them; "
+    "velocity and force then return",
     why="a spike, a drop-out, lost samples or joined records",
     remedy="cut this part out (--segment)",
 )  # fmt: skip

@@ -19,7 +19,7 @@ FEWEST_LEVELS = 100
 #: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
 #: ... this multiple of the median change in so many samples around it.
-JUMP_FACTOR, AROUND = {"velocity": 8.0, "displacement": 10.0, "force": 8.0}, 21
+JUMP_FACTOR, AROUND = 10.0, 21
 #: Share of repeated samples, and number of consecutive samples that are a copy.
 REPEATED_SHARE, FEWEST_COPIED = 0.02, 20
 #: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
@@ -65,7 +65,7 @@ def _jump(name: str, series: TimeSeries) -> str:
     usual = np.maximum(median_filter(change, size=AROUND, mode="nearest"), white_noise(values))
     bad = [
         int(i)
-        for i in np.flatnonzero((change > limit) & (change > JUMP_FACTOR[name] * usual))
+        for i in np.flatnonzero((change > limit) & (change > JUMP_FACTOR * usual))
         if name == "displacement" or _returns(values, int(i))
     ]
     if not bad:
