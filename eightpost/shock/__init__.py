@@ -15,11 +15,9 @@ from eightpost.shock.laws import (
     own_values,
     parameter_units,
     state_names,
-    step_cost,
 )
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
 from eightpost.shock.settings import Axis, Settings, Term
@@ -32,7 +30,6 @@ __all__ = [
     "Hysteresis",
     "Lpf1",
     "Lpnl2",
-    "Maxwell",
     "Piece",
     "Polylinear",
     "Port",
@@ -53,6 +50,5 @@ __all__ = [
     "parameter_units",
     "read_shock",
     "state_names",
-    "step_cost",
     "write_shock",
 ]

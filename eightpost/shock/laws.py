@@ -78,12 +78,6 @@ def fit_form(law: type[ShockLaw]) -> str:
     return getattr(law_module(law), "FIT_FORM", "stepped")
 
 
-def step_cost(law: type[ShockLaw]) -> float | None:
-    """Return the cost of a step of a law's native FMU relative to Polylinear; None if its file states none."""
-    stated: float | None = getattr(law_module(law), "STEP_COST", None)
-    return stated
-
-
 def _law_classes() -> dict[str, type[ShockLaw]]:
     """Return the laws by name, those with few parameters first."""
     laws: dict[str, type[ShockLaw]] = {}
@@ -97,6 +91,9 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     classes = [c for _, c in inspect.getmembers(module, inspect.isclass) if c.__module__ == module.__name__]
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
+
+#: Laws of earlier versions; their FMUs run, but their shock files cannot be read.
+FORMER = ("maxwell",)
 
 #: All laws by the name used in files and on the command line.
 LAWS: Mapping[str, type[ShockLaw]] = _law_classes()
