@@ -39,5 +39,5 @@ def stated_convention(lines: Iterable[str], channels: Iterable[str]) -> tuple[st
         stroke = match["one"] or match["other"]
         found.append(match[0].strip(" :,(="))
         is_outward = re.fullmatch(_OUTWARD, stroke, re.IGNORECASE) is not None
-        outward |= {name: is_outward for name in (about or set(_CHANNELS) - set(outward))}
+        outward |= dict.fromkeys(about or set(_CHANNELS) - set(outward), is_outward)
     return ", ".join(found), tuple(name for name in channels if outward.get(name))
