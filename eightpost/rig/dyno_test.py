@@ -247,9 +247,10 @@ class _Reading:
             *column_reasons(record, mapping, series, test.label),
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
-        if stated and (turned := [reason for reason in reasons if reason.rule == NEGATIVE_REST.name]):
+        turned = next((reason for reason in reasons if reason.rule == NEGATIVE_REST.name), None)
+        if stated and turned is not None:
             what = (
-                f"the file states {stated!r}, but then {turned[0].statement} ({turned[0].figure}); name the channels to "
+                f"the file states {stated!r}, but then {turned.statement} ({turned.figure}); name the channels to "
                 "negate with --flip, which replaces the statement, or confirm it with "
                 + (" ".join(f"--flip {name}" for name in outward) or "--flip none")
             )
@@ -301,7 +302,8 @@ def _check_displacement_sign(series: TimeSeries, origin: Origin, stated: str) ->
     """Check the displacement's sign by comparison with the measured velocity."""
     rate = series.sample_rate
     slope = velocity_from_displacement(series["displacement"], rate, _default_cutoff(rate))
-    faults.check_sign(slope, series["velocity"], channel="displacement", against="velocity", origin=origin, stated=stated)
+    against = "velocity"
+    faults.check_sign(slope, series[against], channel="displacement", against=against, origin=origin, stated=stated)
 
 
 def _default_cutoff(rate: float) -> float:

@@ -23,9 +23,9 @@ MAINS, TOLERANCE, AROUND = (50.0, 60.0), 0.3, 12.0
 HUM_SHARE, HUM_RATIO = 2e-3, 4.0
 #: Lowest frequency at which hum is looked for, because the motion is below [Hz].
 LOWEST_HUM = 8.0
-#: Durations of a moving average that are looked for [s], and smallest depth of its gaps (natural logarithm of power).
+#: Durations of a moving average that are looked for [s], and smallest depth of its gaps (logarithm of power).
 AVERAGES, DEPTH = (0.01, 0.12), 2.0
-#: Number of durations that are tried, and number of gaps that are examined: one percent of error shifts the last by 0.08.
+#: Number of durations that are tried, and of gaps that are examined: 1 % of error shifts the last one by 8 %.
 CANDIDATES, GAPS = 250, 8
 #: Length of the segments of the spectrum in periods of the motion, and smallest one [s].
 PERIODS, SEGMENT = 10.0, 4.0

@@ -1,4 +1,4 @@
-"""Whether the measured velocity of a record is the slope of its displacement: units, gain, lag, offset, lost samples."""
+"""Whether the measured velocity of a record is the slope of its displacement: units, gain, lag, mean, samples."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
-from eightpost.rig.lag import correlation_at, lag_between
+from eightpost.rig.lag import channel_lag
 from eightpost.rig.plausibility_rules import CONTRADICTORY_UNITS, DISAGREE
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
@@ -28,8 +28,8 @@ RATIOS = {
 }
 #: Relative tolerance of such a ratio.
 RATIO_TOLERANCE = 0.08
-#: Correlation above which a lag of a few samples is significant in spite of noise.
-CLEAR = 0.98
+#: Maximum lag of velocity behind the slope of displacement [samples].
+SAMPLES = 1.5
 #: Maximum relative difference in size between measured velocity and the slope of displacement, ...
 SLOPE_SHARE = 0.05
 #: ... maximum difference of their means as a share of the standard deviation of velocity, ...
@@ -81,10 +81,10 @@ def slope_ratio(series: TimeSeries) -> float:
 def _disagreement(series: TimeSeries) -> str:
     """Return a figure if velocity differs from the slope of displacement in time, size, mean or at a sample."""
     velocity, slope, rate = slopes(series)
-    lag = lag_between(velocity, slope, rate)
-    if abs(lag) > 1.5 / rate and correlation_at(velocity, slope, round(lag * rate)) > CLEAR:
-        follows = "follows" if lag > 0.0 else "leads"
-        return f"velocity {follows} the slope of displacement by {1e3 * abs(lag):.3g} ms"
+    lag = channel_lag(velocity, slope, rate)
+    if lag is not None and not (lag.low <= SAMPLES / rate and -SAMPLES / rate <= lag.high):
+        follows = "follows" if lag.seconds > 0.0 else "leads"
+        return f"velocity {follows} the slope of displacement by {1e3 * abs(lag.seconds):.3g} ms"
     ratio = float(slope.std() / velocity.std())
     factor = float(velocity @ velocity / (velocity @ slope))  # noise of the slope does not enter
     if abs(factor - 1.0) > SLOPE_SHARE and abs(ratio - 1.0) > SLOPE_SHARE:

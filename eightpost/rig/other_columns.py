@@ -32,8 +32,8 @@ _CONTROL = ("V", "A")
 PARTS, CHANGE, BETWEEN = 24, 0.02, 0.8
 #: Largest share of the variance within two levels, and share of the variance that slow changes of a control have.
 WITHIN, SLOW = 0.1, 0.9
-#: Correlation with a channel that is read, from which a column is the same sensor.
-SAME = 0.9
+#: Correlation with a channel that is read, from which a column is the same sensor; with time, that of a counter.
+SAME, COUNTER = 0.9, 0.9999
 #: Number of times that are named, and of values of a column of texts.
 NAMED, TEXTS = 4, 8
 
@@ -64,12 +64,7 @@ def _is_sensor(name: str, unit: str | None) -> bool:
 def _change(column: Array, series: TimeSeries, *, is_control: bool) -> str:
     """Return a figure if a column (N,) changes its level, drifts, or (a control) varies; empty otherwise."""
     values, time = np.asarray(column, dtype=np.float64), series.time
-    if not np.isfinite(values).all() or not float(np.ptp(values)) > CHANGE * float(np.abs(values).max()):
-        return ""
-    steps = np.diff(values)
-    if (steps == steps[0]).all():  # a counter
-        return ""
-    if any(abs(np.corrcoef(values, row)[0, 1]) > SAME for row in series.values if np.ptp(row) > 0.0):
+    if not float(np.ptp(values)) > CHANGE * float(np.abs(values).max()) or _is_known(values, series):  # or NaN
         return ""
     low, high = np.quantile(values, [0.02, 0.98])
     upper = values > 0.5 * (low + high)
@@ -84,9 +79,17 @@ def _change(column: Array, series: TimeSeries, *, is_control: bool) -> str:
         at = int(np.argmax(np.abs(np.diff(means)))) + 1
         where = time[min(at * values.size // PARTS, values.size - 1)]
         return f"from {means[0]:.4g} to {means[-1]:.4g}, largest change near {where:.4g} s"
-    if is_control and steps.var() < 2.0 * (1.0 - SLOW) * values.var():
+    if is_control and np.diff(values).var() < 2.0 * (1.0 - SLOW) * values.var():
         return f"all the time between {low:.4g} and {high:.4g}"
     return ""
+
+
+def _is_known(values: Array, series: TimeSeries) -> bool:
+    """Return whether values (N,) count the samples, or are those of a channel that is read in another unit."""
+    if np.corrcoef(values, series.time)[0, 1] > COUNTER:
+        return True
+    known = [series[name] for name in ("velocity", "displacement", "force") if name in series]
+    return any(abs(np.corrcoef(values, row)[0, 1]) > SAME for row in known)
 
 
 def _times(times: Array) -> str:

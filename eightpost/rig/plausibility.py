@@ -16,6 +16,7 @@ from eightpost.rig.cycles import run_down
 from eightpost.rig.drift import drift_reasons, explained
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_spectrum import spectrum_reasons
+from eightpost.rig.lag import lag_reasons
 from eightpost.rig.motion_channels import motion_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility_rules import (
@@ -87,6 +88,7 @@ def record_reasons(
     yield from motion_reasons(series, measured, origin)
     if not suspicious:
         yield from spectrum_reasons(series, measured, origin)
+        yield from lag_reasons(series, origin)
     if (correlation := _correlation(series["force"], series["velocity"])) < WEAK:
         figure = f"their correlation is {correlation:.2f}"
         yield UNRELATED.reason("force and velocity are hardly related", figure=figure, origin=origin)

@@ -34,8 +34,8 @@ RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip
 NEGATIVE_REST = RULES.add("negative force at standstill", ABOUT, Grade.LIMITED,
-    condition="the force at standstill is negative, and below minus 1.5 % of the force's range by a fit that takes lag and "
-    "gas stiffness into account",
+    condition="the force at standstill is negative, and below minus 1.5 % of the force's range by a fit with "
+    "lag and gas stiffness",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
     "compression and rebound are swapped",
     remedy="check which stroke is compression; if all signs are reversed, flip them (--flip force with --flip "
@@ -76,15 +76,27 @@ RUN_DOWN = RULES.add("run-down of the machine", ABOUT, Grade.LIMITED,
 # ---- Instruments ----------------------------------------------------------------------------------------------------
 
 DISAGREE = RULES.add("velocity and displacement disagree", ABOUT, Grade.LIMITED,
-    condition="the measured velocity differs from the slope of displacement: in size by 5 %, in time by 1.5 samples, in "
-    "its mean by 2 % of its standard deviation, or at a sample by 20 % of its range",
+    condition="the measured velocity differs from the slope of displacement: in size by 5 %, in time by 1.5 samples, "
+    "in its mean by 2 % of its standard deviation, or at a sample by 20 % of its range",
     why="one of the two channels has a wrong calibration, an offset, a delay or lost samples",
     remedy="correct the channel in a channel map (gain, offset), or leave the velocity out: it is then derived from "
     "the displacement",
 )  # fmt: skip
+LATE = RULES.add("late force", ABOUT, Grade.LIMITED,
+    condition="the force follows velocity by more than 10 ms, gas and friction excluded (the whole 95 % interval)",
+    why="a shock itself has less, so the rest is a filter of the force channel, channels sampled one after the other, "
+    "or strong hysteresis: at wheel hop a delay turns damping into stiffness",
+    remedy="find the delay or the filter of the force channel (docs/reference/dyno_files.md), and export again",
+)  # fmt: skip
+EARLY = RULES.add("early force", ABOUT, Grade.LIMITED,
+    condition="the force leads velocity by more than 0.5 ms and 0.6 samples (the whole 95 % interval)",
+    why="compressibility, friction and gas make a force late, never early, so velocity is late: filtered, or sampled "
+    "after the force; the lag of the shock is too small by that",
+    remedy="find which channel has a filter or is sampled later, and export again",
+)  # fmt: skip
 JUMP = RULES.add("jump of a channel", ABOUT, Grade.LIMITED,
-    condition="two successive samples differ by 20 % of the range (displacement 3 %) and ten times the changes around them; "
-    "velocity and force then return",
+    condition="two successive samples differ by 20 % of the range (displacement 3 %) and ten times the changes around "
+    "them; velocity and force then return",
     why="a spike, a drop-out, lost samples or joined records",
     remedy="cut this part out (--segment)",
 )  # fmt: skip
@@ -162,6 +174,3 @@ LARGE_REST = RULES.add("large force at standstill", ABOUT, Grade.USABLE,
 PART_RULES = frozenset(
     rule.name for rule in (TWO_SETTINGS, SMALL_CHANGE, DRIFT, RUN_DOWN, JUMP, HELD, COARSE, REPEATED, COPIED)
 )
-#: Rules that p-lag replaces.
-SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED, condition="-", why="-")
-LATE = RULES.add("late force", ABOUT, Grade.LIMITED, condition="-", why="-")
