@@ -47,14 +47,17 @@ def explained(series: TimeSeries) -> Explained:
     velocity = lowpass(series["velocity"], rate, min(50.0, 0.2 * rate), order=2)
     slope = np.gradient(velocity, series.time)
     curve = _hats(velocity, KNOTS)
-    columns = [curve, _hats(velocity, LAG_KNOTS) * (slope / slope.std())[:, None]]
+    columns = [curve, _hats(velocity, LAG_KNOTS) * _scaled(slope)[:, None]]
     if "displacement" in series:
-        path = series["displacement"] - series["displacement"].mean()
-        columns.append((path / path.std())[:, None])
+        columns.append(_scaled(series["displacement"] - series["displacement"].mean())[:, None])
     design = np.hstack(columns)
     found, *_ = np.linalg.lstsq(design.T @ design, design.T @ force, rcond=None)
     at_rest = int(np.argmin(np.abs(velocity)))
     return Explained(design @ found, float(curve[at_rest] @ found[: curve.shape[1]]))
+
+
+def _scaled(values: Array) -> Array:
+    return np.asarray(values / max(float(values.std()), 1e-300))
 
 
 def _hats(values: Array, count: int) -> Array:
