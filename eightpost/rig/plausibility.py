@@ -63,7 +63,7 @@ TURN_SAMPLES = 5
 #: Seconds that a fit uses unless others are given (3.3).
 SEGMENT = (1.0, 10.0)
 #: Share of the range of a negative force at standstill that is reported.
-REST_SHARE = 0.015
+REST_SHARE = 0.03
 #: Speeds above this share of the peak show whether a force has a sign.
 FAST = 0.15
 

@@ -34,7 +34,7 @@ RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip
 NEGATIVE_REST = RULES.add("negative force at standstill", ABOUT, Grade.LIMITED,
-    condition="the force at standstill is negative, and below minus 1.5 % of the force's range by a fit with "
+    condition="the force at standstill is negative, and below minus 3 % of the force's range by a fit with "
     "lag and gas stiffness",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
     "compression and rebound are swapped",
