@@ -63,7 +63,9 @@ def _scaled(values: Array) -> Array:
 def _hats(values: Array, count: int) -> Array:
     """Return a basis (N, K) of functions of `values` (N,) that are linear between knots, one of them at 0."""
     largest = float(np.abs(values).max())
-    knots = largest * np.unique(np.round(np.append(np.quantile(values / largest, np.linspace(0.0, 1.0, count)), 0.0), 4))
+    knots = largest * np.unique(
+        np.round(np.append(np.quantile(values / largest, np.linspace(0.0, 1.0, count)), 0.0), 4)
+    )
     return np.stack([np.interp(values, knots, row) for row in np.eye(knots.size)], axis=1)
 
 

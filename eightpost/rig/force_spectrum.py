@@ -79,7 +79,7 @@ def _hum(values: Array, rate: float, span: float = 0.0) -> str:
 def _average(values: Array, rate: float, motion: float) -> float:
     """Return the duration [s] of a moving average that made `values` (N,) of a motion [Hz]; 0 if none did."""
     count = min(values.size - 1, round(max(SEGMENT, PERIODS / motion) * rate))
-    frequency, power = welch(np.diff(values), rate, nperseg=count, detrend="linear")
+    frequency, power = welch(np.diff(values), rate, nperseg=count)
     level = np.log(np.maximum(power, 1e-300))
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate

@@ -69,7 +69,7 @@ def _change(column: Array, series: TimeSeries, *, is_control: bool) -> str:
     low, high = np.quantile(values, [0.02, 0.98])
     upper = values > 0.5 * (low + high)
     changes = np.flatnonzero(np.diff(upper)) + 1
-    turns = np.count_nonzero(np.diff(np.sign(series["velocity"])))
+    turns = int(np.count_nonzero(np.diff(np.sign(series["velocity"]))))
     within = sum(float(values[side].var()) * np.count_nonzero(side) for side in (upper, ~upper) if side.any())
     if changes.size and within < WITHIN * values.var() * values.size and 2 * changes.size < max(turns, 4):
         return f"between {values[~upper].mean():.4g} and {values[upper].mean():.4g} at {_times(time[changes])}"

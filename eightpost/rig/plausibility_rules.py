@@ -121,11 +121,6 @@ UNRELATED = RULES.add("force without velocity", ABOUT, Grade.LIMITED,
     why="a wrong column, a spring on the dynamometer, or channels sampled at different times",
     remedy="check the columns (--channel), and take the spring off",
 )  # fmt: skip
-COPIED = RULES.add("a part twice", ABOUT, Grade.LIMITED,
-    condition="20 successive samples occur twice, identical to the last digit",
-    why="a part was pasted twice, or the record is computed without noise",
-    remedy="cut the copy out",
-)  # fmt: skip
 COMMANDED = RULES.add("a command instead of a measurement", ABOUT, Grade.LIMITED,
     condition="a channel is read from a column that its name calls a command, a target or a reference, because there "
     "is no other",
@@ -153,11 +148,6 @@ LEFT_OUT = RULES.add("a column that was not read", ABOUT, Grade.USABLE,
     why="an unneeded column must not prevent reading a file",
     remedy="correct the column, or ignore this",
 )  # fmt: skip
-COARSE = RULES.add("coarse steps", ABOUT, Grade.USABLE,
-    condition="the range of a channel is less than 100 steps of its resolution",
-    why="rounding exceeds 0.8 % of a sine",
-    remedy="use a finer range or more digits",
-)  # fmt: skip
 REPEATED = RULES.add("repeated samples", ABOUT, Grade.USABLE,
     condition="more than 2 % of the samples repeat the one before while the shock moves",
     why="the logger is slower than the file",
@@ -171,6 +161,4 @@ LARGE_REST = RULES.add("large force at standstill", ABOUT, Grade.USABLE,
 
 
 #: Names of the rules about a part of a record; they apply to each run on its own.
-PART_RULES = frozenset(
-    rule.name for rule in (TWO_SETTINGS, SMALL_CHANGE, DRIFT, RUN_DOWN, JUMP, HELD, COARSE, REPEATED, COPIED)
-)
+PART_RULES = frozenset(rule.name for rule in (TWO_SETTINGS, SMALL_CHANGE, DRIFT, RUN_DOWN, JUMP, HELD, REPEATED))

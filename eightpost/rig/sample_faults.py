@@ -1,4 +1,4 @@
-"""Faults in the samples of a dynamometer record: jumps, clipping, rounding, copies."""
+"""Faults in the samples of a dynamometer record: jumps, clipping, repeated samples."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
-from eightpost.rig.plausibility_rules import COARSE, COPIED, HELD, JUMP, REPEATED
+from eightpost.rig.plausibility_rules import HELD, JUMP, REPEATED
 from eightpost.signals.faults import clipped_samples
 from eightpost.signals.filters import white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
 
-#: Minimum number of resolution steps over the range of a channel; with fewer, rounding exceeds 0.8 % of a sine.
-FEWEST_LEVELS = 100
 #: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
 #: ... this multiple of the median change in so many samples around it.
 JUMP_FACTOR, AROUND = 10.0, 21
-#: Share of repeated samples, and number of consecutive samples that are a copy.
-REPEATED_SHARE, FEWEST_COPIED = 0.02, 20
+#: Share of repeated samples.
+REPEATED_SHARE = 0.02
 #: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
 FORCE_MOVES = 0.2
 
@@ -36,23 +34,11 @@ def sample_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -
     """
     moving = tuple(name for name in ("velocity", "displacement", "force") if name in measured)
     for name in moving:
-        if (levels := _levels(series[name])) < FEWEST_LEVELS:
-            yield COARSE.reason(f"the {name} is quantised", figure=f"{levels:.0f} steps over its range", origin=origin)
         if figure := _jump(name, series):
             yield JUMP.reason(f"the {name} jumps", figure=figure, origin=origin)
     if "displacement" in moving and (figure := _held(series)):
         yield HELD.reason("the displacement is clipped", figure=figure, origin=origin)
     yield from _repeated(series, moving, origin)
-
-
-def _levels(values: Array) -> float:
-    """Return the range of `values` (N,) in steps of their resolution; infinite if they are not rounded."""
-    span = float(np.ptp(values))
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > 1e-9 * span]
-    multiples = steps / steps.min(initial=np.inf)
-    is_rounded = bool(steps.size) and bool((np.abs(multiples - np.round(multiples)) < 0.05 * multiples).all())
-    return span / float(steps.min()) if is_rounded else np.inf
 
 
 def _jump(name: str, series: TimeSeries) -> str:
@@ -94,31 +80,10 @@ def _held(series: TimeSeries) -> str:
 
 
 def _repeated(series: TimeSeries, names: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield a reason if samples repeat the one before while the shock moves, or if a part of the record is repeated."""
+    """Yield a reason if samples repeat the one before while the shock moves."""
     rows, speed = series.select(names).values, np.abs(series["velocity"])
     same = (np.diff(rows, axis=1) == 0.0).all(axis=0) & (speed[1:] > 0.1 * speed.max())
     if np.count_nonzero(same) > REPEATED_SHARE * same.size:
         first = series.time[int(np.argmax(same)) + 1]
         figure = f"{np.count_nonzero(same)} of {same.size + 1} samples, the first at {first:.4g} s"
         yield REPEATED.reason("samples repeat the one before", figure=figure, origin=origin)
-    elif copy := _copied(rows):
-        figure = f"the samples from {series.time[copy[1]]:.4g} s repeat those from {series.time[copy[0]]:.4g} s"
-        yield COPIED.reason("a part of the record occurs twice", figure=figure, origin=origin)
-
-
-def _copied(rows: Array) -> tuple[int, int] | None:
-    """Return the first sample of a repeated sequence and of its copy, or None; `rows` is (C, N)."""
-    _, same = np.unique(rows, axis=1, return_inverse=True)
-    keys = np.asarray(same, dtype=np.int64).ravel()
-    order = np.argsort(keys, kind="stable")
-    later, earlier = order[1:], order[:-1]
-    twin = np.full(keys.size, -1)
-    alike = keys[later] == keys[earlier]
-    twin[later[alike]] = earlier[alike]
-    distance = np.where(twin >= 0, np.arange(keys.size) - twin, 0)
-    follows = (distance > FEWEST_COPIED) & (distance == np.roll(distance, 1))
-    runs = np.flatnonzero(np.convolve(follows, np.ones(FEWEST_COPIED), mode="valid") == FEWEST_COPIED)
-    if not runs.size:
-        return None
-    start = int(runs[0]) - 1
-    return int(twin[start]), start

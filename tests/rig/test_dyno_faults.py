@@ -76,13 +76,6 @@ def lost_and_joined(columns, generator):
     return text(cut)
 
 
-def pasted_twice(columns, generator):
-    i, n = int(generator.integers(10, COUNT - 700)), int(generator.integers(60, 300))
-    twice = np.concatenate([columns[:, : i + n], columns[:, i : i + n], columns[:, i + n :]], axis=1)
-    twice[T] = np.arange(twice.shape[1]) / RATE
-    return text(twice)
-
-
 def cut_off(columns, generator):
     return text(columns[:, : int(generator.integers(2, 199))])
 
@@ -137,15 +130,6 @@ def offset(row, low, high):
     def put(columns, generator):
         sign = int(generator.choice([-1, 1])) if low > 0.0 else 1
         columns[row] += sign * generator.uniform(low, high) * np.ptp(columns[row])
-        return text(columns)
-
-    return put
-
-
-def quantised(row):
-    def put(columns, generator):
-        step = np.ptp(columns[row]) / generator.uniform(10.0, 80.0)
-        columns[row] = step * np.round(columns[row] / step)
         return text(columns)
 
     return put
@@ -216,9 +200,6 @@ FOUND = {
     "an unknown unit of velocity": (renamed(V, "v [furlong/x]"), "'v' was not read: its unit 'furlong/x'"),
     "a saturated velocity": (saturated(V), "velocity and displacement disagree"),
     "a saturated displacement": (saturated(X), "the displacement is clipped: .* samples are equal to"),
-    "a quantised velocity": (quantised(V), "the velocity is quantised"),
-    "a quantised displacement": (quantised(X), "the displacement is quantised"),
-    "a quantised force": (quantised(F), "the force is quantised"),
     "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
     "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
     "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),
@@ -226,7 +207,6 @@ FOUND = {
     "a force shifted in time": (shifted(F, 7, 16), "the force is (later|earlier) than a shock makes it"),
     "a displacement shifted in time": (shifted(X, 3, 16), "velocity (follows|leads) the slope of displacement"),
     "samples held": (sampled_and_held, "samples repeat the one before"),
-    "a part pasted twice": (pasted_twice, "a part of the record occurs twice"),
     "samples lost and joined": (lost_and_joined, "the displacement jumps|off the slope of displacement"),
     "a spike in force": (spike(F), "the force jumps"),
     "a spike in velocity": (spike(V), "the velocity jumps"),
