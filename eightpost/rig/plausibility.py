@@ -215,7 +215,9 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
         return
     (rest, error), span = found, float(np.ptp(force))
     share = f"{rest:.4g} N at standstill, {100.0 * rest / span:.2g} % of the force's range"
-    if rest < 0.0 and explained(series).rest < -REST_SHARE * span:  # a lag of a stiff rebound does not count
+    if (
+        rest < -0.5 * REST_SHARE * span and explained(series).rest < -REST_SHARE * span
+    ):  # a lag of a stiff rebound does not count
         what = "the force at standstill is negative, although gas pushes"
         yield NEGATIVE_REST.reason(what, figure=share, origin=origin)
     if rest > max(0.5 * span, STRONG_GAS):

@@ -34,8 +34,8 @@ RECTIFIED = RULES.add("rectified force", ABOUT, Grade.NOT_USABLE,
     remedy="export the signed force, or another force column (--channel force=NAME)",
 )  # fmt: skip
 NEGATIVE_REST = RULES.add("negative force at standstill", ABOUT, Grade.LIMITED,
-    condition="the force at standstill is negative, and below minus 3 % of the force's range by a fit with "
-    "lag and gas stiffness",
+    condition="the force at standstill is below minus 1.5 % of the force's range, and below minus 3 % by a fit "
+    "with lag and gas stiffness",
     why="gas pushes, so either the load cell was zeroed with the gas force on it, or all signs are reversed and "
     "compression and rebound are swapped",
     remedy="check which stroke is compression; if all signs are reversed, flip them (--flip force with --flip "
@@ -50,7 +50,7 @@ TWO_SETTINGS = RULES.add("the shock changed", ABOUT, Grade.NOT_USABLE,
     why="a fit to both parts is a shock that exists at no setting",
     remedy="cut the record where the setting changes (--segment), and fit each part alone",
 )  # fmt: skip
-SMALL_CHANGE = RULES.add("the shock changed a little", ABOUT, Grade.LIMITED,
+SMALL_CHANGE = RULES.add("the shock changed a little", ABOUT, Grade.USABLE,
     condition="the same, by 3 to 8 %",
     why="one or two clicks have such an effect, and also a shim that settles: a fit is between both states",
     remedy="check whether a setting was changed during the test; if it was, cut the record there (--segment)",
