@@ -108,7 +108,7 @@ def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
 
 def _integral(series: TimeSeries) -> Array:
     velocity = series["velocity"]
-    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0.0))
+    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
 
 # ---- The estimate ---------------------------------------------------------------------------------------------------
@@ -214,9 +214,7 @@ def _interval(lags: Array, profile: Array, best: int, independent: float) -> tup
     limit = profile[best] * (1.0 + float(student.ppf(0.975, independent)) ** 2 / independent)
     likely = np.flatnonzero(profile <= limit)
     first, last = int(likely[0]), int(likely[-1])
-    if first == 0 or last == lags.size - 1 or not np.isfinite(profile[[first - 1, last + 1]]).all():
-        return None
-    if lags[last] - lags[first] > 2.0 * WIDEST:
+    if first == 0 or last == lags.size - 1 or lags[last] - lags[first] > 2.0 * WIDEST:
         return None
     early, late = (float(np.hypot(lags[end] - lags[best], TIMING)) for end in (first, last))
     return float(lags[best]) - early, float(lags[best]) + late

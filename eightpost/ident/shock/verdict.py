@@ -197,11 +197,10 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
 
 
 def _pulling(preload: Parameter) -> str:
-    value, unit = in_field_units(preload.value, preload.unit)
     return (
-        f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
-        "or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
-        "--flip displacement), otherwise compression and rebound are swapped"
+        f"gas_preload is {preload.value:.4g} N, but gas pushes: either the load cell was zeroed with the gas force on "
+        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity "
+        "or --flip displacement), otherwise compression and rebound are swapped"
     )
 
 

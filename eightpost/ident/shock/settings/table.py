@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from eightpost import units
-from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.files import read_text
+from eightpost.ident.shock.peak_velocity import is_table
 from eightpost.rig.dyno_columns import with_channels
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_tests
@@ -124,7 +125,7 @@ def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> Set
     reading: dict[str, Any] = {"units": table.units, "flip": table.flip, "cutoff": cutoff}
     reading["channel_map"] = with_channels(None, table.channel)
     tests = tuple(
-        tuple(read_dyno_tests(file, conditions=_conditions(entry, table), **reading))
+        _tests_of(file, conditions=_conditions(entry, table), **reading)
         for file, entry in zip(files, table.file, strict=True)
     )
     columns = [
@@ -138,6 +139,18 @@ def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> Set
         _axis(name, adjuster, column, path) for (name, adjuster), column in zip(_axes_of(table), columns, strict=True)
     )
     return SettingsTable(table.name or path.stem, table.law, table.gas, axes, settings, tests, files)
+
+
+def _tests_of(file: Path, **reading: Any) -> tuple[DynoTest, ...]:
+    try:
+        return tuple(read_dyno_tests(file, **reading))
+    except MissingChannelError as error:
+        if not is_table(file):
+            raise
+        what = "is a peak-velocity table, without time; `eightpost fit` makes a shock of each of its settings"
+        raise FileFormatError(
+            f"{what}, and `eightpost export --over` one table of several shocks", path=file
+        ) from error
 
 
 def _axes_of(table: _Table) -> list[tuple[str, _Adjuster | _Temperature]]:
