@@ -254,7 +254,6 @@ def _fit_tables(
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a record, its length, scale and lag, and its notes."""
-    from eightpost.rig.force_scale import scale_statement
     from eightpost.rig.lag import lag_statement
 
     series = test.series
@@ -264,9 +263,8 @@ def show_test(console: Console, test: DynoTest) -> None:
         soft_wrap=True,
         highlight=False,
     )
-    for statement in (scale_statement(series), lag_statement(series)):
-        console.print(f"  {escape(statement)}", soft_wrap=True, highlight=False)
-    for note in test.derived:
+    console.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
+    for note in (*test.derived, *test.remarks):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
 
 

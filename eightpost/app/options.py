@@ -291,7 +291,10 @@ COLUMNS = click.option("--channel", "columns", multiple=True, type=Assignment("C
 
 def flip_option(example: str) -> Callable[[Function], Function]:
     """Return the option --flip, with an example of a channel."""
-    help_text = f"Reverse the sign of a channel, e.g. {example}; may be repeated."
+    help_text = (
+        f"Reverse the sign of a channel, e.g. {example}; may be repeated. It replaces the signs that a file states; "
+        "`none` reverses no channel."
+    )
     return click.option("--flip", multiple=True, metavar="CHANNEL", help=help_text)
 
 
