@@ -187,6 +187,7 @@ def mapped_series(
     labels = {name: _label(name, channel_map) for name in picks}
     columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
+    _check_units(record, picks, columns, units or {})
     plans = {}
     for name, pick in picks.items():
         unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
@@ -223,6 +224,23 @@ def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], r
         if name not in known:
             what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
             raise record.origin.header_fault(MissingChannelError, what, channel=name)
+
+
+def _check_units(
+    record: RawRecord, picks: Mapping[str, MappedChannel], columns: Mapping[str, int], units: Mapping[str, str]
+) -> None:
+    """Raise a MissingUnitError that names all channels without a unit if there are several."""
+    missing = [
+        name
+        for name, pick in picks.items()
+        if not (pick.unit or units.get(name) or units.get(pick.source) or record.units[columns[name]])
+        and (name != "time" or record.columns[columns[name]].dtype != object)
+    ]
+    if len(missing) > 1:
+        sources = ", ".join(repr(picks[name].source) for name in missing)
+        advice = " ".join(f"--units {name}=unit" for name in missing)
+        what = f"the columns {sources} have no unit; add it to each name as `name [unit]`, or pass `{advice}`"
+        raise record.origin.header_fault(MissingUnitError, what, channel=missing[0])
 
 
 def _label(name: str, channel_map: ChannelMap) -> str:
