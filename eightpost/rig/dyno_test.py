@@ -12,13 +12,14 @@ import numpy as np
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError
 from eightpost.files import sha256_of
-from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels
+from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels, length_note
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
 from eightpost.rig.dyno_notes import notes_of
 from eightpost.rig.optional_columns import check_one_time, with_readable_columns
 from eightpost.rig.other_columns import column_reasons, mixed_units
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import PART_RULES
+from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals import faults
 from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin
@@ -26,6 +27,7 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
 from eightpost.signals.raw_record import mapped_series
 from eightpost.signals.recording import Recording
+from eightpost.signals.time_axes import spread_evenly
 from eightpost.verdict import Reason
 
 if TYPE_CHECKING:
@@ -204,11 +206,14 @@ class _Reading:
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
         label = f"record {self.path.name}"
-        record, mapping, left_out = with_readable_columns(record, self.channel_map, self.units, label)
+        units = _with_stated_units(record, self.units, self.channel_map)
+        record, mapping, left_out = with_readable_columns(record, self.channel_map, units, label)
+        mapping, signs = _with_stated_signs(record, mapping)
         mapping = mapping.flipped(self.flip)
         _check_channels(record, mapping)
         check_one_time(record, mapping, self.channel_map)
-        series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
+        record = _with_even_time(record, mapping)
+        series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
         _check_record(series, record.origin)
         measured, origin = series.names, record.origin
         derived: tuple[str, ...] = ()
@@ -219,29 +224,77 @@ class _Reading:
             _check_displacement_sign(series, origin)
         _check_force(series, origin, derived)
         stated, notes = conditions_from(record.preamble)
-        notes = (*record.notes, *notes, *notes_of(series, measured=measured, origin=origin))
+        notes = (*record.notes, *signs, *notes, *notes_of(series, measured=measured, origin=origin))
+        derived = (*length_note(mapping), *derived)
         test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
-        units = mixed_units(record, mapping, self.units)
+        mixed = mixed_units(record, mapping, units)
         reasons = (
             *left_out,
-            *record_reasons(series, measured=measured, origin=test.label, units=units, conditions=test.conditions),
+            *record_reasons(series, measured=measured, origin=test.label, units=mixed, conditions=test.conditions),
             *column_reasons(record, mapping, series, test.label),
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
         return replace(test, reasons=reasons).judged()
 
 
+def _with_stated_units(
+    record: RawRecord, given: Mapping[str, str], channel_map: ChannelMap | None
+) -> Mapping[str, str]:
+    """Return the units of the caller, and those that the preamble states for channels without a unit in the header."""
+    mapping = dyno_map(record, channel_map)
+    picks = {**mapping.channels, **({"time": mapping.time} if mapping.time else {})}
+    bare = {
+        name
+        for name, pick in picks.items()
+        if pick.source in record.names and not record.units[record.names.index(pick.source)]
+    }
+    return {**{name: unit for name, unit in stated_units(record.preamble).items() if name in bare}, **given}
+
+
+def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
+    """Return a record whose whole times, some of which repeat, are an even series, with a note."""
+    place = record.names.index(mapping.time.source) if mapping.time and mapping.time.source in record.names else -1
+    if place < 0 or record.columns[place].dtype == object:
+        return record
+    old = record.columns[place]
+    if (new := spread_evenly(old)) is old:
+        return record
+    repeated = int(np.count_nonzero(np.diff(old) == 0.0))
+    note = (
+        f"the times are whole numbers, {repeated} of which repeat; they were spread evenly, and moved by at most "
+        f"{float(np.abs(new - old).max()):.2g}"
+    )
+    columns = (*record.columns[:place], new, *record.columns[place + 1 :])
+    return replace(record, columns=columns, notes=(*record.notes, note))
+
+
+def _with_stated_signs(record: RawRecord, mapping: ChannelMap) -> tuple[ChannelMap, tuple[str, ...]]:
+    """Return the channel map with the signs that the preamble states, and a note if it changes some."""
+    stated, statement = reversed_channels(record.preamble, record.origin.path or Path())
+    turned = [name for name in mapping.channels if stated.get(name)]
+    if not turned:
+        return mapping, ()
+    note = f"the signs of {', '.join(turned)} were reversed, because the file states {statement!r}; --flip undoes it"
+    return mapping.flipped(turned), (note,)
+
+
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
     """Raise MissingChannelError if time, force or a motion channel is missing."""
-    known = "; ".join((", ".join(record.names), *record.notes))
-    advice = f"the file has: {known}; name the column in a channel map"
-    if mapping.time is None:
-        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="time")
-    if "force" not in mapping.channels:
-        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="force")
-    if not {"velocity", "displacement"} & set(mapping.channels):
-        what = f"there is neither velocity nor displacement; {advice}"
-        raise record.origin.header_fault(MissingChannelError, what, channel="velocity")
+    known = "; ".join((record.listed, *record.notes))
+    missing = [
+        what
+        for what, is_there in (
+            ("time", mapping.time),
+            ("force", "force" in mapping.channels),
+            ("displacement", {"velocity", "displacement"} & set(mapping.channels)),
+        )
+        if not is_there
+    ]
+    if missing:
+        named = ", ".join(missing).replace("displacement", "displacement or velocity")
+        advice = " ".join(f"--channel {name}=COLUMN" for name in missing)
+        what = f"no column has a usual name of the {named}; name it with {advice}; the file has: {known}"
+        raise record.origin.header_fault(MissingChannelError, what, channel=missing[0])
 
 
 def _check_record(series: TimeSeries, origin: Origin) -> None:

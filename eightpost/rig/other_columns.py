@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # ---- Units of two systems -------------------------------------------------------------------------------------------
 
-_US = {"m": ("in", "ft"), "m/s": ("in/s", "ft/s"), "N": ("lbf",)}
+_US = {"m": ("in", "ft"), "m/s": ("in/s", "ft/s"), "N": ("lbf", "kip")}
 _SI = {"m": "m", "displacement": "m", "velocity": "m/s", "force": "N"}
 
 

@@ -44,6 +44,8 @@ _QUANTITIES = {
     "K": _TEMPERATURE,
     "Pa": {"p", "pressure", "druck"},
 }
+#: Names of a time that are its unit, as loggers write them.
+_TIMES = {"millis": "ms", "milliseconds": "ms", "msec": "ms", "micros": "us", "microseconds": "us", "seconds": "s"}
 #: The same suffixes in headers of capitals: `TIME_SEC`, `VEL_MM_S`.
 _CAPITALS = {suffix.upper(): unit for suffix, unit in _SUFFIXES.items()}
 _CAUTIOUS_CAPITALS = {suffix.upper(): (unit, words) for suffix, (unit, words) in _CAUTIOUS.items()}
@@ -70,7 +72,7 @@ def split_header(text: str) -> tuple[str, str | None]:
         unit = _suffix_unit(text[:cut], text[cut + 1 :])
         if unit:
             return text[:cut], unit
-    return text, None
+    return text, _TIMES.get(text.lower())
 
 
 def _separated(text: str) -> tuple[str, str] | None:

@@ -74,6 +74,17 @@ class RawRecord:
         for note in self.notes:
             _LOG.warning("%s: %s", self.origin.path, note)
 
+    @property
+    def listed(self) -> str:
+        """Names of the columns in a message, with advice if they have none."""
+        names = ", ".join(self.names)
+        if not all(name.isdigit() for name in self.names):
+            return names
+        return (
+            f"{names}, as it has no header line; add one such as `time [s],velocity [m/s],force [N]`, or name the "
+            "columns by number, --channel force=3, and their units, --units force=N"
+        )
+
     def twins(self, source: str) -> tuple[str, ...]:
         """Return the names of further columns that had the same name in the file."""
         return tuple(name for name in self.names if re.fullmatch(rf"{re.escape(source)} \(\d+\)", name))
@@ -91,7 +102,7 @@ class RawRecord:
         name, unit = split_header(source)  # a channel map may have the whole header, with its unit
         if name in self.names and self.units[self.names.index(name)] == unit:
             return self.names.index(name)
-        what = f"there is no column {source!r}; the file has: {', '.join(self.names)}"
+        what = f"there is no column {source!r}; the file has: {self.listed}"
         raise self.origin.header_fault(MissingChannelError, what, channel=channel)
 
     def unit(self, index: int, *, channel: str, given: Mapping[str, str], mapped: str | None) -> str:

@@ -71,7 +71,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     first = _without_column_numbers(lines, first, delimiter)
     above = [i for i in range(top - 1, -1, -1) if lines[i].strip()]
     width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
-    if not above or not any(delimiter in lines[i] for i in above):
+    if not above or all(len(cells_of(lines[i])) < 2 for i in above):
         names = tuple(map(str, range(1, width + 1)))
         return Layout(delimiter, names, (None,) * width, None, None, offset + first + 1, 0)
     header, unit_row, units = above[0], above[0], None

@@ -61,7 +61,7 @@ BROKEN = {
     "unknown in a row": ("t,F\ns,blub\n0,1\n1,2\n", errors.UnknownUnitError, "line 2, channel 'F'.*blub"),
     "time in metres": ("t [m],F [N]\n0,1\n1,2\n", errors.UnknownUnitError, "channel 'time'.*'m' cannot"),
     "no time": ("a [s],F [N]\n0,1\n1,2\n", errors.MissingChannelError, "line 1, channel 'time'.*has: a, F"),
-    "no header": ("0,1\n1,2\n", errors.FileFormatError, "line 1: there is no header"),
+    "no header": ("0,1\n1,2\n", errors.MissingChannelError, "channel 'time'.*no header line.*--channel force=3"),
     "unnamed column": ("t [s],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*2 columns.*have 3"),
     "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' is not unique"),
     "no numbers": ("hello\nworld\n", errors.FileFormatError, "no table"),
