@@ -154,6 +154,12 @@ class RawRecord:
             return column.astype(np.float64, copy=False)
         return np.array([self._number(cell, row, channel) for row, cell in enumerate(column)])
 
+    def si(self, index: int, si: str) -> NDArray[np.float64]:
+        """Return a column (N,) in SI; a MissingUnitError or an UnknownUnitError if its unit is not one of `si`."""
+        name = self.names[index]
+        unit = self.unit(index, channel=name, given={}, mapped=None)
+        return convert(self.numbers(index, channel=name), unit, _target_unit(self, name, unit, si))
+
     def _number(self, cell: object, row: int, channel: str) -> float:
         try:
             return float(str(cell).replace(",", "."))
