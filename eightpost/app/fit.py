@@ -146,13 +146,13 @@ def fit(  # one parameter per option
     console = Console()
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
-    if of_builds := builds_in(dyno_files, given, of_files):
+    channel_map = with_channels(channel_map, dict(columns))
+    if of_builds := builds_in(dyno_files, given, of_files, channel_map):
         _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
-    if tables := tables_in(dyno_files, given):
+    if tables := tables_in(dyno_files, given, channel_map):
         _check_options_of_tables(law, curve)
         ctx.exit(0 if _fit_tables(console, tables, output, plot, name=name, build=build, gas=gas).is_acceptable else 1)
-    channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
     tests = _read_tests(console, dyno_files, reading, of_files, split=split)
     shock_fit = fit_shock(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from eightpost.array_types import Array
 from eightpost.errors import DataError, MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_conditions import conditions_from
-from eightpost.rig.peak_velocity_columns import STROKES, Columns, Point, stroke_above
+from eightpost.rig.peak_velocity_columns import STROKES, Columns, Point, holds_peak_velocities, stroke_above
 from eightpost.rig.peak_velocity_layouts import in_columns
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.rig.stated_conventions import stated_units
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 #: Maximum difference of two forces at the same speed, as a share of the largest force.
 SAME_SPEED = 0.05
+
+#: Suffixes of files that are records over time.
+_RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet")
 
 
 def read_peak_velocity(
@@ -63,25 +67,44 @@ def read_peak_velocity(
         WrongSignError: Both strokes have negative forces.
     """
     path = Path(path)
-    points = _with_signs(list(_points_of(read_records(path), dict(units or {}), channel_map)), path)
+    return _tables(path, read_records(path), units, channel_map)
+
+
+def peak_velocity_tables(
+    path: Path, *, units: Mapping[str, str] | None = None, channel_map: ChannelMap | None = None
+) -> tuple[PeakVelocityTable, ...]:
+    """Return the peak-velocity tables of a file; nothing if it is a record over time. See `read_peak_velocity`."""
+    if path.suffix.lower() in _RECORDS:
+        return ()
+    records = read_records(path)
+    return _tables(path, records, units, channel_map) if holds_peak_velocities(records, channel_map) else ()
+
+
+def _tables(
+    path: Path, records: Sequence[RawRecord], units: Mapping[str, str] | None, channel_map: ChannelMap | None
+) -> tuple[PeakVelocityTable, ...]:
+    notes: list[str] = []
+    points = _with_signs(list(_points_of(records, dict(units or {}), channel_map, notes)), path)
     settings = list(dict.fromkeys(point.setting for point in points))
-    return tuple(_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+    tables = (_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+    return tuple(replace(table, notes=tuple(notes)) for table in tables)
 
 
 def _points_of(
-    records: Sequence[RawRecord], units: Mapping[str, str], channel_map: ChannelMap | None
+    records: Sequence[RawRecord], units: Mapping[str, str], channel_map: ChannelMap | None, notes: list[str]
 ) -> Iterator[Point]:
-    """Yield the points of all blocks of a file; the lines above a block may name its setting and its stroke."""
+    """Yield the points of all blocks of a file, and add their notes; lines above a block may name setting and stroke."""
     setting = ""
     for number, record in enumerate((in_columns(one, channel_map) for one in records), 1):
-        record.log_notes()
         clicks = conditions_from(record.preamble)[0].clicks
         stroke = stroke_above(record)
         named = clicks or (setting if stroke else f"block {number}" if len(records) > 1 else "")
         setting = named
         given = {**stated_units(record.preamble), **units}
-        for point in Columns(record, given, stroke).points():
+        columns = Columns(record, given, stroke)
+        for point in columns.points():
             yield point._replace(setting=" ".join(filter(None, (named if len(records) > 1 else "", point.setting))))
+        notes += [note for note in (*record.notes, *columns.notes) if note not in notes]
 
 
 def _with_signs(points: list[Point], path: Path) -> list[Point]:

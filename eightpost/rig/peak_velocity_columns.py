@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,8 +30,6 @@ from eightpost.units import compatible, convert, is_unit
 if TYPE_CHECKING:
     from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.raw_record import RawRecord
-
-_LOG = logging.getLogger(__name__)
 
 # ---- Names of columns -----------------------------------------------------------------------------------------------
 
@@ -125,11 +122,13 @@ class Columns:
         record: Columns of the file.
         units: Units of the caller, by column name, or for `speed` and `force`.
         stroke: Stroke of the whole table, if the lines above it name one.
+        notes: Sentences on what was left out or computed, which `points` adds.
     """
 
     record: RawRecord
     units: Mapping[str, str]
     stroke: str | None = None
+    notes: list[str] = field(default_factory=list)
 
     def points(self) -> Iterator[Point]:
         """Yield the points of the table in any of the layouts.
@@ -206,7 +205,7 @@ class Columns:
         left_out = [self.record.names[one.place] for one in named if one.place not in {two.place for two in kept}]
         if left_out:
             names = ", ".join(map(repr, left_out))
-            _LOG.warning("%s: not read, because they are not the force of a stroke: %s", self.record.origin.path, names)
+            self.notes.append(f"not read, because they are not the force of a stroke: {names}")
         return tuple(kept)
 
     def _above(self) -> list[str]:
@@ -281,8 +280,8 @@ class Columns:
         speed = self._values(speeds, "speed", "m/s", rows)
         if self._has_unit(forces, _COEFFICIENT):
             coefficient = self._values(forces, channel, _COEFFICIENT, rows)
-            what = "is a damping coefficient: force = coefficient x speed; a slope of the curve would give other forces"
-            _LOG.warning("%s: the column %r %s", self.record.origin.path, self.record.names[forces], what)
+            name = self.record.names[forces]
+            self.notes.append(f"{name!r} is a damping coefficient: force = coefficient x speed; a slope would be less")
             force = coefficient * speed
         else:
             force = self._values(forces, channel, "N", rows)

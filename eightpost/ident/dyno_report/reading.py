@@ -8,17 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from eightpost.errors import InputError
-from eightpost.files import sha256_of
+from eightpost.files import document_kind, sha256_of
 from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
-from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
+from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.peak_velocity_columns import holds_peak_velocities
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.shock import read_shock
-from eightpost.signals import read_records
-
-#: Suffixes of files that may be a peak-velocity table.
-_TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +77,7 @@ def read_entries(
     entries: list[Entry] = []
     shocks: list[Path] = []
     for done, path in enumerate(paths, 1):
-        if path.suffix.lower() == ".json":
+        if path.suffix.lower() == ".json" and document_kind(path) is not None:
             shocks.append(path)
         else:
             entries += _dynamometer_entries(path, reading)
@@ -103,8 +99,7 @@ def read_entries(
 
 def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:
     build, clicks = _chosen(reading.builds, path), _chosen(reading.clicks, path)
-    if path.suffix.lower() in _TABLES and holds_peak_velocities(read_records(path)):
-        tables = read_peak_velocity(path, units=reading.options.get("units"))
+    if tables := peak_velocity_tables(path, **reading.options):
         if clicks and len(tables) == 1:
             tables = (replace(tables[0], clicks=clicks),)
         for number, table in enumerate(tables, 1):
