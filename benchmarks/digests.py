@@ -58,7 +58,7 @@ def _run_commands(folder: Path) -> None:
     examples = Path(__file__).resolve().parents[1] / "examples"
     dyno = str(examples / "data" / "dyno_A.csv")
     _command(folder, "demo", "-o", "demo")
-    for law in ("polylinear", "lpf1", "lpnl2", "maxwell"):
+    for law in ("polylinear", "lpf1", "lpnl2"):
         _command(folder, "fit", dyno, "--law", law, "-o", f"fit/{law}.json")
     _command(folder, "fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
     shutil.copytree(examples, folder / "examples")

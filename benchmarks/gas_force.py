@@ -26,7 +26,6 @@ from eightpost.rig.damper.body import ATMOSPHERE
 COLUMNS: dict[str, tuple[str, CurveKind]] = {
     "LPNL2, polynomials": ("lpnl2", "polynomial"),
     "LPNL2, knots": ("lpnl2", "knots"),
-    "Maxwell, knots": ("maxwell", "knots"),
     "Hysteresis": ("hysteresis", "knots"),
 }
 

@@ -25,8 +25,7 @@ def fit_errors_table(found: Sequence[Result]) -> str:
 
 def lag_table(found: Sequence[Result]) -> str:
     """Return the parameters of the laws with lag; parameters at a bound are marked."""
-    heads = ("fitted", "LPF1: lag [ms]", "LPNL2: lag [ms]", "alpha = 1 up to [N]", "0 from [N]",
-             "Maxwell: stiffness [N/mm]")  # fmt: skip
+    heads = ("fitted", "LPF1: lag [ms]", "LPNL2: lag [ms]", "alpha = 1 up to [N]", "0 from [N]")
     lines: dict[str, list[str]] = {}
     for record, by_law in _by_record(found).items():
         fitted = record.partition(", held out")[0]
@@ -35,7 +34,6 @@ def lag_table(found: Sequence[Result]) -> str:
             _parameter(by_law.get("lpnl2"), "time_constant", 1e3),
             _parameter(by_law.get("lpnl2"), "lag_full_force", 1.0),
             _parameter(by_law.get("lpnl2"), "lag_zero_force", 1.0),
-            _parameter(by_law.get("maxwell"), "series_stiffness", 1e-3),
         ]
         lines.setdefault(fitted, [fitted, *cells])
     return grid(heads, list(lines.values()))

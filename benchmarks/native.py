@@ -37,7 +37,6 @@ from eightpost.shock import (
     Hysteresis,
     Lpf1,
     Lpnl2,
-    Maxwell,
     Polylinear,
     Shock,
     StaticCurve,
@@ -85,7 +84,7 @@ def _sources(folder: Path) -> list[Path]:
         0.381, 0.0127, 1.2, 1.1, 3000.0, 3500.0,
     )  # fmt: skip
     laws = (
-        Polylinear(curve), Lpf1(curve, 0.0013), Lpnl2(curve, 0.0013, 800.0, 1600.0), Maxwell(curve, 4e6), _hysteresis(),
+        Polylinear(curve), Lpf1(curve, 0.0013), Lpnl2(curve, 0.0013, 800.0, 1600.0), _hysteresis(),
     )  # fmt: skip
     files = []
     for law in laws:

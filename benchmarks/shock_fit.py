@@ -71,9 +71,7 @@ def _options() -> argparse.Namespace:
 
 def _bench(options: argparse.Namespace) -> Bench:
     numbers = tuple(int(number) for number in options.configurations.split(",") if number)
-    laws = tuple(options.laws.split(","))
-    laws = tuple(law for law in laws if law != "maxwell") if options.recipe == "boggs" else laws
-    return Bench(numbers, laws, options.quick, options.recipe, options.processes)
+    return Bench(numbers, tuple(options.laws.split(",")), options.quick, options.recipe, options.processes)
 
 
 def _line(one: Result) -> str:

@@ -15,7 +15,7 @@ from eightpost.ident.validation.printed import CONFIGURATIONS
 from eightpost.shock import law_title
 
 #: Colours of Okabe and Ito, which colour-blind readers can distinguish.
-COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73", "maxwell": "#D55E00"}
+COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73"}
 
 
 def draw(found: Sequence[Result], path: Path) -> None:
@@ -27,11 +27,11 @@ def draw(found: Sequence[Result], path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for shift, (law, color) in enumerate(COLORS.items()):
-        ours = [(one.configuration + 0.08 * (shift - 1.5), one.rms[law]) for one in errors if law in one.rms]
+        ours = [(one.configuration + 0.08 * (shift - 1.0), one.rms[law]) for one in errors if law in one.rms]
         if ours:
             axes.semilogy(*zip(*ours, strict=True), "o", color=color, label=law_title(law))
         printed_points = [
-            (one.number + 0.08 * (shift - 1.5), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf
+            (one.number + 0.08 * (shift - 1.0), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf
         ]
         if printed_points:
             axes.semilogy(*zip(*printed_points, strict=True), "o", color=color, fillstyle="none", label="printed")

@@ -17,7 +17,7 @@ from eightpost.signals import Drivefile
 
 Segment = tuple[float, float]
 
-LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
+LAWS = ("polylinear", "lpf1", "lpnl2")
 BOUC_WEN, NARX = "bouc-wen", "narx"
 
 #: Phase draws for fit and validation; the damper was calibrated with other draws (docs/explanation/dynamometer.md).

@@ -39,7 +39,7 @@ def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
     """Write `members` (name with forward slashes -> content) to a zip; the same members give the same bytes."""
     with (
         atomic_path(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive,
     ):
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, date_time=_EPOCH)

@@ -95,7 +95,7 @@ def test_errors_are_about_their_mean_only_where_the_load_cells_zero_is_unknown()
 
 
 def test_a_law_that_cannot_be_fitted_has_a_row_without_figures():
-    refused = FailedFit(Case("configuration 11", (), None, configuration=11), "maxwell", "the curve falls, and so on")
+    refused = FailedFit(Case("configuration 11", (), None, configuration=11), "lpnl2", "the curve falls, and so on")
     assert set(refused.row()) == KEYS
     assert [refused.row()[name] for name in FIGURES] == [None] * 3
     assert "not fitted: the curve falls |" in markdown([refused])

@@ -2,8 +2,7 @@
 
     q'' = A_q q + G F + b(t),   F = r (F_v(r S q', z) + seal + gas(r S q)) + friction(S q, S q', y)
 
-with two states for each port: z of its shock, the lagged force (LPF1, LPNL2) or the force of the series spring
-(Maxwell), and the deflection y of its bristle.
+with two states for each port: z, the lagged force of its shock (LPF1, LPNL2), and the deflection y of its bristle.
 
 Nothing of the FMUs' or the library's code is used: the formulas are those of docs/evidence/shock_models.md,
 docs/reference/ports.md and the READMEs of fmus/.
@@ -14,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-POLYLINEAR, LPF1, LPNL2, MAXWELL = range(4)
+POLYLINEAR, LPF1, LPNL2 = range(3)
 
 #: Columns of a shock's parameters.
 (LAW, RATIO, UP, DOWN, GAS_RATE, GAS, SEAL, SEAL_SPEED, OWN, FULL, NONE, SPEED, WIDTH, FAST_UP, FAST_DOWN, SLOPE_UP,
@@ -42,88 +41,48 @@ _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525,
 
 @njit(cache=True)
 def fitted(p, v):
-    """Return the force of the blended polynomials and its slope at a damper velocity."""
+    """Return the force of the blended polynomials at a damper velocity."""
     share = min(max((abs(v) - p[SPEED]) / p[WIDTH] + 0.5, 0.0), 1.0)
-    side = 1.0 if v > 0.0 else -1.0
-    inner = inner_slope = outer = outer_slope = 0.0
+    inner = outer = 0.0
     if share < 1.0:
         s = v / p[SPEED]
         for k in range(_INNER_COUNT - 1, -1, -1):
-            inner_slope = inner_slope * s + inner
             inner = inner * s + p[INNER + k]
-        inner_slope = (inner_slope * s + inner) / p[SPEED]
         inner *= s
     if share > 0.0:
         first = OUTER_UP if v > 0.0 else OUTER_DOWN
         s = (abs(v) - p[SPEED]) / p[SPEED]
         for k in range(_OUTER_COUNT - 1, -1, -1):
-            outer_slope = outer_slope * s + outer
             outer = outer * s + p[first + k]
-        outer_slope *= side / p[SPEED]
-    slope = (1.0 - share) * inner_slope + share * outer_slope
-    if 0.0 < share < 1.0:
-        slope += side * (outer - inner) / p[WIDTH]
-    return (1.0 - share) * inner + share * outer, slope
+    return (1.0 - share) * inner + share * outer
 
 
 @njit(cache=True)
 def static(p, v):
-    """Return F_s [N] and its slope [N.s/m] at a damper velocity, scales included."""
+    """Return F_s [N] at a damper velocity, scales included."""
     if v > p[FAST_UP]:
-        force, slope = fitted(p, p[FAST_UP])[0] + p[SLOPE_UP] * (v - p[FAST_UP]), p[SLOPE_UP]
+        force = fitted(p, p[FAST_UP]) + p[SLOPE_UP] * (v - p[FAST_UP])
     elif v < -p[FAST_DOWN]:
-        force, slope = fitted(p, -p[FAST_DOWN])[0] + p[SLOPE_DOWN] * (v + p[FAST_DOWN]), p[SLOPE_DOWN]
+        force = fitted(p, -p[FAST_DOWN]) + p[SLOPE_DOWN] * (v + p[FAST_DOWN])
     else:
-        force, slope = fitted(p, v)
-    scale = p[UP] if v > 0.0 else p[DOWN]
-    return scale * force, scale * slope
+        force = fitted(p, v)
+    return (p[UP] if v > 0.0 else p[DOWN]) * force
 
 
 @njit(cache=True)
-def velocity_under(p, force, guess):
-    """Return w with F_s(w) = force for a rising curve: Newton's method, with bisection outside the known interval."""
-    low, high, w = -np.inf, np.inf, guess
-    for _ in range(200):
-        value, slope = static(p, w)
-        off = value - force
-        near = 1e-14 * (abs(w) + 1e-3)
-        if abs(off) <= near * slope:
-            return w
-        if off > 0.0:
-            high = w
-        else:
-            low = w
-        if high - low <= near:
-            return w
-        following = w - off / slope if slope > 0.0 else np.nan
-        if not (low < following < high):
-            if np.isinf(low):
-                following = high - max(1e-3, abs(high))
-            elif np.isinf(high):
-                following = low + max(1e-3, abs(low))
-            else:
-                following = 0.5 * (low + high)
-        w = following
-    return w
-
-
-@njit(cache=True)
-def shock(p, v, x, z, guess):
-    """Return the shock's force at the port, z', and w if the law has one (else the guess)."""
+def shock(p, v, x, z):
+    """Return the shock's force at the port, and z'."""
     vd = p[RATIO] * v
-    fs, _ = static(p, vd)
+    fs = static(p, vd)
     law, follows, valves = int(p[LAW]), 0.0, fs
     if law == LPF1:
         valves, follows = z, (fs - z) / p[OWN]
     elif law == LPNL2:
         share = min(max((p[NONE] - abs(fs)) / (p[NONE] - p[FULL]), 0.0), 1.0)
         valves, follows = share * z + (1.0 - share) * fs, (fs - z) / p[OWN]
-    elif law == MAXWELL:
-        guess = velocity_under(p, z, guess)
-        valves, follows = z, p[OWN] * (vd - guess)
     drag = p[SEAL] * np.tanh(vd / p[SEAL_SPEED]) if p[SEAL] else 0.0
     force = p[RATIO] * (valves + drag + p[GAS] + p[GAS_RATE] * p[RATIO] * x)
-    return force, follows, guess
+    return force, follows
 
 
 @njit(cache=True)
@@ -140,8 +99,8 @@ def friction(p, v, x, y):
 
 
 @njit(cache=True)
-def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
-    """Write y' for y = (q, q', z, deflections) under accelerations `push` (Q,); store each shock's w as next guess."""
+def slopes(y, push, stiffness, ports, mobility, shocks, into):
+    """Write y' for y = (q, q', z, deflections) under accelerations `push` (Q,)."""
     count, rows = push.size, shocks.shape[0]
     for i in range(count):
         into[i] = y[count + i]
@@ -154,7 +113,7 @@ def slopes(y, push, stiffness, ports, mobility, shocks, guesses, into):
         for j in range(count):
             x += ports[s, j] * y[j]
             v += ports[s, j] * y[count + j]
-        force, follows, guesses[s] = shock(shocks[s], v, x, y[2 * count + s], guesses[s])
+        force, follows = shock(shocks[s], v, x, y[2 * count + s])
         drag, bends = friction(shocks[s], v, x, y[2 * count + rows + s])
         force += drag
         into[2 * count + s], into[2 * count + rows + s] = follows, bends
@@ -181,15 +140,13 @@ def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, t
     n, count = start.size, pushes.shape[1]
     states, y, trial = np.empty((knots.size, n)), start.copy(), np.empty(n)
     k, push = np.empty((7, n)), np.empty(count)
-    guesses, kept = np.zeros(shocks.shape[0]), np.zeros(shocks.shape[0])
     states[0], step, made = y, 1e-5, 0
-    slopes(y, pushes[0], stiffness, ports, mobility, shocks, guesses, k[0])
+    slopes(y, pushes[0], stiffness, ports, mobility, shocks, k[0])
     for m in range(knots.size - 1):
         length, done = knots[m + 1] - knots[m], 0.0
         while done < length:
             last = step >= (length - done) * (1.0 - 1e-9)
             h = length - done if last else step
-            kept[:] = guesses
             for stage in range(1, 7):
                 for i in range(n):
                     total = 0.0
@@ -199,7 +156,7 @@ def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, t
                 share = min((done + _C[stage] * h) / length, 1.0)
                 for i in range(count):
                     push[i] = pushes[m, i] + share * (pushes[m + 1, i] - pushes[m, i])
-                slopes(trial, push, stiffness, ports, mobility, shocks, guesses, k[stage])
+                slopes(trial, push, stiffness, ports, mobility, shocks, k[stage])
             worst = 0.0
             for i in range(n):
                 off = 0.0
@@ -214,7 +171,6 @@ def integrate(knots, pushes, stiffness, ports, mobility, shocks, start, sizes, t
                 grown = h * min(5.0, max(0.3, factor))
                 step = max(step, grown) if last else grown
             else:
-                guesses[:] = kept
                 step = h * min(0.9, max(0.1, factor))
             if made > most or not step > 1e-15:
                 return states, -1
@@ -228,12 +184,11 @@ def port_forces(states, ports, shocks):
     count, rows = ports.shape[1], shocks.shape[0]
     forces, frictions = np.empty((rows, states.shape[0])), np.zeros((rows, states.shape[0]))
     for s in range(rows):
-        guess = 0.0
         for m in range(states.shape[0]):
             v = x = 0.0
             for j in range(count):
                 x += ports[s, j] * states[m, j]
                 v += ports[s, j] * states[m, count + j]
-            forces[s, m], _, guess = shock(shocks[s], v, x, states[m, 2 * count + s], guess)
+            forces[s, m], _ = shock(shocks[s], v, x, states[m, 2 * count + s])
             frictions[s, m], _ = friction(shocks[s], v, x, states[m, 2 * count + rows + s])
     return forces, frictions

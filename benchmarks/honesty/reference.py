@@ -74,13 +74,12 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
 def shock_numbers(shock: DrawnShock, friction: tuple[float, float], bristle: DrawnBristle) -> Array:
     """Return the kernel's parameters of a shock, and of the friction and the spring at its port (COLUMNS,)."""
     port, curve, own = shock.port, shock.curve, shock.own
-    first = own.get("time_constant", own.get("series_stiffness", 0.0))
     return np.array(
         [
             LAWS.index(shock.law),
             *(port.motion_ratio, port.compression_scale, port.rebound_scale),
             *(port.gas_stiffness, port.gas_preload, port.seal_friction, port.friction_velocity),
-            *(first, own.get("lag_full_force", 0.0), own.get("lag_zero_force", 1.0)),
+            *(own.get("time_constant", 0.0), own.get("lag_full_force", 0.0), own.get("lag_zero_force", 1.0)),
             *(curve.transition_speed, curve.transition_width, curve.compression_speed, curve.rebound_speed),
             *(curve.compression_slope, curve.rebound_slope),
             *friction,

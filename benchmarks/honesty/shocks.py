@@ -13,14 +13,12 @@ from eightpost.shock import Port, StaticCurve
 Random = np.random.Generator
 Array = NDArray[np.float64]
 
-LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell")
+LAWS = ("polylinear", "lpf1", "lpnl2")
 
 #: Order of the polynomial that is fitted to a drawn nose.
 _NOSE_ORDER = 9
-#: Share of shocks whose force falls somewhere; not used for Maxwell's law, which requires a rising curve.
+#: Share of shocks whose force falls somewhere.
 _FALLING = 0.2
-#: Largest rate of Maxwell's internal motion [1/s]: series stiffness divided by the smallest slope of the curve.
-_FASTEST = 5e4
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,6 @@ def some(random: Random, share: float, value: float, otherwise: float = 0.0) -> 
 def draw_shock(random: Random, law: str) -> DrawnShock:
     """Return a random shock of a law."""
     port = _port(random)
-    if law == "maxwell":
-        return _maxwell(random, port)
     falls = bool(random.random() < _FALLING)
     curve, nose = draw_curve(random, falls=falls)
     own = {}
@@ -79,35 +75,6 @@ def draw_shock(random: Random, law: str) -> DrawnShock:
         own["lag_full_force"] = log_uniform(random, 50.0, 1500.0)
         own["lag_zero_force"] = own["lag_full_force"] + log_uniform(random, 50.0, 2000.0)
     return DrawnShock(law, curve, port, own, nose, falls)
-
-
-def _maxwell(random: Random, port: Port) -> DrawnShock:
-    """Draw until the curve rises everywhere and the internal motion is not too fast."""
-    while True:
-        curve, nose = draw_curve(random, falls=False)
-        stiffness = log_uniform(random, 1e5, 1e7)
-        least = min(port.compression_scale, port.rebound_scale) * _least_slope(curve)
-        if least > 0.0 and stiffness / least < _FASTEST and curve.falls_at() is None:
-            return DrawnShock("maxwell", curve, port, {"series_stiffness": stiffness}, nose, False)
-
-
-def _least_slope(curve: StaticCurve) -> float:
-    """Return the smallest slope [N.s/m] between many velocities, also beyond the fitted range."""
-    coarse = np.linspace(-curve.rebound_speed, curve.compression_speed, 401)
-    nose = np.linspace(-1.0, 1.0, 1601) * (curve.transition_speed + curve.transition_width)
-    v = np.union1d(coarse, nose)
-    v = v[(v > -curve.rebound_speed) & (v < curve.compression_speed)]
-    slopes = np.diff(_forces(curve, v)) / np.diff(v)
-    return float(min(np.min(slopes), curve.compression_slope, curve.rebound_slope))
-
-
-def _forces(curve: StaticCurve, v: Array) -> Array:
-    """Return the curve's force at velocities within the fitted range (N,)."""
-    s, far = v / curve.transition_speed, np.abs(v) / curve.transition_speed - 1.0
-    share = np.clip((np.abs(v) - curve.transition_speed) / curve.transition_width + 0.5, 0.0, 1.0)
-    inner = s * np.polyval(curve.inner[::-1], s)
-    outer = np.where(v > 0.0, np.polyval(curve.compression[::-1], far), np.polyval(curve.rebound[::-1], far))
-    return np.asarray((1.0 - share) * inner + share * outer)
 
 
 def _port(random: Random) -> Port:

@@ -13,7 +13,17 @@ from click.core import ParameterSource
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, FilePath, OutputFile, Quantity, Verb, flip_option, map_option
+from eightpost.app.options import (
+    COLUMNS,
+    UNITS,
+    FilePath,
+    LawChoice,
+    OutputFile,
+    Quantity,
+    Verb,
+    flip_option,
+    map_option,
+)
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE, SHOCK
 from eightpost.shock import LAWS
@@ -37,7 +47,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 @click.command(cls=Verb)
 @click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=FilePath())
-@click.option("--law", type=click.Choice(["auto", *LAWS]), default="auto", show_default=True,
+@click.option("--law", type=LawChoice(["auto", *LAWS]), default="auto", show_default=True,
               help="Shock law to fit (docs/evidence/shock_models.md). auto: all laws are fitted and "
               "cross-validated, and the simplest one that is as good as the best is taken "
               "(docs/explanation/law_choice.md); with --recipe boggs, lpnl2.")  # fmt: skip

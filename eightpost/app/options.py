@@ -156,6 +156,19 @@ class Number(click.FloatRange):
         return number
 
 
+class LawChoice(click.Choice):  # type: ignore[type-arg]
+    """The name of a shock law, or another name of the list."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name; a law of earlier versions is refused as such."""
+        from eightpost.shock.laws import FORMER, law_title
+
+        if value in FORMER:
+            known = ", ".join(map(str, self.choices))
+            self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A value with its unit, such as '10 mm', which the verb receives in one unit.
 

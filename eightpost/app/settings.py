@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, OutputFile, Quantity, Verb
+from eightpost.app.options import FilePath, LawChoice, OutputFile, Quantity, Verb
 from eightpost.outputs import PICTURE, SHOCK
 from eightpost.shock import LAWS
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=OutputFile(SHOCK, default=lambda given: Path(f"{given['table'].stem}.json")),
               help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
               "folder.")  # fmt: skip
-@click.option("--law", type=click.Choice(["auto", *LAWS]),
+@click.option("--law", type=LawChoice(["auto", *LAWS]),
               help="Shock law to fit; default: that of TABLE, else auto: the law is chosen by cross-validation on the "
               "setting with the largest force (docs/explanation/law_choice.md).")  # fmt: skip
 @click.option("--segment", nargs=2, type=Quantity("s"), metavar="START STOP",

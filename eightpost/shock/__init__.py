@@ -19,7 +19,6 @@ from eightpost.shock.laws import (
 )
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.maxwell import Maxwell
 from eightpost.shock.polylinear import Polylinear
 from eightpost.shock.port import Port
 from eightpost.shock.settings import Axis, Settings, Term
@@ -32,7 +31,6 @@ __all__ = [
     "Hysteresis",
     "Lpf1",
     "Lpnl2",
-    "Maxwell",
     "Piece",
     "Polylinear",
     "Port",

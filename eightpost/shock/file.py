@@ -17,7 +17,7 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.at_setting import band_section, force_half_width, setting_reasons, setting_text
 from eightpost.shock.curve import StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import LAWS, law_name, law_title, own_parameters, parameter_units
+from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
 from eightpost.shock.port import Port
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, setting_of
 from eightpost.validity import Validity, judged
@@ -197,9 +197,12 @@ def read_shock(path: str | Path) -> Shock:
 
     Raises:
         FileFormatError: The file is not a shock file, or its schema is newer than this version supports.
-        ParameterError: A parameter is missing, unknown or out of range; the message names file and parameter.
+        ParameterError: A parameter is missing, unknown or out of range, or the law is a former one; the message names
+            file and parameter.
     """
     document = _read_document(Path(path))
+    if document.get("law") in FORMER:
+        raise ParameterError(_no_longer_supported(document, Path(path)))
     law_class = LAWS.get(str(document.get("law")))
     if law_class is None:
         raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
@@ -223,6 +226,16 @@ def read_shock(path: str | Path) -> Shock:
         settings=settings,
     )
     return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, Path(path).name))
+
+
+def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
+    """Return what is wrong with a file of a former law, and the command that fits its records again."""
+    records = " ".join(entry["name"] for entry in _inputs(document, path) if "name" in entry) or "RECORD"
+    command = "settings TABLE" if "settings" in document else f"fit {records}"
+    return (
+        f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
+        f"eightpost {command} -o {path}"
+    )
 
 
 def _settings(document: dict[str, Any]) -> Settings:

@@ -18,8 +18,8 @@ A law is a single file (docs/development/add_a_law.md). Besides its class, the f
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
   lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
   0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1
-  and F_2, each times the factor. "series spring": the only parameter is a stiffness in series with the curve. The fit
-  evaluates both functions of alpha for arrays, with the `min`, `max` and `copysign` of numpy: they have no branches.
+  and F_2, each times the factor. The fit evaluates both functions of alpha for arrays, with the `min`, `max` and
+  `copysign` of numpy: they have no branches.
   "lagged velocity": the law has a recipe of its own (eightpost/ident/shock/hysteresis_fit.py).
 """
 

@@ -18,7 +18,6 @@ typedef struct {
     real curve_inner[15], curve_compression[4], curve_rebound[4];
     real curve_knot_velocity[25], curve_knot_force[25], curve_knot_slope[25];
     real time_constant, lag_full_force, lag_zero_force; /* the limits also distinguish laws without and with lag only */
-    real series_stiffness; /* of Maxwell */
     real time_constants[3], stop_stiffness, stop_yield, stop_time, curve_lagged_slope[25]; /* of Hysteresis */
 } Parameters;
 

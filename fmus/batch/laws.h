@@ -11,9 +11,6 @@ typedef struct {
     real velocity_start, static_start, velocity_end, static_end, step;
 } Span;
 
-/* The force [N] after a piece. */
-real maxwell_after(const Parameters *p, real force, const Span *span, truth needed);
-
 /* The lagged velocity [m/s] and the travel of the stop [m]. */
 typedef struct {
     real velocity, travel;

@@ -81,7 +81,6 @@ void start_port(Port *port, real velocity, real displacement)
 {
     const real v = port->parameters.motion_ratio * velocity, f = valve_force(&port->parameters, v);
     port->some_lag = in_any(port->law == WITH_LAG);
-    port->some_maxwell = in_any(port->law == MAXWELL);
     port->some_hysteresis = in_any(port->law == HYSTERESIS);
     port->lagged = f;
     port->travel = uniform(0.0);
@@ -154,10 +153,6 @@ static inline void advance_law(Port *port, const Span *piece, const Lag *lag, tr
         const real lagged = port->lagged + (start - port->lagged) * lag->rise + (end - start) * lag->ramp;
         after = either(port->law == WITH_LAG, lagged, end);
     }
-    if (port->some_maxwell) {
-        const truth is_maxwell = port->law == MAXWELL;
-        after = either(is_maxwell, maxwell_after(&port->parameters, port->lagged, piece, is_maxwell & needed), after);
-    }
     if (port->some_hysteresis) {
         const truth has_hysteresis = port->law == HYSTERESIS;
         const Lagged found = hysteresis_after(&port->parameters, (Lagged){port->lagged, port->travel}, piece, has_hysteresis & needed);
@@ -173,7 +168,7 @@ void step_port(Port *port, real from, real to, real displacement, double h, trut
     const real count = pieces(p, from, to);
     const Range range = range_of(count);
     const Lag lag = lag_over_piece(port, count, range, h);
-    const real part = port->some_maxwell || port->some_hysteresis ? either(count == 1.0, uniform(h), h / count) : uniform(h);
+    const real part = port->some_hysteresis ? either(count == 1.0, uniform(h), h / count) : uniform(h);
     real v = p->motion_ratio * from, f = valve_force(p, v);
     for (int k = 1; k <= range.most; k++) {
         const int is_inside = k < range.least; /* in every setup, a piece that is not the last one */

@@ -11,7 +11,7 @@
 enum { MOST_PIECES = 1000 };
 
 /* Laws; Polylinear and those with a lag differ only in numbers. */
-enum { WITHOUT_LAG = 0, WITH_LAG = 1, MAXWELL = 2, HYSTERESIS = 3 };
+enum { WITHOUT_LAG = 0, WITH_LAG = 1, HYSTERESIS = 2 };
 
 typedef struct {
     real force, static_force, lagged_force, lag_weight, dissipated_power, beyond_fit;
@@ -24,7 +24,7 @@ typedef struct {
     PortSignals now;
     real lagged, travel; /* F_lag, or the lagged velocity of Hysteresis; the travel of its stop */
     double step; /* for which factors are known */
-    int some_lag, some_maxwell, some_hysteresis;
+    int some_lag, some_hysteresis;
     int known; /* piece counts with known factors: 1 to this one */
     real rise[MOST_PIECES + 1], ramp[MOST_PIECES + 1];
 } Port;

@@ -171,7 +171,7 @@ static inline real valve_force(const Parameters *p, real v)
 
 #ifndef EIGHTPOST_LANES
 
-/* ---- Slopes, for model exchange and for the laws that need them ------------------------------------------------------------ */
+/* ---- Slopes, for model exchange ---------------------------------------------------------------------------------------------- */
 
 /* c_1 + 2 c_2 s + 3 c_3 s^2 + ... */
 static inline double polynomial_slope(const double *coefficients, int count, double s)

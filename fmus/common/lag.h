@@ -5,21 +5,14 @@
 #include "elementary.h"
 #include "shock.h"
 
-/* F_lag [N] after `ratio` time constants in which F_s changes linearly from start to end [N]:
- * F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) / ratio), e = exp(-ratio). */
-static inline real lag_after(real lagged, real static_start, real static_end, real ratio)
-{
-    const real rise = -exponential_minus_1(-ratio), ramp = 1.0 - rise / ratio;
-    return lagged + (static_start - lagged) * rise + (static_end - static_start) * ramp;
-}
-
 #ifdef EIGHTPOST_LANES
 
-/* The same after h [s]. */
+/* F_lag [N] after h [s] in which F_s changes linearly from start to end [N]. */
 static inline real advance_lag(LagFactors *none, real lagged, real static_start, real static_end, real time_constant, real h)
 {
     (void)none;
-    return lag_after(lagged, static_start, static_end, h / time_constant);
+    const real ratio = h / time_constant, rise = -exponential_minus_1(-ratio), ramp = 1.0 - rise / ratio;
+    return lagged + (static_start - lagged) * rise + (static_end - static_start) * ramp;
 }
 
 #else
@@ -41,7 +34,7 @@ static inline double advance_lag(LagFactors *f, double lagged, double static_sta
 /* dF_lag/dt. */
 static inline Rate lag_rate(double lagged, double static_force, double time_constant)
 {
-    const Rate rate = {(static_force - lagged) / time_constant, -1.0 / time_constant, 0.0, 1.0 / time_constant};
+    const Rate rate = {(static_force - lagged) / time_constant, -1.0 / time_constant, 1.0 / time_constant};
     return rate;
 }
 

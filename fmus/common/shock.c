@@ -46,12 +46,12 @@ static double law_force(const Parameters *p, const State *state, double velocity
 static Slopes law_slopes(const Parameters *p, const State *state, double velocity, double static_force)
 {
     const double slope = valve_slope(p, velocity), alpha = law_lag_weight(p, static_force), lagged = state->at[0];
-    const Rate rate = law_rate(p, lagged, velocity, static_force);
+    const Rate rate = law_rate(p, lagged, static_force);
     const Slopes slopes = {
         .force_by_velocity = (1.0 - alpha) * slope + law_lag_weight_slope(p, static_force) * slope * (lagged - static_force),
         .force_by_state = {alpha},
         .rate = {rate.value},
-        .rate_by_velocity = {rate.by_velocity + rate.by_static * slope},
+        .rate_by_velocity = {rate.by_static * slope},
         .rate_by_state = {rate.by_lagged},
     };
     return slopes;

@@ -26,15 +26,15 @@ const char *law_refuses(const Parameters *p);
 
 /* ---- A law with one state, F_lag ------------------------------------------------------------------------------------- */
 
-/* dF_lag/dt [N/s], and its partial derivatives by F_lag [1/s], damper velocity [N/m] and F_s [1/s]. */
+/* dF_lag/dt [N/s], and its partial derivatives by F_lag and by F_s [1/s]. */
 typedef struct {
-    double value, by_lagged, by_velocity, by_static;
+    double value, by_lagged, by_static;
 } Rate;
 
 /* F_lag [N] after a piece. */
 double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, const Piece *piece);
-/* dF_lag/dt at F_lag [N], a damper velocity [m/s] and its F_s [N]: the equation that law_advance_lag solves. */
-Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force);
+/* dF_lag/dt at F_lag and F_s [N]: the equation that law_advance_lag solves. */
+Rate law_rate(const Parameters *p, double lagged, double static_force);
 
 /* ---- A law with several states, which are continuous states of interface.toml ------------------------------------------ */
 

@@ -21,9 +21,8 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
     return advance_lag(kept, lagged, piece->static_start, piece->static_end, p->time_constant, piece->step);
 }
 
-Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
+Rate law_rate(const Parameters *p, double lagged, double static_force)
 {
-    (void)velocity;
     return lag_rate(lagged, static_force, p->time_constant);
 }
 

@@ -26,12 +26,11 @@ double law_advance_lag(const Parameters *p, LagFactors *kept, double lagged, con
 }
 
 /* There is no lag, and so no continuous state. */
-Rate law_rate(const Parameters *p, double lagged, double velocity, double static_force)
+Rate law_rate(const Parameters *p, double lagged, double static_force)
 {
-    const Rate none = {0.0, 0.0, 0.0, 0.0};
+    const Rate none = {0.0, 0.0, 0.0};
     (void)p;
     (void)lagged;
-    (void)velocity;
     (void)static_force;
     return none;
 }

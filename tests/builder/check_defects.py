@@ -6,6 +6,7 @@ are not packages.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.util
 import platform
@@ -234,9 +235,12 @@ def found(path: Path, defect: Defect) -> set[str]:
     return {finding.rule.identifier for finding in check(path, groups=defect.groups).findings}
 
 
+_members = functools.cache(read_archive)
+
+
 def defective(fmu: Path, folder: Path, defect: Defect, *more: Change) -> Path:
     """Write a copy of an FMU with a defect and further changes."""
-    members = read_archive(fmu)
+    members = dict(_members(fmu))
     for change in (defect.change, *more):
         change(members)
     target = folder / fmu.name

@@ -29,20 +29,12 @@ PARAMETERS = {
     "curve.rebound[4]": st.floats(-5e2, 5e2),
     "curve.transition_speed": st.floats(0.2, 0.6),
 }
-#: Parameters for a law that does not accept a falling curve.
-RISING = {
-    "compression_scale": st.floats(0.2, 2.0),
-    "rebound_scale": st.floats(0.2, 2.0),
-    "curve.inner[1]": st.floats(1.79e3, 1.81e3),
-    "curve.rebound[4]": st.floats(-5.0, 5.0),
-    "curve.transition_speed": st.floats(0.38, 0.382),
-}
 steps = st.lists(st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.floats(-0.05, 0.05)), min_size=1, max_size=8)
 
 
 def parameters_of(name, variables):
     """Return values for the parameters that an FMU has."""
-    ranges = PARAMETERS | (RISING if name == "maxwell" else {})
+    ranges = PARAMETERS
     if name == "hysteresis":  # its curve has knots, which must fit together
         ranges = {n: s for n, s in ranges.items() if not n.startswith("curve.")}
     return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})

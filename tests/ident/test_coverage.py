@@ -9,7 +9,7 @@ from eightpost.ident import fit_shock, simulate
 from eightpost.ident.shock.curve import CurveBasis, curve_forces, split_coefficients
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
-from eightpost.shock import Lpf1, Lpnl2, Maxwell, Port, StaticCurve, law_name, own_parameters
+from eightpost.shock import Lpf1, Lpnl2, Port, StaticCurve, law_name, own_parameters
 from eightpost.signals import TimeSeries
 
 RATE = 8000.0
@@ -20,7 +20,6 @@ SPEEDS = np.array([-0.5, -0.2, -0.05, 0.05, 0.2, 0.5])
 RANGES = {
     Lpf1: {"time_constant": (0.8e-3, 3e-3)},
     Lpnl2: {"time_constant": (0.8e-3, 3e-3), "lag_full_force": (200.0, 600.0), "lag_zero_force": (1200.0, 2000.0)},
-    Maxwell: {"series_stiffness": (1.5e6, 8e6)},
 }
 
 
@@ -100,9 +99,8 @@ def test_the_intervals_of_200_random_shocks_hold_the_truth_in_95_percent():
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("kind", [Lpnl2, Maxwell])
-def test_the_intervals_of_40_random_shocks_of_the_other_laws_hold_the_truth(kind):
-    """LPNL2 96.1 % of 440 intervals, Maxwell 96.4 % of 360; a single interval may reach only 85 % of 40 cases."""
-    share = np.mean([hits(seed, kind) for seed in range(2000, 2040)], axis=0)
+def test_the_intervals_of_40_random_shocks_of_lpnl2_hold_the_truth():
+    """96.1 % of 440 intervals; a single interval may reach only 85 % of 40 cases."""
+    share = np.mean([hits(seed, Lpnl2) for seed in range(2000, 2040)], axis=0)
     assert (share > 0.80).all(), share
     assert share.mean() == pytest.approx(0.95, abs=0.04)

@@ -19,7 +19,7 @@ from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Hysteresis, Maxwell, Polylinear, Port, read_shock, write_shock
+from eightpost.shock import Hysteresis, Polylinear, Port, read_shock, write_shock
 from eightpost.signals import TimeSeries
 
 RATE = 500.0
@@ -173,12 +173,9 @@ def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("law", "name"), [(Polylinear, "polylinear"), (lambda curve: Maxwell(curve, 1.5e6), "maxwell")]
-)
-def test_a_record_of_a_simpler_law_does_not_give_hysteresis(law, name, rising, law_record):
-    choice = choose_law(law_record(law(rising), 1, rate=RATE), (name, "hysteresis"))
-    assert choice.law == name
+def test_a_record_of_a_simpler_law_does_not_give_hysteresis(rising, law_record):
+    choice = choose_law(law_record(Polylinear(rising), 1, rate=RATE), ("polylinear", "hysteresis"))
+    assert choice.law == "polylinear"
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def _source_folders(
 @pytest.fixture(scope="session")
 def assembly(fmus: dict[str, Path]) -> Assembly:
     """The seven-DOF car with shocks of different laws."""
-    laws = {"lf": "lpnl2", "rf": "hysteresis", "lr": "polylinear", "rr": "maxwell"}
+    laws = {"lf": "lpnl2", "rf": "hysteresis", "lr": "polylinear", "rr": "lpf1"}
     links = [
         Wire(*ends)
         for corner in laws

@@ -32,14 +32,6 @@ PARAMETERS = {
     "curve.rebound[4]": st.floats(-5e2, 5e2),
     "curve.transition_speed": st.floats(0.2, 0.6),
 }
-#: Ranges for a law that requires a rising curve.
-RISING = {
-    "compression_scale": st.floats(0.2, 2.0),
-    "rebound_scale": st.floats(0.2, 2.0),
-    "curve.inner[1]": st.floats(1.79e3, 1.81e3),
-    "curve.rebound[4]": st.floats(-5.0, 5.0),
-    "curve.transition_speed": st.floats(0.38, 0.382),
-}
 #: Step [s], velocity at its start and end [m/s], displacement [m].
 moves = st.lists(
     st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-0.05, 0.05)),
@@ -59,7 +51,7 @@ twists = st.lists(st.floats(-50.0, 50.0), min_size=25, max_size=25)
 
 def parameters_of(name, curve, variables):
     """Return values for the parameters that an FMU has, with or without knots."""
-    ranges = PARAMETERS | (RISING if name == "maxwell" else {})
+    ranges = PARAMETERS
     if name == "hysteresis":
         ranges = {n: s for n, s in ranges.items() if not n.startswith("curve.")}
     found = st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
@@ -67,7 +59,7 @@ def parameters_of(name, curve, variables):
         return st.builds(dict.__or__, found, st.builds(hysteresis_values, speeds, powers, slopes, shares))
     if curve == "polynomials":
         return found
-    knots = st.builds(knot_values, speeds, powers, slopes, st.just([0.0] * 25) if name == "maxwell" else twists)
+    knots = st.builds(knot_values, speeds, powers, slopes, twists)
     return st.builds(dict.__or__, found, knots)
 
 
@@ -204,34 +196,6 @@ def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     assert run_fmu(fmu, ramps)[:, 1:3].tolist() == [list(row) for row in expected]
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("count", [12, pytest.param(40, marks=pytest.mark.nightly)])
-def test_the_maxwell_fmu_and_law_agree_bit_for_bit_across_knees_and_beyond_the_fitted_range(
-    count, component, shocks, elementary
-):
-    """Scales up to a factor of ten, soft springs and velocities to 20 m/s make the velocity search use bisection.
-
-    The first 11 sets of values reach every line of the law that all 40 reach.
-    """
-    rng, fmu = np.random.default_rng(5), component("maxwell")
-    for _ in range(count):
-        scales = dict(zip(("compression_scale", "rebound_scale"), 10.0 ** rng.uniform(-1.0, 1.0, 2), strict=True))
-        values = scales | {"series_stiffness": 10.0 ** rng.uniform(4.0, 8.0)}
-        sizes = 10.0 ** rng.uniform(-3.0, 1.3, 20)
-        speeds = sizes * rng.choice([-1.0, 1.0], 20)
-        ramps = [(10.0 ** rng.uniform(-5.0, -1.5), start, end, 0.0) for start, end in pairwise(speeds.tolist())]
-        law = law_with(shocks["maxwell"].law, values)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(lag, "expm1", elementary.exponential_minus_1)
-            lagged, expected = law.static_force(0.0), []
-            for step, start, end, _x in reached(ramps):
-                lagged = law.follow(lagged, start, end, step)
-                expected.append(lagged)
-        fmu.finish()
-        fmu.begin(0.0, 1e6, values)
-        assert run_fmu(fmu, ramps)[:, 2].tolist() == expected
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("name", LAWS)
@@ -297,28 +261,6 @@ def test_a_fast_ramp_is_divided_into_pieces_with_second_order_accuracy(shocks):
     assert abs(law.follow(law.static_force(-0.35), -0.35, 0.35, 2e-3) - exact) < 1e-3 * abs(exact)
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"curve.inner[1]": 5.0},
-        {"curve.compression[2]": -900.0},
-        {"curve.rebound[2]": 900.0},
-        {"compression_scale": 0.0},
-        {"curve.rebound_slope": 0.0},
-        knot_values((1.1, 1.2), 1.8, [0.0, 0.0, *[3e3] * 23], [0.0] * 25),
-        knot_values((1.1, 1.2), 1.8, [3e3] * 25, [*[0.0] * 20, 600.0, *[0.0] * 4]),
-    ],
-    ids=lambda values: str(values)[:40],
-)
-def test_a_maxwell_fmu_refuses_the_parameters_that_its_law_refuses(component, python_component, shocks, values):
-    with pytest.raises(ValueError, match=r"rise"):
-        law_with(shocks["maxwell"].law, values)
-    for load in (component, python_component):
-        with pytest.raises(StepError, match=r"rise|must be positive for a Maxwell law"):
-            load("maxwell", **values).end_initialization()
-
-
 KNOTS = knot_values((1.1, 1.2), 1.8, [3e3] * 25, [0.0] * 25)
 
 
@@ -366,7 +308,7 @@ def test_knots_may_be_changed_between_steps(component, python_component, shocks)
         assert fmu.get(("static_force",)) == pytest.approx([6e3 * 0.4], rel=1e-12)
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if name != "maxwell"])  # whose curve would fall there
+@pytest.mark.parametrize("name", LAWS)
 def test_a_transition_of_up_to_twice_its_speed_is_accepted(component, shocks, name):
     """The curve must pass through zero at zero velocity, which a wider transition does not allow."""
     speed = shocks[name].law.curve.transition_speed

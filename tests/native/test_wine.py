@@ -20,7 +20,7 @@ WINE = shutil.which("wine64") or shutil.which("wine")
 HOST = Path(__file__).with_name("load_and_step.c")
 
 #: FMUs: the shocks are those of the law.
-MODELS = ("polylinear", "lpf1", "lpnl2", "maxwell", "hysteresis", "quarter_car", "seven_dof")
+MODELS = ("polylinear", "lpf1", "lpnl2", "hysteresis", "quarter_car", "seven_dof")
 #: Folders of the libraries by FMI version.
 FOLDERS = {2: ("linux64", "win64"), 3: ("x86_64-linux", "x86_64-windows")}
 #: Amplitude of an input by the end of its name: SI units. The displacement is the integral of the velocity.

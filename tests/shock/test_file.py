@@ -105,4 +105,4 @@ def test_the_costs_of_the_laws_are_relative_to_polylinear():
 
 
 def test_every_law_has_a_name():
-    assert list(LAWS) == ["polylinear", "lpf1", "maxwell", "lpnl2", "hysteresis"]
+    assert list(LAWS) == ["polylinear", "lpf1", "lpnl2", "hysteresis"]

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import exp
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
+from eightpost.shock import curve as shock_curve
 from eightpost.shock.curve import cell_of, outer_share
-from eightpost.shock.law import Piece, valve_force
+from eightpost.shock.law import MOST_PIECES, STRAIGHT, Piece, valve_force
 from eightpost.shock.laws import law_module, own_parameters
 
 from .example_curve import curve, knot_curve
@@ -104,6 +106,19 @@ def test_falls_at_returns_the_slowest_velocity_at_which_a_curve_falls():
     )
     # Flat from the start: found at the first of 256 steps.
     assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
+
+
+def test_a_curve_is_checked_at_every_256th_of_a_side_and_every_12th_of_its_transition(monkeypatch):
+    seen, force = [], shock_curve.curve_force
+    monkeypatch.setattr(shock_curve, "curve_force", lambda numbers, v: seen.append(v) or force(numbers, v))
+    checked = curve()
+    assert checked.falls_at() is None
+    middle, width = checked.transition_speed, checked.transition_width
+    expected = []
+    for side, speed in ((1.0, checked.compression_speed), (-1.0, checked.rebound_speed)):
+        expected += (side * np.linspace(0.0, speed, 257)).tolist()
+        expected += (side * np.linspace(middle - 0.5 * width, middle + 0.5 * width, 13)).tolist()
+    assert seen == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
 def test_the_transition_may_reach_almost_down_to_zero_velocity():
@@ -359,3 +374,9 @@ def test_the_bounds_of_the_fit_are_the_dissertations():
 def test_a_parameter_out_of_range_is_named(build, named):
     with pytest.raises(ValueError, match=named):
         build()
+
+
+def test_the_c_code_divides_a_ramp_into_pieces_like_the_law():
+    source = (Path(__file__).parents[2] / "fmus" / "common" / "shock.c").read_text(encoding="utf-8")
+    assert f"STRAIGHT = {STRAIGHT};" in source
+    assert f"MOST_PIECES = {MOST_PIECES} }}" in source

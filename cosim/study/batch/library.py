@@ -46,7 +46,6 @@ _SHARED = {
                                            "shock.h")},
     **{name: f"vehicle_ss/{name}" for name in ("advance.h", "factors.h", "modal.h", "phi.h", "port_forces.h",
                                                "steady_state.h", "sub_steps.h")},
-    "maxwell.c.inc": "shock_maxwell/model.c",
     "hysteresis.c.inc": "shock_hysteresis/model.c",
 }  # fmt: skip
 

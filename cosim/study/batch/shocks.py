@@ -14,7 +14,7 @@ from cosim.study.study import Parameters
 from eightpost.array_types import Array
 
 #: Laws of fmus/batch/port.h by interface.
-_LAWS = {"shock_polylinear": 0, "shock_lpf1": 1, "shock_lpnl2": 1, "shock_maxwell": 2, "shock_hysteresis": 3}
+_LAWS = {"shock_polylinear": 0, "shock_lpf1": 1, "shock_lpnl2": 1, "shock_hysteresis": 2}
 
 #: Limits of the lagged force with which the weight of the lag is always 0, or always 1 [N].
 _NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, 1e300)
@@ -79,7 +79,6 @@ def _parameters(kind: str, values: Parameters) -> Array:
         found += [float(values["lag_full_force"]), float(values["lag_zero_force"])]
     else:
         found += _NO_LAG if kind == "shock_polylinear" else _ONLY_LAG
-    found += numbers("series_stiffness", 1) if kind == "shock_maxwell" else [1.0]
     for name, count in _HYSTERESIS.items():
         found += numbers(name, count) if kind == "shock_hysteresis" else [1.0] * count
     return np.array(found)

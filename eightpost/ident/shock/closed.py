@@ -248,6 +248,6 @@ def dynamics_for(law: type[ShockLaw], limits: Limits) -> Dynamics:
     if form in forms:
         return forms[form](limits, law)
     # The compiler takes a second to load.
-    from eightpost.ident.shock.stepped import SeriesSpring, SteppedLaw  # noqa: PLC0415
+    from eightpost.ident.shock.stepped import SteppedLaw  # noqa: PLC0415
 
-    return SeriesSpring(limits, law) if form == "series spring" else SteppedLaw(limits, law)
+    return SteppedLaw(limits, law)

@@ -299,9 +299,6 @@ def _inch(velocity: float) -> str:
 #: `auto`: free; constrained to be monotonic only if the free curve would fall notably.
 Shape = Literal["auto", "free", "monotone", "passive"]
 
-#: Minimum slope, as a share of the mean slope, for a law that needs a rising curve.
-_LEAST_RISE = 0.01
-
 #: Distance of a constrained curve from its bounds, as a share of its range of force; it covers rounding.
 _CLEAR = 1e-9
 
@@ -343,15 +340,6 @@ def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstr
     sign = np.where(basis.grid > 0.0, 1.0, -1.0)
     matrix = sign[:, None] * basis.grid_columns if shape == "passive" else basis.rises
     return CurveConstraint(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
-
-
-def rising_constraint(basis: WorkingBasis, b: Array) -> CurveConstraint:
-    """Return the constraint that makes a curve rise everywhere, by a share of the mean slope of a curve b."""
-    slope = max(float(np.sum(basis.rises @ b)), 0.0) / float(np.ptp(basis.grid))
-    if isinstance(basis.curve, KnotBasis):
-        least = _LEAST_RISE * slope * basis.curve.speed
-        return CurveConstraint(np.eye(b.size), np.full(b.size, least), _CLEAR_SLOPE)
-    return CurveConstraint(basis.rises, _LEAST_RISE * slope * np.diff(basis.grid), _clear(basis, b))
 
 
 def _clear(basis: WorkingBasis, b: Array) -> float:

@@ -65,11 +65,6 @@ class Dynamics(ABC):
             what = f"the fitted law is not valid: {error}; or fit more of the record (--segment)"
             raise ParameterError(what) from error
 
-    @property
-    def needs_rise(self) -> bool:
-        """Whether the law needs a curve that rises everywhere."""
-        return False
-
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta (k,)."""
         return np.empty(0), np.empty(0)

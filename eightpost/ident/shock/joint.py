@@ -15,7 +15,6 @@ from eightpost.ident.shock.curve import (
     Shape,
     WorkingBasis,
     deepest_fall,
-    rising_constraint,
     shape_constraint,
 )
 from eightpost.ident.shock.force import ForceModel, Models, linear_solution
@@ -91,7 +90,7 @@ def _sketched(model: ForceModel) -> Problem:
 
 
 def _refit_tolerance(model: ForceModel) -> float:
-    return _CONSTRAINED_REFIT if model.basis.has_knots or model.dynamics.needs_rise else _REFIT
+    return _CONSTRAINED_REFIT if model.basis.has_knots else _REFIT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +158,6 @@ _CONSTRAINED_REFIT = 1e-5
 _WORTHWHILE = 0.02
 
 _JOINED = "the outer cubics join the inner polynomial in value and slope, not freely"
-_RISING = "the curve was constrained to rise everywhere, because the law needs it"
 _CONSTRAINED = {
     "auto": "the curve was constrained to be monotonic; the unconstrained fit to this record would fall",
     "monotone": "the curve was constrained to be monotonic as requested",
@@ -213,9 +211,7 @@ class Joint:
         if sketch.is_final:
             return sketch
         model = sketch.whole
-        minimum = self._on(Problem(model), sketch.minimum)
-        if not model.dynamics.needs_rise:
-            minimum = self._settled(minimum, sketch.models("free", sketch.order))
+        minimum = self._settled(self._on(Problem(model), sketch.minimum), sketch.models("free", sketch.order))
         if sketch.full_lag is not None and isinstance(model.dynamics, FadingLag):
             like = _like(sketch.full_lag, model.dynamics, sketch.weights)
             minimum = min((minimum, like), key=lambda m: m.cost)
@@ -240,14 +236,12 @@ class Joint:
         notes = [] if order == INNER_ORDER else [_order_note(order, self.order)]
         notes += [] if sketch.is_free else [_JOINED]
         if minimum.is_constrained:
-            notes += [_RISING if minimum.problem.model.dynamics.needs_rise else _CONSTRAINED[self.shape]]
+            notes += [_CONSTRAINED[self.shape]]
         return minimum.solution(tuple(notes))
 
     def _on(self, problem: Problem, minimum: Minimum) -> Minimum:
         """Optimise a minimum of the same parameters in another problem; active constraints are kept."""
-        basis, constraint = problem.model.basis, minimum.problem.constraint
-        if problem.model.dynamics.needs_rise:
-            return problem.constrained_minimum(rising_constraint(basis, minimum.curve), minimum.parameters)
+        constraint = minimum.problem.constraint
         if constraint is not None and minimum.is_constrained:
             return problem.constrained_minimum(constraint, minimum.parameters)
         return self._shaped(problem.minimum_from(minimum.parameters))
@@ -263,11 +257,7 @@ class Joint:
         if tau is None:
             return Sketch(self._settled(Problem(tied).minimum_from(start), models("free", order)), models, order, tau)
         first = tied.with_dynamics(FullLag(dynamics.limits, dynamics.kind))
-        full_lag = Problem(first).minimum_from(np.append(start, tau))
-        if dynamics.needs_rise:  # a jump at the transition may be downwards
-            full_lag = replace(self, shape="monotone")._shaped(full_lag)
-        else:
-            full_lag = self._settled(full_lag, models("free", order))
+        full_lag = self._settled(Problem(first).minimum_from(np.append(start, tau)), models("free", order))
         sketch = Sketch(full_lag, models, order, tau, full_lag)
         return sketch if isinstance(dynamics, FullLag) else replace(sketch, minimum=self._beyond_full_lag(sketch))
 
@@ -277,8 +267,6 @@ class Joint:
         dynamics, problem = base.dynamics, _sketched(base)
         starts = dynamics.starts(problem.model, parameters, _FOLLOWED)
         best = _best(problem, starts or [np.append(parameters[:-1], dynamics.like_full_lag(base, parameters))])
-        if dynamics.needs_rise:
-            return problem.constrained_minimum(rising_constraint(base.basis, full_lag.minimum.curve), best)
         return self._shaped(problem.minimum_from(best))
 
     def _settled(self, minimum: Minimum, free: ForceModel) -> Minimum:

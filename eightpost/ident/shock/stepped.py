@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import WorkingBasis, split_coefficients
+from eightpost.ident.shock.curve import split_coefficients
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.limits import Limits
-from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, StaticCurve, Valve, fit_parameters
-from eightpost.shock.compiled import compiled_loop, stepped_force
+from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_parameters
+from eightpost.shock.compiled import stepped_force
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
 
@@ -117,11 +114,6 @@ _CURVE_STEP, _OWN_STEP = 1e-5, 1e-4
 #: Number of values in the scan of a parameter, and half the range of the scan about the start of a logarithm.
 _SCAN, _SCANNED = 9, np.log(30.0)
 
-#: A falling curve, to test whether a law rejects it.
-_FALLING = StaticCurve(
-    (-1.0, *[0.0] * 14), (-1.0, -1.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), 0.381, 0.0127, 1.0, 1.0, 0.0, 0.0
-)
-
 
 @dataclass(frozen=True)
 class SteppedLaw(Dynamics):
@@ -152,16 +144,6 @@ class SteppedLaw(Dynamics):
     def units(self) -> tuple[str, ...]:  # type: ignore[override]
         """SI units of the law's own parameters."""
         return tuple(p.unit for p in self.own.declared)
-
-    @property
-    def needs_rise(self) -> bool:
-        """Whether the law rejects a falling curve."""
-        start = self.values(self.own.start())
-        try:
-            self.kind(_FALLING, **dict(zip(self.names, start.tolist(), strict=True)))
-        except ValueError:
-            return True
-        return False
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Step every run through the law; the last result is cached, because its derivatives are needed next."""
@@ -249,98 +231,3 @@ def _numbers(model: ForceModel, b: Array) -> CurveNumbers:
         inner, compression, rebound, curve.transition_speed, curve.transition_width,
         float(grid[-1]), float(-grid[0]), max(slopes[0], 1.0), max(slopes[1], 1.0),
     )  # fmt: skip
-
-
-# ---- Maxwell's law in the fit ---------------------------------------------------------------------------------------
-
-#: Points of the velocity table. Between them the curve is treated as straight, accurate to a hundredth of a newton.
-_TABLE = 4001
-
-
-class _TablePoint(NamedTuple):
-    """Result of a table look-up: velocities w (N,) [m/s], slopes f'(w) (N,) [N.s/m], columns at w (N, n)."""
-
-    velocity: Array
-    slope: Array
-    columns: Array
-
-
-@dataclass(frozen=True)
-class SeriesSpring(SteppedLaw):
-    """Maxwell: theta = (ln k,), k [N/m] the stiffness in series with the valves."""
-
-    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
-        """Return the derivatives by one pass of a varying lag over the curve's columns at w."""
-        point, stiffness = _look_up(model.basis, b, self.force(model, b, theta)), float(np.exp(theta[0]))
-        strain = point.slope * (model.runs.velocity - point.velocity)
-        columns = np.vstack([point.columns.T, strain]).T
-        pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
-        lagged = [_lagged_columns(columns[part], point.slope[part] / stiffness, p.step) for p, part in pairs]
-        rows = model.runs.rows(np.concatenate(lagged).T).T
-        return rows[:, :-1], rows[:, -1:]
-
-    def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
-        """Return ln k with k = slope / tau, where slope is the mean slope of the curve over the samples."""
-        b = full_lag[: model.curve_count]
-        slope = _look_up(model.basis, b, model.static(b)).slope
-        low, high = self.bounds()
-        return np.clip(np.log([float(slope.mean()) / float(full_lag[-1])]), low, high)
-
-
-@lru_cache(maxsize=4)
-def _grid(basis: WorkingBasis) -> tuple[Array, Array]:
-    """Return the table's velocities (M,) [m/s] and the basis's columns there (M, n)."""
-    velocity = np.linspace(basis.grid[0], basis.grid[-1], _TABLE)
-    return velocity, np.asfortranarray(basis.at(velocity))
-
-
-def _rising(basis: WorkingBasis, b: Array) -> Array:
-    """Return rising forces (M,) [N] of a curve b at the grid; a curve may fall during the fit, the result does not."""
-    _, columns = _grid(basis)
-    return np.asarray(np.maximum.accumulate(columns @ b) + 1e-9 * np.arange(_TABLE))
-
-
-def _look_up(basis: WorkingBasis, b: Array, force: Array) -> _TablePoint:
-    """Look forces (N,) [N] up on a curve b."""
-    velocity, columns = _grid(basis)
-    slope = np.maximum(np.gradient(columns @ b, velocity), 1.0)
-    place = np.interp(force, _rising(basis, b), np.arange(float(_TABLE)))
-    cell = np.minimum(place.astype(np.intp), _TABLE - 2)
-    share = place - cell
-    series = np.take(columns.T, cell, axis=1) * (1.0 - share) + np.take(columns.T, cell + 1, axis=1) * share
-    between = velocity[0] + place * (velocity[1] - velocity[0])
-    return _TablePoint(between, slope[cell] * (1.0 - share) + slope[cell + 1] * share, series.T)
-
-
-#: Lags shorter than this share of the sampling interval are treated as zero.
-_SHORTEST_SHARE = 1e-9
-
-
-def _lagged_columns(columns: Array, time_constant: Array, step: float) -> Array:
-    """Return columns (N, n) behind a first-order lag with varying time constant; each starts at its own first value.
-
-    Args:
-        columns: Columns (N, n), contiguous in memory, as are the returned ones.
-        time_constant: Time constant (N,) [s]; between two samples their mean applies.
-        step: Sampling interval [s].
-    """
-    lagged = np.empty(columns.shape[::-1])
-    tau = np.maximum(0.5 * (time_constant[:-1] + time_constant[1:]), _SHORTEST_SHARE * step)
-    rise = -np.expm1(-step / tau)
-    _lag_machine()(np.ascontiguousarray(columns.T), rise, 1.0 - rise * tau / step, lagged)
-    return lagged.T
-
-
-@cache
-def _lag_machine() -> Callable[..., None]:
-    def loop(series: Any, rise: Any, weight: Any, lagged: Any) -> None:
-        for j in range(series.shape[0]):
-            before, start = series[j, 0], series[j, 0]
-            lagged[j, 0] = before
-            for n in range(rise.size):
-                end = series[j, n + 1]
-                before += (start - before) * rise[n] + (end - start) * weight[n]
-                lagged[j, n + 1] = before
-                start = end
-
-    return compiled_loop(loop)

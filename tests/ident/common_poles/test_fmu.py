@@ -11,7 +11,7 @@ import cosim
 from builder.build import build
 from eightpost.ident.vehicle import simulate_with_shocks
 from eightpost.ident.vehicle.common_poles import CommonPoleFit
-from eightpost.shock import Lpf1, Lpnl2, Maxwell, Polylinear, Shock, StaticCurve, write_shock
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, write_shock
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, discretise, write_vehicle
 
@@ -47,7 +47,6 @@ LAWS = {
     "polylinear": Polylinear(_digressive(ALTERNATE)),
     "lpf1": Lpf1(_digressive(ALTERNATE), 2e-3),
     "lpnl2": Lpnl2(_digressive(ALTERNATE), 2e-3, 20.0, 80.0),
-    "maxwell": Maxwell(_digressive(ALTERNATE), 5e5),
 }
 
 

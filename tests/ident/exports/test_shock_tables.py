@@ -267,7 +267,7 @@ def test_the_shock_of_every_law_is_exported_in_every_format_with_all_its_own_par
 
 
 def test_shocks_of_different_laws_and_curves_make_one_table(shocks: dict[str, Shock], tmp_path: Path) -> None:
-    names = ("lpnl2", "hysteresis", "maxwell")
+    names = ("lpnl2", "hysteresis", "lpf1")
     for name in names:
         write_shock(shocks[name], tmp_path / f"{name}.json")
     table = shock_table([tmp_path / f"{name}.json" for name in names], over="gas pressure=1,2,3")

@@ -194,14 +194,6 @@ def test_scattered_settings_are_reproduced_or_refused_by_name(places, seed):
         assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value, abs=1e-8)
 
 
-@pytest.mark.nightly
-def test_maxwell_is_fitted_over_settings():
-    fit = fit_settings(rebound_table((0.0, 14.0, 28.0)), law="maxwell")
-    assert fit.shock.law_name == "maxwell"
-    assert max(one.percent for one in fit.fits) < 5.0
-    assert fit.shock.at(clicks={"rebound": 10}).validity.verdict.about("setting").grade is Grade.USABLE
-
-
 def two_adjusters():
     """A shock with rebound and compression adjusters whose effects are known exactly."""
     base = true_law(14.0)

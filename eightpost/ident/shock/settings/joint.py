@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import rising_constraint, slope_constraint
+from eightpost.ident.shock.curve import slope_constraint
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.law_choice import LawChoice
@@ -105,13 +105,10 @@ class JointModel:
         return np.vstack([*rows, *penalties])
 
     def inequalities(self, x: Array) -> Inequalities:
-        """Return the constraints: no slope is negative (for some laws: every curve rises), theta within its bounds."""
+        """Return the constraints: no slope is negative, theta within its bounds."""
         matrices, floors = [], []
         for model, place in zip(self.models, self.places, strict=True):
-            b = x[place[: model.curve_count]]
-            constraint = (
-                rising_constraint(model.basis, b) if self.dynamics.needs_rise else slope_constraint(model.basis)
-            )
+            constraint = slope_constraint(model.basis)
             matrix = np.zeros((constraint.floor.size, self.size))
             matrix[:, place[: model.curve_count]] = constraint.matrix
             matrices.append(matrix)

@@ -31,7 +31,7 @@ CHANNELS = (
 
 COUPLING = Coupling("gauss-seidel", 1e-3)
 
-LAWS = ("polylinear", "lpf1", "lpnl2", "maxwell", "hysteresis")
+LAWS = ("polylinear", "lpf1", "lpnl2", "hysteresis")
 
 
 def knots_of(component) -> dict[str, float]:
@@ -53,7 +53,6 @@ def random_builds(fmus: Mapping[str, Path], laws: Sequence[str], count: int, see
         own |= {"time_constant": 10 ** rng.uniform(-4.0, -2.0)} if law in ("lpf1", "lpnl2") else {}
         if law == "lpnl2":
             own |= {"lag_full_force": 200.0, "lag_zero_force": 200.0 + rng.uniform(10.0, 1500.0)}
-        own |= {"series_stiffness": 10 ** rng.uniform(5.0, 6.5)} if law == "maxwell" else {}
         own |= {"stop_yield": rng.choice([1e-5, 1e-4])} if law == "hysteresis" else {}
         builds[f"{law} {k}"] = Build(fmus[law], {name: float(value) for name, value in own.items()})
     return builds

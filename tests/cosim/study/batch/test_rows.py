@@ -171,6 +171,25 @@ def test_an_fmu_without_sources_runs_through_the_fmus(fmus, study, tmp_path):
     assert found.batch == "" and "car.fmu contains no sources" in found.notes[-1]
 
 
+@pytest.mark.slow
+def test_an_fmu_of_a_former_law_runs_through_the_fmus(fmus, study, tmp_path):
+    """Its kind, which no folder of fmus/ has now, is written into an FMU of LPF1."""
+    former = tmp_path / "former.fmu"
+    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
+        for name in archive.namelist():
+            content = archive.read(name)
+            is_text = name in ("modelDescription.xml", "sources/interface.h")
+            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
+    bank = {"former": Build(former), "lpf1": Build(fmus["lpf1"])}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    found, evaluator = with_batch(Evaluator(mixed), COUPLING), Evaluator(mixed)
+    assert found.batch == "exact"
+    assert "former: former.fmu is shock_maxwell, a law that has no batch" in found.notes[-1]
+    rows = evaluator.rows([mixed.space.find(dict.fromkeys(CORNERS, name)) for name in bank], found)
+    first, second = ({n: v for n, v in r.items() if isinstance(v, float) and n != "seconds"} for r in rows)
+    assert first == pytest.approx(second, rel=1e-12, abs=1e-14)
+
+
 def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
     bad = {
         "refused": Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0}),

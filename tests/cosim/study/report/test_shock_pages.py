@@ -11,7 +11,7 @@ from ..coupled import SCALES, study
 
 @pytest.mark.nightly
 def test_the_curve_of_an_fmu_is_the_static_force_of_its_law(fmus, shocks):
-    for name in ("polylinear", "lpf1", "lpnl2", "maxwell"):
+    for name in ("polylinear", "lpf1", "lpnl2"):
         law = shocks[name].law
         port, static = law.port, np.array([law.static_force(velocity) for velocity in VELOCITIES])
         expected = static + port.gas_force(0.0) + [port.seal_force(velocity) for velocity in VELOCITIES]
