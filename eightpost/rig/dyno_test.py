@@ -15,6 +15,7 @@ from eightpost.files import sha256_of
 from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels, length_note
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
 from eightpost.rig.dyno_notes import notes_of
+from eightpost.rig.file_name import conditions_in
 from eightpost.rig.optional_columns import check_one_time, with_readable_columns
 from eightpost.rig.other_columns import column_reasons, mixed_units
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
@@ -226,7 +227,10 @@ class _Reading:
         stated, notes = conditions_from(record.preamble)
         notes = (*record.notes, *signs, *notes, *notes_of(series, measured=measured, origin=origin))
         derived = (*length_note(mapping), *derived)
-        test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
+        known = conditions.over(stated)
+        of_name, named = conditions_in(self.path)
+        notes = (*notes, *(named if known.over(of_name) != known else ()))
+        test = DynoTest(series, known.over(of_name), self.path, sha256_of(self.path), derived, notes)
         mixed = mixed_units(record, mapping, units)
         reasons = (
             *left_out,

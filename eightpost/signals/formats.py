@@ -30,8 +30,13 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_delimited),
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), read_spreadsheet),
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": read_tdms,
-    ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf,
+    ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf, ".pvp": read_delimited,
 }  # fmt: skip
+#: Files of programs whose layout is not public, and how to export them.
+_CLOSED = {
+    ".dctw": "a file of CTW Probe, whose layout is not public; export time, displacement or velocity, and force "
+    "there as .csv or .mat",
+}
 #: Suffixes of files that can be read.
 SUFFIXES = tuple(_READERS)
 
@@ -67,6 +72,8 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     suffix = path.suffix.lower()
     if path.is_dir():
         raise FileFormatError("is a folder, not a file; name the files in it", path=path)
+    if suffix in _CLOSED:
+        raise FileFormatError(f"is {_CLOSED[suffix]}", path=path)
     if suffix not in _READERS:
         what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
