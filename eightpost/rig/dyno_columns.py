@@ -26,7 +26,8 @@ _SI = {**DYNO_UNITS, "time": "s", "length": "m"}
 #: Files use `F` and `T` in upper and lower case.
 _ALIASES = {
     "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
-             "runningtime", "millis", "milliseconds", "msec", "micros", "microseconds", "seconds", "datetime", "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
+             "runningtime", "millis", "milliseconds", "msec", "micros", "microseconds", "seconds", "datetime",
+             "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
     "velocity": {
         "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
         "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "velocidade",
@@ -36,16 +37,18 @@ _ALIASES = {
               "effort", "forza", "fuerza", "carga", "carico", "forca", "kracht",
               "\u8377\u91cd", "\u529b", "\u8f7d\u8377", "\ud558\uc911"},
     "displacement": {
-        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "linearpot", "stringpot", "shockpot", "shocktravel", "dampertravel",
+        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "linearpot",
+        "stringpot", "shocktravel", "dampertravel",
         "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
         "desplazamiento", "deslocamento", "curso", "verplaatsing", "slag", "forskjutning", "\u4f4d\u79fb",
         "\ubcc0\uc704", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
     },
     "temperature": {
-        "temperature", "temp", "t", "thermocouple", "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
+        "temperature", "temp", "t", "thermocouple",
+        "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
         "temperatur", "temperatura", "temperatuur", "\u6e29\u5ea6", "\uc628\ub3c4",
     },
-    "length": {"length", "damperlength", "shocklength", "totallength", "eyetoeye", "eyetoeyelength", "lange", "longueur"},
+    "length": {"length", "totallength", "eyetoeye", "eyetoeyelength", "lange", "longueur"},
 }  # fmt: skip
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.

@@ -263,11 +263,8 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
     old = record.columns[place]
     if (new := spread_evenly(old)) is old:
         return record
-    repeated = int(np.count_nonzero(np.diff(old) == 0.0))
-    note = (
-        f"the times are whole numbers, {repeated} of which repeat; they were spread evenly, and moved by at most "
-        f"{float(np.abs(new - old).max()):.2g}"
-    )
+    moved = float(np.abs(new - old).max())
+    note = f"the times were rounded to whole numbers; they were spread evenly, which moved them by at most {moved:.2g}"
     columns = (*record.columns[:place], new, *record.columns[place + 1 :])
     return replace(record, columns=columns, notes=(*record.notes, note))
 

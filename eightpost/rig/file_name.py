@@ -42,7 +42,11 @@ def conditions_in(path: Path) -> tuple[DynoConditions, tuple[str, ...]]:
     stem = path.stem
     settings = [f"{name} {number}" for name, number in _NAMED.findall(stem)]
     # `1A` and `2V` may be the names of builds.
-    settings += [f"{n:g} {unit.replace('click', 'clicks')}" for unit in UNITS for n in numbers_in(stem, unit, has_decimals=unit in ("A", "V"))]
+    settings += [
+        f"{n:g} {unit.replace('click', 'clicks')}"
+        for unit in UNITS
+        for n in numbers_in(stem, unit, has_decimals=unit in ("A", "V"))
+    ]
     pressures = {unit: found for unit in ("psi", "bar", "kPa") if len(found := numbers_in(stem, unit)) == 1}
     unit, (pressure,) = next(iter(pressures.items())) if len(pressures) == 1 else ("", (0.0,))
     stated = [*settings, *([f"gas {pressure:g} {unit}"] if unit else [])]

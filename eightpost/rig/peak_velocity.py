@@ -93,7 +93,7 @@ def _tables(
 def _points_of(
     records: Sequence[RawRecord], units: Mapping[str, str], channel_map: ChannelMap | None, notes: list[str]
 ) -> Iterator[Point]:
-    """Yield the points of all blocks of a file, and add their notes; lines above a block may name setting and stroke."""
+    """Yield the points of all blocks of a file; lines above a block may name setting and stroke. Add to the notes."""
     setting = ""
     for number, record in enumerate((in_columns(one, channel_map) for one in records), 1):
         clicks = conditions_from(record.preamble)[0].clicks

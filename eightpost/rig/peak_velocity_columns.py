@@ -278,7 +278,8 @@ class Columns:
             is_filled = ~(np.isnan(self.record.columns[speeds]) & np.isnan(self.record.columns[forces]))
         rows = np.flatnonzero(is_filled)
         speed = self._values(speeds, "speed", "m/s", rows)
-        if self._has_unit(forces, _COEFFICIENT):
+        is_slope = _STATISTICS & set(re.findall(r"[a-z]+", self.record.names[forces].lower()))
+        if self._has_unit(forces, _COEFFICIENT) and not is_slope:
             coefficient = self._values(forces, channel, _COEFFICIENT, rows)
             name = self.record.names[forces]
             self.notes.append(f"{name!r} is a damping coefficient: force = coefficient x speed; a slope would be less")

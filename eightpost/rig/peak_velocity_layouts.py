@@ -1,4 +1,4 @@
-"""Peak-velocity tables in other layouts, brought into columns: named by the caller, a column per speed, rates and knee."""
+"""Layouts of peak-velocity tables: columns named by the caller, a column per speed, damping rates and a knee."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def stroke_of(cell: str) -> str:
 def in_columns(record: RawRecord, channel_map: ChannelMap | None = None) -> RawRecord:
     """Return a table with a column for each quantity.
 
-    The caller may name the columns of `velocity` (or `speed`), `force`, `compression`, `rebound` and `setting`. A column
-    whose name is a speed (`50 mm/s`) has the forces at this speed. A table of damping rates below and above a knee
+    The caller may name the columns of `velocity`, `force`, `compression`, `rebound` and `setting`. A column whose name
+    is a speed (`50 mm/s`) has the forces at this speed. A table of damping rates below and above a knee
     (`side, low [N.s/m], knee [m/s], high [N.s/m]`) becomes forces at speeds around the knees.
 
     Raises:
@@ -90,7 +90,9 @@ def _of_speeds(record: RawRecord) -> RawRecord:
         return record
     others = [i for i in range(len(record.names)) if i not in speeds]
     places = np.repeat(np.arange(record.columns[0].size), len(speeds))
-    sides = [i for i in others if record.columns[i].dtype == object and all(map(stroke_of, map(str, record.columns[i])))]
+    sides = [
+        i for i in others if record.columns[i].dtype == object and all(map(stroke_of, map(str, record.columns[i])))
+    ]
     columns = [("side" if i in sides else record.names[i], record.units[i], record.columns[i][places]) for i in others]
     forces = np.array([record.numbers(i, channel=record.names[i]) for i in speeds])
     columns += [
@@ -132,7 +134,9 @@ def _of_rates(record: RawRecord) -> RawRecord:
     knees, below, above = (record.si(i, unit) for i, unit in ((knee, "m/s"), (low, "N.s/m"), (high, "N.s/m")))
     top = max(_TOP * float(knees.max()), _LEAST_TOP)
     speed = np.unique([*(at * one for at in _AT for one in knees), top])
-    force = below[:, None] * np.minimum(speed, knees[:, None]) + above[:, None] * np.maximum(speed - knees[:, None], 0.0)
+    force = below[:, None] * np.minimum(speed, knees[:, None]) + above[:, None] * np.maximum(
+        speed - knees[:, None], 0.0
+    )
     sides = np.repeat(record.columns[side], speed.size)
     note = f"force from two damping rates per stroke, to {top:.3g} m/s, rounded within 3 % of the knee"
     lines = record.origin.lines

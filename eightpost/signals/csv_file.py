@@ -23,6 +23,7 @@ from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.text_cleaning import (
     decimal_mark,
     decoded,
+    has_three_decimals,
     numbers_with_groups,
     with_minus_signs,
     with_tabs,
@@ -124,13 +125,15 @@ def _record(lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]
     rows = (layout.filled(lines[i - 1]) for i in numbers)
-    columns = _columns("\n".join(rows), layout, numbers, path)
+    columns, more = _columns("\n".join(rows), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes)
+    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, (*notes, *more))
 
 
-def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
-    """Return one vector (N,) for each named column of the table; of type object if a cell is not a number."""
+def _columns(
+    body: str, layout: Layout, numbers: NDArray[np.int64], path: Path
+) -> tuple[tuple[NDArray[Any], ...], tuple[str, ...]]:
+    """Return one vector (N,) for each named column, of type object if a cell is not a number, and notes."""
     width = len(layout.names) + layout.padding
     decimal = decimal_mark(body, layout.delimiter)
     content = body.encode()
@@ -149,7 +152,13 @@ def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) 
     if any(_filled(column) > _REMARKS for column in table.columns[named:]):
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
-    return tuple(_vector(column, decimal) for column in table.columns[:named])
+    columns = [_vector(column, decimal) for column in table.columns[:named]]
+    unclear = [i for i, one in enumerate(columns) if one.dtype == object and decimal == "." and has_three_decimals(one)]
+    for i in unclear:
+        columns[i] = np.array([float(str(cell).replace(",", ".")) for cell in columns[i]])
+    listed = ", ".join(repr(layout.names[i]) for i in unclear)
+    note = f"the commas in the column {listed} are decimal: every number has three digits behind one"
+    return tuple(columns), (note,) if unclear else ()
 
 
 def _filled(column: Any) -> float:
@@ -166,7 +175,7 @@ def _vector(column: Any, decimal: str) -> NDArray[Any]:
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return to_numpy(column)
     texts = np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
-    grouped = numbers_with_groups(texts, decimal)
+    grouped = None if decimal == "." and has_three_decimals(texts) else numbers_with_groups(texts, decimal)
     return texts if grouped is None else grouped
 
 

@@ -32,11 +32,8 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": read_tdms,
     ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf, ".pvp": read_delimited,
 }  # fmt: skip
-#: Files of programs whose layout is not public, and how to export them.
-_CLOSED = {
-    ".dctw": "a file of CTW Probe, whose layout is not public; export time, displacement or velocity, and force "
-    "there as .csv or .mat",
-}
+#: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
+_CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
 #: Suffixes of files that can be read.
 SUFFIXES = tuple(_READERS)
 
@@ -72,12 +69,13 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     suffix = path.suffix.lower()
     if path.is_dir():
         raise FileFormatError("is a folder, not a file; name the files in it", path=path)
-    if suffix in _CLOSED:
-        raise FileFormatError(f"is {_CLOSED[suffix]}", path=path)
-    if suffix not in _READERS:
+    if suffix not in (*_READERS, *_CLOSED):
         what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
     _check_size(path)
+    if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
+        what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
+        raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
     return _READERS[suffix](path)
 
 

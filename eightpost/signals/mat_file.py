@@ -99,9 +99,9 @@ def read_script(path: str | Path) -> tuple[RawRecord, ...]:
         with suppress(ValueError):  # an expression
             tables.setdefault(name.rpartition(".")[0], {})[name] = np.array(rows, dtype=np.float64).squeeze()
     records = []
-    for stem, content in tables.items():
-        titles = {name: f"{texts.get(f'{name}Comment', name)} [{texts.get(f'{name}Unit', '')}]" for name in content}
-        content = {titles[name].removesuffix(" []"): value for name, value in content.items()}
+    for stem, vectors in tables.items():
+        titles = {name: f"{texts.get(f'{name}Comment', name)} [{texts.get(f'{name}Unit', '')}]" for name in vectors}
+        content = {titles[name].removesuffix(" []"): value for name, value in vectors.items()}
         if len(_vectors(content)) > 1:
             records.append(_record({**content, "Setting": stem} if len(tables) > 1 else content, path))
     if not records:

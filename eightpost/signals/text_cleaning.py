@@ -226,6 +226,14 @@ def decimal_mark(body: str, delimiter: str) -> str:
     return "." if _DECIMAL_POINT.search(body) else ","
 
 
+_THREE_DECIMALS = re.compile(r"[+-]?\d{1,3},\d{3}")
+
+
+def has_three_decimals(cells: NDArray[Any]) -> bool:
+    """Return whether every text (N,) is a number such as `12,573`: with thousands, small numbers would have no comma."""
+    return cells.size > 1 and all(_THREE_DECIMALS.fullmatch(str(cell).strip()) for cell in cells)
+
+
 def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64] | None:
     """Return a column of texts (N,) as numbers if some of them have thousands separators; None otherwise.
 

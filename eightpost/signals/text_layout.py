@@ -72,8 +72,8 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     above = [i for i in range(top - 1, -1, -1) if lines[i].strip()]
     width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
     if not above or all(len(cells_of(lines[i])) < 2 for i in above):
-        names = tuple(map(str, range(1, width + 1)))
-        return Layout(delimiter, names, (None,) * width, None, None, offset + first + 1, 0)
+        numbers = tuple(map(str, range(1, width + 1)))
+        return Layout(delimiter, numbers, (None,) * width, None, None, offset + first + 1, 0)
     header, unit_row, units = above[0], above[0], None
     if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
         units = units_row(split_cells(lines[header], delimiter))
@@ -158,7 +158,7 @@ _MOST_CHANNELS = 60
 
 
 def first_row_of_channels(lines: list[str]) -> int | None:
-    """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`); None if it is none.
+    """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
     Every line with numbers begins with a name, and all its other cells are numbers.
     """

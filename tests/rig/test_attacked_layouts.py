@@ -83,7 +83,9 @@ READ = {
 
 REFUSED = {
     "a tenth of the force": (text("t [s],x [mm],v [mm/s],Force/10 [N]", [*CHANNELS[:3], shown(F / 10)]), "Force/10"),
-    "a multiple of the force": (text("t [s],x [mm],v [mm/s],F*10 [N]", [*CHANNELS[:3], shown(10 * F)]), "--channel force="),
+    "a multiple of the force": (
+        text("t [s],x [mm],v [mm/s],F*10 [N]", [*CHANNELS[:3], shown(10 * F)]), "--channel force=",
+    ),
     "tens of newtons": (text("t [s],x [mm],v [mm/s],F [10 N]", [*CHANNELS[:3], shown(F / 10)]), "unknown unit '10 N'"),
     "time of the cycle": (text("t [s],x [mm],v [mm/s],F [N]", [CYCLE, *CHANNELS[1:]]), "time decreases"),
     "shocks of two corners": (

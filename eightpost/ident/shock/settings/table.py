@@ -137,7 +137,7 @@ def settings_of_names(paths: Sequence[Path], *, cutoff: float | None = None) -> 
         what = "their names do not state one setting each, such as 2clicks or 1.5A; list them in a table"
         raise InputError(f"{names}: {what} (docs/how_to/settings.md)")
     adjuster = {UNITS[units[0]]: _Adjuster(unit=units[0])}
-    table = _Table(adjuster=adjuster, file=[_File(path=str(path.absolute())) for path in paths])
+    table = _Table(schema=SCHEMA, adjuster=adjuster, file=[_File(path=str(path.absolute())) for path in paths])
     return _read(table, paths[0], cutoff)
 
 
