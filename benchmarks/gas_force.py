@@ -18,16 +18,12 @@ import numpy as np
 from benchmarks.shock_records import configurations
 from benchmarks.shock_tables import grid
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve import CurveKind
 from eightpost.rig import configuration
 from eightpost.rig.damper.body import ATMOSPHERE
+from eightpost.shock import law_title
 
-#: Laws and curves of the columns.
-COLUMNS: dict[str, tuple[str, CurveKind]] = {
-    "LPNL2, polynomials": ("lpnl2", "polynomial"),
-    "LPNL2, knots": ("lpnl2", "knots"),
-    "Hysteresis": ("hysteresis", "knots"),
-}
+#: Laws of the columns.
+COLUMNS = ("lpnl2", "hysteresis")
 
 
 def gas_force(number: int) -> float:
@@ -43,12 +39,12 @@ def main() -> None:
     lines, sizes = [], []
     for case in configurations([int(n) for n in parser.parse_args().configurations.split(",")], quick=True):
         true = gas_force(case.configuration)
-        fits = [fit_shock(case.fitted, law, curve=curve) for law, curve in COLUMNS.values()]
+        fits = [fit_shock(case.fitted, law) for law in COLUMNS]
         errors = [fit.parameter("gas_preload").value - true for fit in fits]
         sizes.append(np.abs(errors))
         lines.append([case.record, f"{true:.0f}", *(f"{error:+.0f}" for error in errors)])
     lines.append(["median of the magnitude", "", *(f"{size:.0f}" for size in np.median(sizes, axis=0))])
-    print(grid(("shock", "true gas force [N]", *COLUMNS), lines))
+    print(grid(("shock", "true gas force [N]", *map(law_title, COLUMNS)), lines))
 
 
 if __name__ == "__main__":

@@ -53,9 +53,7 @@ def covered(test: DynoTest, law: str) -> list[bool]:
     middle = 0.5 * (0.5 + end)
     velocity = test.series["velocity"]
     slow = float(min(velocity.max(), -velocity.min()))
-    has_transition = slow < 0.4 and law != "hysteresis"
-    speed = 0.6 * slow if has_transition else None  # the same in both halves
-    one, other = (fit_shock(test, law, segment=part, transition_speed=speed) for part in ((0.5, middle), (middle, end)))
+    one, other = (fit_shock(test, law, segment=part) for part in ((0.5, middle), (middle, end)))
     first, second = _own(one), _own(other)
     pairs = [(*first[name], *second[name]) for name in first if name in second]
     found = [abs(a - b) <= np.hypot(wide, wide_too) for a, wide, b, wide_too in pairs if np.isfinite(wide + wide_too)]

@@ -15,7 +15,7 @@ from benchmarks.bouc_wen import fit_bouc_wen, predict
 from benchmarks.narx import Rows, fit_narx, narx_error
 from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.options import CurveChoice, RecipeName
+from eightpost.ident.shock.options import RecipeName
 from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 
@@ -164,17 +164,17 @@ def _warm_up(bench: Bench) -> None:
             fit_shock(test, law, recipe=bench.recipe)
 
 
-def attempt(case: Case, law: str, recipe: RecipeName, curve: CurveChoice = "polynomial") -> Result:
-    """Return the errors of a law with a kind of curve on a case, or why it could not be fitted."""
+def attempt(case: Case, law: str, recipe: RecipeName) -> Result:
+    """Return the errors of a law on a case, or why it could not be fitted."""
     try:
         others = {BOUC_WEN: _bouc_wen, NARX: _narx}
-        return others[law](case) if law in others else _ours(case, law, recipe, curve)
+        return others[law](case) if law in others else _ours(case, law, recipe)
     except ValueError as error:  # raised by laws and fits that reject the data
         return FailedFit(case, law, str(error))
 
 
-def _ours(case: Case, law: str, recipe: RecipeName, curve: CurveChoice) -> FitErrors:
-    fit = fit_shock(case.fitted, law, recipe=recipe, segment=case.segment, curve=curve)
+def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
+    fit = fit_shock(case.fitted, law, recipe=recipe, segment=case.segment)
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)

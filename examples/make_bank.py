@@ -36,7 +36,7 @@ def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
     write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
     # The car's static loads and ride heights already include the gas force.
     title = f"build {build} (synthetic data)"
-    fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", curve="polynomial", name=title)
+    fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=title)
     path = folder / f"{name}.json"
     write_shock(fit.shock, path)
     print(f"{build}: {fit.seconds:.1f} s, record {sha256_of(record)[:8]}, {path.stat().st_size / 1000:.0f} kB")

@@ -12,8 +12,8 @@ from eightpost.errors import InputError, check_number
 if TYPE_CHECKING:
     from builder.build import Built
     from eightpost.ident import ShockFit
-    from eightpost.ident.shock.curve import Shape
-    from eightpost.ident.shock.options import CurveChoice, GasTreatment, LawName, RecipeName
+    from eightpost.ident.shock.gas import GasTreatment
+    from eightpost.ident.shock.options import LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.ident.vehicle import VehicleFit
     from eightpost.progress import Progress
@@ -29,35 +29,27 @@ if TYPE_CHECKING:
 
 def fit(
     tests: Tests,
-    law: LawName = "auto",
+    law: LawName | None = None,
     *,
     gas: GasTreatment = "estimate",
     name: str | None = None,
     recipe: RecipeName = "joint",
-    curve: CurveChoice = "auto",
-    shape: Shape = "auto",
-    order: int | None = None,
     robust: Robust = "auto",
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
-    transition_speed: float | None = None,
     progress: Progress | None = None,
 ) -> ShockFit:
     """Fit a shock law to dynamometer tests.
 
     Args:
         tests: A test or its file, or several of one shock, which are fitted together.
-        law: Name of the law, or `auto` for a choice by cross-validation.
+        law: Name of the law; default `hysteresis`, with `boggs` `lpnl2`.
         gas: Treatment of the gas force: `estimate`, `included` (the static load of the car counts it) or `subtracted`.
         name: Name of the shock; default: the build, else the name of the file.
         recipe: `joint` or `boggs`.
-        curve: Kind of the static curve: `auto`, `polynomial` or `knots`.
-        shape: Constraint on the curve: `auto`, `free`, `monotone` or `passive`.
-        order: Order of the inner polynomial.
         robust: Weighting of outliers: `auto`, `none`, `huber` or `tukey`.
         segment: Start and end of the fitted part of each record [s].
         cutoff: Cut-off frequency of the low-pass [Hz].
-        transition_speed: Velocity at which the inner polynomial ends [m/s].
         progress: Callback that receives the amount of work done and the total.
 
     Returns:
@@ -76,9 +68,7 @@ def fit(
     from eightpost.ident import fit_shock
     from eightpost.progress import reported_to
 
-    check_number("order", order)
     check_number("cutoff", cutoff, "Hz")
-    check_number("transition_speed", transition_speed, "m/s")
     _check_segment(segment)
     given = tests if isinstance(tests, Sequence) and not isinstance(tests, str) else [tests]
     if not given:
@@ -89,14 +79,10 @@ def fit(
             law,
             recipe=recipe,
             gas=gas,
-            shape=shape,
-            order=order,
             robust=robust,
-            curve=curve,
             name=name,
             segment=segment,
             cutoff=cutoff,
-            transition_speed=transition_speed,
         )
 
 

@@ -13,62 +13,37 @@ from click.core import ParameterSource
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import (
-    COLUMNS,
-    UNITS,
-    FilePath,
-    LawChoice,
-    OutputFile,
-    Quantity,
-    Verb,
-    flip_option,
-    map_option,
-)
+from eightpost.app.options import COLUMNS, UNITS, FilePath, LawName, OutputFile, Quantity, Verb, flip_option, map_option
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE, SHOCK
-from eightpost.shock import LAWS
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
-    from eightpost.ident.shock.curve import Shape
-    from eightpost.ident.shock.options import CurveChoice, GasTreatment, LawName, RecipeName
+    from eightpost.ident.shock.gas import GasTreatment
+    from eightpost.ident.shock.options import RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.shock import Shock
     from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
-CURVES = ("auto", "polynomial", "knots")
-SHAPES = ("auto", "free", "monotone", "passive")
 WEIGHTINGS = ("auto", "none", "huber", "tukey")
 GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 
 @click.command(cls=Verb)
 @click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=FilePath())
-@click.option("--law", type=LawChoice(["auto", *LAWS]), default="auto", show_default=True,
-              help="Shock law to fit (docs/evidence/shock_models.md). auto: all laws are fitted and "
-              "cross-validated, and the simplest one that is as good as the best is taken "
-              "(docs/explanation/law_choice.md); with --recipe boggs, lpnl2.")  # fmt: skip
+@click.option("--law", type=LawName(),
+              help="Shock law to fit (docs/explanation/shock_law.md); default: hysteresis, with --recipe boggs lpnl2, "
+              "for a peak-velocity table polylinear.")  # fmt: skip
 @click.option("-o", "--output",
               type=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
               help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
-              help="Order of the fit. joint: all parameters together. boggs: one after the other, as in "
-              "3.3.")  # fmt: skip
-@click.option("--curve", type=click.Choice(CURVES), default="auto", show_default=True,
-              help="Kind of the static curve (docs/explanation/static_curve.md). polynomial: the dissertation's. "
-              "knots: rising, through knots that are dense at low speed. auto: chosen by cross-validation; polynomial "
-              "with --recipe boggs and with options that only polynomials have (--order, --shape free or passive, "
-              "--transition-speed).")  # fmt: skip
-@click.option("--shape", type=click.Choice(SHAPES), default="auto", show_default=True,
-              help="Constraint on the static curve. auto: monotonic, but only if the unconstrained curve would fall. "
-              "free: unconstrained. monotone: monotonic. passive: the force never acts in the direction of the "
-              "motion. A curve through knots always rises.")  # fmt: skip
-@click.option("--order", default="auto", show_default=True, metavar="auto|N",
-              help="Order of the inner polynomial, 1 to 15, or auto for cross-validation; not for knots.")  # fmt: skip
+              help="Order of the fit. joint: all parameters together, a curve through knots. boggs: one after the "
+              "other, a curve of polynomials, as in 3.3.")  # fmt: skip
 @click.option("--robust", type=click.Choice(WEIGHTINGS), default="auto", show_default=True,
               help="Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. "
               "huber, tukey: always weighted by this function.")  # fmt: skip
@@ -86,14 +61,11 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               help="Start and end of the part of the record to fit; default '1 s' '10 s'.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
-@click.option("--transition-speed", type=Quantity("m/s"), metavar="SPEED",
-              help="Velocity at which the inner polynomial of the curve ends; default '15 in/s', less for a slow "
-              "record; not for knots.")  # fmt: skip
 @click.option("--name", help="Name of the shock; default: the name of the file.")
 @click.option("--build", "builds", metavar="[FILE=]NAME", multiple=True,
               help="Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be "
               "repeated. Default: that in the file. Records of several builds are fitted together, and the shock file "
-              "states their spread (docs/explanation/law_choice.md).")  # fmt: skip
+              "states their spread (docs/explanation/shock_law.md).")  # fmt: skip
 @click.option("--clicks", metavar="TEXT",
               help="Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those "
               "in the file.")  # fmt: skip
@@ -105,12 +77,9 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
 def fit(  # one parameter per option
     ctx: click.Context,
     dyno_files: tuple[Path, ...],
-    law: LawName,
+    law: str | None,
     output: Path,
     recipe: RecipeName,
-    curve: CurveChoice,
-    shape: Shape,
-    order: str,
     robust: Robust,
     gas: GasTreatment,
     units: tuple[tuple[str, str], ...],
@@ -120,7 +89,6 @@ def fit(  # one parameter per option
     split: bool,
     segment: tuple[float, float] | None,
     cutoff: float | None,
-    transition_speed: float | None,
     name: str | None,
     builds: tuple[str, ...],
     clicks: str | None,
@@ -137,7 +105,7 @@ def fit(  # one parameter per option
     \b
     Examples:
       eightpost fit dyno.csv -o shock.json
-      eightpost fit run1.csv run2.csv --law lpf1 --order 9 --shape monotone -o shock.json
+      eightpost fit run1.csv run2.csv --law lpf1 -o shock.json
       eightpost fit sines.csv --split -o shock.json
       eightpost fit a.csv b.csv --build a.csv='front 1' --build b.csv='front 2' -o front.json
       eightpost fit peak_velocities.csv -o shock.json
@@ -158,26 +126,22 @@ def fit(  # one parameter per option
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
     channel_map = with_channels(channel_map, dict(columns))
     if of_builds := builds_in(dyno_files, given, of_files, channel_map):
-        _check_options_of_tables(law, curve)
+        _check_law_of_tables(law)
         ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
     if tables := tables_in(dyno_files, given, channel_map):
-        _check_options_of_tables(law, curve)
+        _check_law_of_tables(law)
         ctx.exit(0 if _fit_tables(console, tables, output, plot, name=name, build=build, gas=gas).is_acceptable else 1)
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
     tests = _read_tests(console, dyno_files, reading, of_files, split=split)
     shock_fit = fit_shock(
         tests,
-        _law(law, recipe),
+        law,
         recipe=recipe,
         gas=gas,
-        curve=curve,
-        shape=shape,
-        order=_order(order),
         robust=robust,
         name=name,
         segment=segment,
         cutoff=cutoff,
-        transition_speed=transition_speed,
     )
     show_fit(console, shock_fit)
     write_shock(shock_fit.shock, output)
@@ -198,13 +162,8 @@ def _draw_tables(fitted: Sequence[tuple[PeakVelocityTable, Shock]], path: Path) 
     plot_peak_velocity(fitted, path)
 
 
-def _check_options_of_tables(law: str, curve: str) -> None:
-    if curve == "polynomial":
-        raise InputError(
-            "a peak-velocity table becomes a curve through its points, and polynomials cannot pass through them: omit "
-            "--curve, or use --curve knots"
-        )
-    if law not in ("auto", "polylinear"):
+def _check_law_of_tables(law: str | None) -> None:
+    if law not in (None, "polylinear"):
         raise InputError(
             f"a peak-velocity table has forces over speeds and no information on lag, which {law} has: omit "
             "--law, or use --law polylinear"
@@ -320,30 +279,16 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def show_fit(console: Console, shock_fit: ShockFit) -> None:
-    """Print the choice of the law, a fit's quality, its parameters, and the settings that it changed."""
+    """Print a fit's quality, its parameters, and the settings that it changed."""
     from eightpost.app.show import show_verdict
-    from eightpost.ident import choice_table, fit_table, parameter_table
+    from eightpost.ident import fit_table, parameter_table
 
-    if shock_fit.choice is not None:
-        console.print(choice_table(shock_fit.choice))
-        console.print(f"{escape(shock_fit.choice.reason)}.", highlight=False, soft_wrap=True)
     console.print(fit_table([shock_fit]))
     console.print(parameter_table(shock_fit))
+    if shock_fit.held_out is not None:
+        console.print(f"{shock_fit.held_out}.", highlight=False, soft_wrap=True)
     if shock_fit.between_builds is not None:
         console.print(f"{escape(shock_fit.between_builds.summary())}.", highlight=False, soft_wrap=True)
     for change in shock_fit.changes:
         console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, shock_fit.verdict)
-
-
-def _law(law: str, recipe: str) -> str:
-    """Return the law to fit; the dissertation's recipe fits its best law, because it has no comparison of laws."""
-    return "lpnl2" if law == "auto" and recipe == "boggs" else law
-
-
-def _order(word: str) -> int | None:
-    if word == "auto":
-        return None
-    if not word.isdigit():
-        raise click.BadParameter(f"{word!r}: write auto, or a number from 1 to 15", param_hint="--order")
-    return int(word)

@@ -79,6 +79,28 @@ class FilePath(click.Path):
         return super().convert(value, param, ctx)
 
 
+class LawName(click.Choice):  # type: ignore[type-arg]
+    """The name of a shock law."""
+
+    def __init__(self) -> None:
+        from eightpost.shock import LAWS
+
+        super().__init__(list(LAWS))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name; laws and the choice of earlier versions are refused as such."""
+        from eightpost.shock.laws import FORMER, law_title
+
+        known = ", ".join(map(str, self.choices))
+        if value == "auto":
+            self.fail(
+                f"the choice among laws was removed; omit --law for the default, or name one: {known}", param, ctx
+            )
+        if value in FORMER:
+            self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class OutputFile(FilePath):
     """A file to write, which is checked before the verb computes anything (`eightpost.outputs`).
 
@@ -154,19 +176,6 @@ class Number(click.FloatRange):
         if not isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
         return number
-
-
-class LawChoice(click.Choice):  # type: ignore[type-arg]
-    """The name of a shock law, or another name of the list."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name; a law of earlier versions is refused as such."""
-        from eightpost.shock.laws import FORMER, law_title
-
-        if value in FORMER:
-            known = ", ".join(map(str, self.choices))
-            self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
-        return super().convert(value, param, ctx)
 
 
 class Quantity(click.ParamType):  # type: ignore[type-arg]

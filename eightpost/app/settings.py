@@ -9,9 +9,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, LawChoice, OutputFile, Quantity, Verb
+from eightpost.app.options import FilePath, LawName, OutputFile, Quantity, Verb
 from eightpost.outputs import PICTURE, SHOCK
-from eightpost.shock import LAWS
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.settings.result import SettingsFit
@@ -22,9 +21,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=OutputFile(SHOCK, default=lambda given: Path(f"{given['table'][0].stem}.json")),
               help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
               "folder.")  # fmt: skip
-@click.option("--law", type=LawChoice(["auto", *LAWS]),
-              help="Shock law to fit; default: that of TABLE, else auto: the law is chosen by cross-validation on the "
-              "setting with the largest force (docs/explanation/law_choice.md).")  # fmt: skip
+@click.option("--law", type=LawName(), help="Shock law to fit; default: that of TABLE, else hysteresis.")
 @click.option("--segment", nargs=2, type=Quantity("s"), metavar="START STOP",
               help="Start and end of the part of each record to fit; default '1 s' '10 s'.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz"), metavar="FREQUENCY",
@@ -76,14 +73,10 @@ def settings(  # one parameter per option
 
 
 def _show(console: Console, fit: SettingsFit) -> None:
-    """Print the choice of the law, the errors of each setting, the changes and the verdict."""
+    """Print the errors of each setting, the changes and the verdict."""
     from eightpost.app.show import show_verdict
-    from eightpost.ident import choice_table
     from eightpost.ident.shock.settings.plots import settings_table
 
-    if fit.joint.choice is not None:
-        console.print(choice_table(fit.joint.choice))
-        console.print(f"{escape(fit.joint.choice.reason)}.", highlight=False, soft_wrap=True)
     console.print(settings_table(fit))
     for change in fit.shock.fit["changes"]:
         console.print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)

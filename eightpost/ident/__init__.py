@@ -3,22 +3,18 @@
 from typing import TYPE_CHECKING, Any
 
 from eightpost.ident.shock.fit import fit_shock
-from eightpost.ident.shock.law_choice import LawChoice, choose_law
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.tables import choice_table, fit_table, parameter_table
+from eightpost.ident.shock.tables import fit_table, parameter_table
 from eightpost.ident.validation.evaluation import Validation, evaluate
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.plots import plot_force_velocity, plot_peak_velocity
 
 __all__ = [
-    "LawChoice",
     "ShockFit",
     "Validation",
-    "choice_table",
-    "choose_law",
     "evaluate",
     "fit_peak_velocity",
     "fit_shock",

@@ -15,7 +15,6 @@ from eightpost.shock.laws import (
     own_values,
     parameter_units,
     state_names,
-    step_cost,
 )
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
@@ -51,6 +50,5 @@ __all__ = [
     "parameter_units",
     "read_shock",
     "state_names",
-    "step_cost",
     "write_shock",
 ]

@@ -29,9 +29,6 @@ SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
 #: It has a recipe of its own.
 FIT_FORM = "lagged velocity"
 
-#: Cost of a ramped step of the native FMU relative to Polylinear (benchmarks/native.py --cost).
-STEP_COST = 8.5
-
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 UNITS = {"lagged_slope": "N.s/m", "time_constant": "s", "stop_stiffness": "N/m", "stop_yield": "m", "stop_time": "s"}
 

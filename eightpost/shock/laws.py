@@ -78,12 +78,6 @@ def fit_form(law: type[ShockLaw]) -> str:
     return getattr(law_module(law), "FIT_FORM", "stepped")
 
 
-def step_cost(law: type[ShockLaw]) -> float | None:
-    """Return the cost of a step of a law's native FMU relative to Polylinear; None if its file states none."""
-    stated: float | None = getattr(law_module(law), "STEP_COST", None)
-    return stated
-
-
 def _law_classes() -> dict[str, type[ShockLaw]]:
     """Return the laws by name, those with few parameters first."""
     laws: dict[str, type[ShockLaw]] = {}

@@ -12,9 +12,6 @@ from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
 
 FIT_FORM = "lag"
 
-#: Cost of a ramped step of the native FMU relative to Polylinear (benchmarks/native.py --cost).
-STEP_COST = 1.2
-
 #: The bounds of 3.3.2: 0.1 to 10 ms.
 FIT_PARAMETERS = (FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),)
 

@@ -10,9 +10,6 @@ from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
 
 FIT_FORM = "fading lag"
 
-#: Cost of a ramped step of the native FMU relative to Polylinear (benchmarks/native.py --cost).
-STEP_COST = 1.2
-
 #: The bounds of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, at least 1 lbf apart.
 FIT_PARAMETERS = (
     FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),

@@ -8,8 +8,6 @@ from .law import FitParameter, Piece, ShockLaw, Valve
 
 FIT_FORM = "no lag"
 
-#: Cost of a ramped step of the native FMU relative to Polylinear (benchmarks/native.py --cost).
-STEP_COST = 1.0
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 
 

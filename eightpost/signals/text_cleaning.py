@@ -230,7 +230,7 @@ _THREE_DECIMALS = re.compile(r"[+-]?\d{1,3},\d{3}")
 
 
 def has_three_decimals(cells: NDArray[Any]) -> bool:
-    """Return whether every text (N,) is a number such as `12,573`: with thousands, small numbers would have no comma."""
+    """Return whether every text (N,) is a number such as `12,573`: of thousands, small ones would have no comma."""
     return cells.size > 1 and all(_THREE_DECIMALS.fullmatch(str(cell).strip()) for cell in cells)
 
 

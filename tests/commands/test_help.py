@@ -16,7 +16,6 @@ from builder.check import Scope
 from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
-from eightpost.ident.shock.curve import Shape
 from eightpost.ident.shock.options import GasTreatment, RecipeName
 from eightpost.ident.shock.robust import Robust
 from eightpost.ident.vehicle.recipes import recipe_names
@@ -55,9 +54,8 @@ def option(verb: str, name: str) -> click.Parameter:
 @pytest.mark.parametrize(
     ("verb", "name", "taken"),
     [
-        ("fit", "--law", ("auto", *LAWS)),
+        ("fit", "--law", tuple(LAWS)),
         ("fit", "--recipe", get_args(RecipeName)),
-        ("fit", "--shape", get_args(Shape)),
         ("fit", "--robust", get_args(Robust)),
         ("fit", "--gas", get_args(GasTreatment)),
         ("identify", "--recipe", recipe_names()),

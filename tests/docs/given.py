@@ -64,7 +64,7 @@ Path("target.csv").write_text("velocity [m/s],force [N]\\n-0.2,-900\\n-0.1,-600\
 GIVEN = {
     "docs/evidence/reproduce.md": Given(shorter={"--all": "--all --quick"}),
     "docs/explanation/identification.md": Given("take('rig')"),
-    "docs/explanation/law_choice.md": Given(
+    "docs/explanation/shock_law.md": Given(
         "record('dyno_A', 'run1.csv', 'run2.csv', 'a1.csv', 'a2.csv')\nrecord('dyno_B', 'b1.csv', 'b2.csv')"
         + _DYNO_TESTS
     ),

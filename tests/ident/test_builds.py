@@ -10,9 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.ident import choice_table, choose_law, fit_shock
-from eightpost.ident.shock.cross_validation import left_out_builds
-from eightpost.ident.shock.options import Choices
+from eightpost.ident import fit_shock
+from eightpost.ident.shock.cross_validation import _left_out_builds
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_conditions import DynoConditions
@@ -61,7 +60,7 @@ def tests():
 
 @pytest.mark.nightly
 def test_the_spread_between_builds_is_that_of_their_curves(tests):
-    spread = fit_shock(tests, "lpf1", curve="knots").between_builds
+    spread = fit_shock(tests, "lpf1").between_builds
     assert spread.builds == tuple(SCALES) and spread.runs == (2, 2, 2, 2)
     truth = np.array(list(SCALES.values()))
     for name, column in (("compression_scale", truth[:, 0]), ("rebound_scale", truth[:, 1])):
@@ -73,22 +72,22 @@ def test_the_spread_between_builds_is_that_of_their_curves(tests):
 
 def test_builds_that_do_not_differ_have_almost_no_spread():
     same = [record(law(), k, build) for k, build in enumerate("abc")]
-    spread = fit_shock(same, "lpf1", curve="knots").between_builds
+    spread = fit_shock(same, "lpf1").between_builds
     assert max(spread.percent(name) for name in spread.scales) < 0.5
     assert np.median(spread.deviation) < 0.005 * np.ptp(spread.force)
 
 
 def test_runs_of_one_build_or_of_unknown_builds_have_no_spread(tests):
-    assert fit_shock(tests[:2], "polylinear", curve="knots").between_builds is None
+    assert fit_shock(tests[:2], "polylinear").between_builds is None
     unknown = [replace(test, conditions=DynoConditions()) for test in tests[:4]]
-    fit = fit_shock(unknown, "polylinear", curve="knots")
+    fit = fit_shock(unknown, "polylinear")
     assert fit.between_builds is None and "between_builds" not in fit.shock.fit
 
 
 def test_each_build_is_left_out_with_all_its_runs(tests):
     runs = prepare_runs(tests)
     ends = np.cumsum([0, *(f.rows.size for f in runs.filters)])
-    parts = left_out_builds(runs)
+    parts = _left_out_builds(runs)
     assert len(parts) == len(SCALES)
     for number, part in enumerate(parts):
         assert [(p.start, p.stop) for p in part.parts] == [(ends[k], ends[k + 1]) for k in (2 * number, 2 * number + 1)]
@@ -111,19 +110,11 @@ def _slower(series):
     return found
 
 
-def test_one_run_of_each_build_needs_no_fits_of_its_own(tests):
-    assert left_out_builds(prepare_runs(tests[::2])) == []
-
-
 @pytest.mark.nightly
-def test_the_choice_of_the_law_states_that_builds_were_left_out(tests):
-    choice = choose_law(tests, ("polylinear", "lpf1"), choices=Choices(curve="knots"))
-    assert choice.law == "lpf1" and choice.left_out == "builds"
-    assert "left-out whole builds, all runs of each" in str(choice_table(choice).title)
-    document = choice.to_json()["laws"]["lpf1"]
-    # The scale of a build is not predicted by the others, and does not count without the level.
-    assert document["held_out_with_level_percent"] > 1.5 * document["held_out_percent"]
-    assert document["held_out_runs_percent"] < 2.0
+def test_whole_builds_are_left_out_and_their_scale_does_not_count(tests):
+    held = fit_shock(tests, "lpf1").held_out
+    assert held.left_out == "builds"
+    assert held.percent < 2.0
 
 
 @pytest.mark.slow
@@ -138,7 +129,7 @@ def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, 
         files.append(str(path))
     output = tmp_path / "pooled.json"
     words = ["fit", *files, "--build", "run_a.csv=first", "--build", "run_b.csv=second"]
-    words += ["--law", "polylinear", "--curve", "knots"]
+    words += ["--law", "polylinear"]
     shown = CliRunner().invoke(main, [*words, "-o", str(output)])
     assert shown.exit_code == 0, shown.output
     assert "2 builds (first, second): the static force differs from build to build by" in shown.output

@@ -59,7 +59,7 @@ def band(fit, velocity):
 
 @pytest.mark.parametrize("kelvin", [None, 6.0])
 def test_the_band_contains_the_curves_at_the_beginning_and_at_the_end(kelvin):
-    fit = fit_shock(record(loss=0.06, kelvin=kelvin), "lpf1", curve="knots")
+    fit = fit_shock(record(loss=0.06, kelvin=kelvin), "lpf1")
     velocity = np.array([-0.4, -0.2, -0.1, 0.1, 0.2, 0.4])
     force, half_width = band(fit, velocity)
     truth = np.array([law().curve.force(float(v)) for v in velocity])
@@ -71,7 +71,7 @@ def test_the_band_contains_the_curves_at_the_beginning_and_at_the_end(kelvin):
 def test_a_change_of_rebound_widens_the_band_of_rebound_far_more_than_that_of_compression():
     widths = []
     for change in (0.0, 0.1):
-        _, half_width = band(fit_shock(record(rebound_loss=change), "lpf1", curve="knots"), np.array([-0.3, 0.3]))
+        _, half_width = band(fit_shock(record(rebound_loss=change), "lpf1"), np.array([-0.3, 0.3]))
         widths.append(half_width)
     rebound, compression = widths[1] - widths[0]
     assert rebound > 5.0 * max(compression, widths[0][1])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.closed import dynamics_for
-from eightpost.ident.shock.force import Models, linear_solution
+from eightpost.ident.shock.curve import knot_basis
+from eightpost.ident.shock.force import ForceModel, linear_solution
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.problem import Problem
@@ -24,7 +25,8 @@ def runs(curve, law_record):
 
 def model_of(runs, law):
     gas, _ = gas_columns(runs, "estimate")
-    return Models(runs, gas, dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate)))("slope", 9)
+    dynamics = dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate))
+    return ForceModel(runs, knot_basis(runs.velocity, runs.inside), gas, dynamics)
 
 
 @pytest.fixture(params=THETA)

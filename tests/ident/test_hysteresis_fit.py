@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from eightpost.errors import ParameterError
-from eightpost.ident import choose_law, evaluate, fit_shock
+from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
 from eightpost.ident.shock.hysteresis_search import Projection, non_negative
@@ -19,7 +18,7 @@ from eightpost.ident.shock.options import Choices
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Hysteresis, Polylinear, Port, read_shock, write_shock
+from eightpost.shock import Hysteresis, Port, read_shock, write_shock
 from eightpost.signals import TimeSeries
 
 RATE = 500.0
@@ -161,43 +160,6 @@ def test_each_run_has_its_own_offset(law_record):
 def test_a_fit_is_saved_and_read_back(fit, tmp_path):
     write_shock(fit.shock, tmp_path / "shock.json")
     assert read_shock(tmp_path / "shock.json").law == fit.shock.law
-
-
-# ---- Choice ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_strongly_hysteretic_record_gives_hysteresis(law_record):
-    choice = choose_law(law_record(hysteresis(stop=STOP), 1, rate=RATE))
-    assert choice.law == "hysteresis"
-
-
-@pytest.mark.nightly
-def test_a_record_of_a_simpler_law_does_not_give_hysteresis(rising, law_record):
-    choice = choose_law(law_record(Polylinear(rising), 1, rate=RATE), ("polylinear", "hysteresis"))
-    assert choice.law == "polylinear"
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"order": 5}, "an order of the inner polynomial"),
-        ({"shape": "free"}, "the shape 'free'"),
-        ({"curve": "polynomial"}, "a curve of polynomials"),
-        ({"recipe": "boggs"}, "the recipe 'boggs'"),
-    ],
-)
-def test_options_of_polynomials_are_refused_with_the_way_out(options, why, law_record):
-    with pytest.raises(ParameterError, match="needs a curve that rises through knots") as error:
-        fit_shock(law_record(hysteresis(), 1, rate=RATE), "hysteresis", **options)
-    assert why in str(error.value)
-    assert "omit that, or fit another law" in str(error.value)
-
-
-@pytest.mark.nightly
-def test_auto_compares_the_other_laws_where_an_option_excludes_hysteresis(law_record):
-    choice = fit_shock(law_record(hysteresis(), 1, rate=RATE), "auto", order=5).choice
-    assert "needs a curve that rises through knots" in choice["hysteresis"].trouble
 
 
 # ---- The search -----------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.exports.shock_table import table_points
 from eightpost.ident.shock.curve import curve_forces
@@ -54,83 +53,37 @@ def knee(law_record, rising):
 
 
 def test_an_abrupt_knee_is_fitted_better_than_with_polynomials(knee):
-    errors = {curve: fit_shock(knee, "lpf1", curve=curve).percent for curve in ("polynomial", "knots")}
-    assert errors["knots"] < 0.8 * errors["polynomial"]
+    polynomials = fit_shock(knee, "lpf1", recipe="boggs").percent
+    assert fit_shock(knee, "lpf1").percent < 0.8 * polynomials
 
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_is_fitted_with_a_curve_through_knots_that_rises(law, digressive_record):
-    fit = fit_shock(digressive_record(1), law, curve="knots")
+    fit = fit_shock(digressive_record(1), law)
     curve = fit.shock.law.curve
     assert fit.converged
     assert curve.has_knots
     assert curve.falls_at() is None
     assert min(curve.knot_slope) >= 0.0
-    peer = "polylinear" if law == "hysteresis" else law  # it has no polynomials, and no lag of the force
-    assert fit.percent < 1.1 * fit_shock(digressive_record(1), peer, curve="polynomial").percent
-    assert law == "hysteresis" or any("knots" in change for change in fit.changes)  # which has no other curve
-
-
-def test_the_lag_is_found_with_either_curve(digressive_record):
-    found = {
-        curve: fit_shock(digressive_record(1), "lpf1", curve=curve).parameter("time_constant").value
-        for curve in ("polynomial", "knots")
-    }
-    assert found["knots"] == pytest.approx(1.7e-3, rel=0.02)
-    assert abs(found["knots"] - 1.7e-3) <= abs(found["polynomial"] - 1.7e-3) + 2e-5
 
 
 def test_speeds_without_data_are_bridged_and_not_invented(digressive_record):
     test = digressive_record(1)
     speed = np.abs(test.series["velocity"])
-    fit = fit_shock(test, "polylinear", curve="knots")
+    fit = fit_shock(test, "polylinear")
     gap = (speed > 0.25) & (speed < 0.5)
     assert gap.any()
     holed = DynoTest(test.series.at(np.flatnonzero(~gap)))
-    found = fit_shock(holed, "polylinear", curve="knots").shock.law.curve
+    found = fit_shock(holed, "polylinear").shock.law.curve
     velocity = np.linspace(-0.5, 0.5, 101)
     both = [curve_forces(curve, velocity) for curve in (found, fit.shock.law.curve)]
     assert np.abs(both[0] - both[1]).max() < 0.1 * np.abs(both[1]).max()
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        ({"shape": "free"}, "free"),
-        ({"shape": "passive"}, "passive"),
-        ({"order": 7}, "order"),
-        ({"recipe": "boggs"}, "boggs"),
-        ({"transition_speed": 0.3}, "transition"),
-    ],
-)
-def test_options_of_polynomials_are_rejected_with_knots(digressive_record, options, word):
-    with pytest.raises(ParameterError, match=word):
-        fit_shock(digressive_record(1), "lpf1", curve="knots", **options)
-    assert not fit_shock(digressive_record(1), "lpf1", **options).shock.law.curve.has_knots
-
-
-@pytest.mark.nightly
-def test_of_two_equally_good_curves_the_one_with_fewer_parameters_is_taken_and_the_reason_is_stated(rising, law_record):
-    fit = fit_shock(law_record(Lpf1(rising, 3e-3), 1, rate=500.0), "auto")
-    (score,) = [score for score in fit.choice.scores if score.law == fit.choice.law]
-    kind = "knots" if fit.shock.law.curve.has_knots else "polynomial"
-    assert score.curve.kind == kind
-    assert set(score.curve.errors) == {"polynomial", "knots"}
-    assert score.curve.reason in fit.changes
-    assert fit.shock.fit["law_choice"]["laws"][fit.choice.law]["curve"] == kind
-
-
-def test_an_abrupt_knee_is_recognised_and_gets_knots(knee):
-    fit = fit_shock(knee, "lpf1")
-    assert fit.shock.law.curve.has_knots
-    assert any("instead of following polynomials: the held-out error of LPF1 is" in change for change in fit.changes)
-
-
 def test_the_end_slope_of_a_slow_run_is_not_that_of_its_few_fastest_samples(digressive_record):
     test = digressive_record(1)
-    curve = fit_shock(test, "polylinear", curve="knots").shock.law.curve
+    curve = fit_shock(test, "polylinear").shock.law.curve
     velocity, force = np.array(curve.knot_velocity), np.array(curve.knot_force)
     chords = np.diff(force)[[0, -1]] / np.diff(velocity)[[0, -1]]
     np.testing.assert_allclose([curve.rebound_slope, curve.compression_slope], chords, rtol=0.5)
@@ -154,7 +107,7 @@ def test_a_bend_that_continues_through_the_last_two_cells_costs_nothing_and_a_st
 
 
 def test_the_band_covers_the_curve_of_another_draw(digressive_record):
-    one, other = (fit_shock(digressive_record(seed), "lpf1", curve="knots") for seed in (1, 2))
+    one, other = (fit_shock(digressive_record(seed), "lpf1") for seed in (1, 2))
     inner = np.abs(one.band.velocity) < 0.5
     apart = np.abs(one.band.force - curve_forces(other.shock.law.curve, one.band.velocity))
     both = np.hypot(one.band.half_width, np.interp(one.band.velocity, other.band.velocity, other.band.half_width))
@@ -163,7 +116,7 @@ def test_the_band_covers_the_curve_of_another_draw(digressive_record):
 
 
 def test_a_curve_through_knots_is_exported_as_a_table_within_its_error(knee):
-    law = fit_shock(knee, "lpf1", curve="knots").shock.law
+    law = fit_shock(knee, "lpf1").shock.law
     velocity, force, error = table_points([law], error=1e-3)
     assert error <= 1e-3
     np.testing.assert_allclose(force[0], curve_forces(law.curve, velocity), atol=1e-9)

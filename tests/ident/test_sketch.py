@@ -7,9 +7,10 @@ import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.closed import FadingLag, dynamics_for
-from eightpost.ident.shock.force import Models
+from eightpost.ident.shock.curve import knot_basis
+from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.joint import _sketched
+from eightpost.ident.shock.law_fit import _sketched
 from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig.dyno_test import DynoTest
@@ -41,25 +42,22 @@ def test_the_fit_is_that_on_all_samples(fault, digressive_record, faulty, monkey
 
 
 @pytest.fixture(scope="module")
-def models(digressive_record):
+def model(digressive_record):
     runs = prepare_runs([digressive_record(1)])
     dynamics = dynamics_for(LAWS["lpnl2"], limits_for(runs.measured, runs.rate))
-    return Models(runs, gas_columns(runs, "estimate")[0], dynamics)
+    return ForceModel(runs, knot_basis(runs.velocity, runs.inside), gas_columns(runs, "estimate")[0], dynamics)
 
 
-def test_models_at_other_weights_have_the_same_curves(models):
-    plain, weights = models("slope", 9), np.linspace(0.0, 1.0, models.runs.weights.size)
-    weighed = models.weighted(weights)("slope", 9)
-    assert weighed.has_curve_of(plain)
-    assert weighed.coarse.has_curve_of(plain)
+def test_a_model_at_other_weights_has_the_same_curve(model):
+    coarse, weights = model.coarse, np.linspace(0.0, 1.0, model.runs.weights.size)
+    weighed = model.weighted(weights)
+    assert weighed.basis is model.basis and weighed.coarse.basis is coarse.basis
     np.testing.assert_array_equal(weighed.coarse.runs.weights, weights)
-    np.testing.assert_array_equal(weighed.curve_rows(), plain.curve_rows())
-    assert models("slope", 9).runs.weights.min() == 1.0
-    assert not models("free", 9).has_curve_of(plain)
+    np.testing.assert_array_equal(weighed.curve_rows(), model.curve_rows())
+    assert model.runs.weights.min() == 1.0
 
 
-def test_a_law_that_is_linear_in_its_curve_is_not_sketched(models):
-    whole = models("slope", 9)
-    assert _sketched(whole).model is whole.coarse
-    lpf1 = whole.with_dynamics(dynamics_for(LAWS["lpf1"], whole.dynamics.limits))
+def test_a_law_that_is_linear_in_its_curve_is_not_sketched(model):
+    assert _sketched(model).model is model.coarse
+    lpf1 = model.with_dynamics(dynamics_for(LAWS["lpf1"], model.dynamics.limits))
     assert _sketched(lpf1).model is lpf1

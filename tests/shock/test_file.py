@@ -20,7 +20,6 @@ from eightpost.shock import (
     own_parameters,
     parameter_units,
     read_shock,
-    step_cost,
     write_shock,
 )
 
@@ -96,12 +95,6 @@ def test_the_units_of_a_law_are_those_of_its_fmu(law):
     expected = {v["start"]: v["unit"] for v in variables if v["causality"] == "parameter"}
     assert parameter_units(LAWS[law]) == expected
     assert set(expected) == set(own_parameters(LAWS[law]))
-
-
-def test_the_costs_of_the_laws_are_relative_to_polylinear():
-    costs = {name: step_cost(law) for name, law in LAWS.items()}
-    assert costs["polylinear"] == 1.0
-    assert min(costs.values()) == 1.0
 
 
 def test_every_law_has_a_name():

@@ -66,7 +66,7 @@ class BuildSpread:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the spread as JSON values; docs/explanation/law_choice.md describes the keys."""
+        """Return the spread as JSON values; docs/explanation/shock_law.md describes the keys."""
         return {
             "builds": list(self.builds),
             "runs": list(self.runs),

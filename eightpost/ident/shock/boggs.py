@@ -5,19 +5,24 @@ The curve is fitted without lag to the low-passed record and then kept; the mode
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag
-from eightpost.ident.shock.force import ForceModel, Models, linear_solution
-from eightpost.ident.shock.limits import FORCE
+from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, dynamics_for
+from eightpost.ident.shock.curve import CurveBasis, working_basis
+from eightpost.ident.shock.force import ForceModel, linear_solution
+from eightpost.ident.shock.gas import GasTreatment, gas_columns
+from eightpost.ident.shock.limits import FORCE, limits_for
 from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.record import slower_peak
+from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import block_changes, covariances
-from eightpost.shock.curve import INNER_ORDER
+from eightpost.shock import LAWS
+from eightpost.units import convert
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
 INCREMENT = 1e-4
@@ -28,30 +33,74 @@ _STARTS = ((0.1, 0.5), (0.3, 0.9), (0.6, 1.5))
 _NEGATIVE = "gas stiffness fixed at 0: the fit to this record would make it negative"
 
 
-@dataclass(frozen=True, slots=True)
-class Boggs:
-    """Step-by-step fit in the order of 3.3, with the printed bounds."""
+#: Transition speed between low and high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
+TRANSITION_SPEED, TRANSITION_WIDTH = convert(15.0, "in/s", "m/s"), convert(0.5, "in/s", "m/s")
 
-    ceiling = FORCE[1]
+#: If the slower side of the fastest record peaks below this many transition speeds, the transition moves to this share
+#: of the peak.
+_SLOW, _MOVED = 1.25, 0.6
 
-    def fit(self, models: Models) -> Solution:
-        """Return the dissertation's solution.
+#: Minimum number of samples for fitting an outer cubic; with fewer the inner polynomial continues as a straight line.
+FEWEST_OUTER = 50
 
-        Args:
-            models: Function that returns the model of an order and a join of the cubics; here the join is free.
 
-        Raises:
-            ParameterError: The dissertation has no recipe for the law.
-        """
-        dynamics = models.dynamics
-        if not isinstance(dynamics, NoLag | FullLag | FadingLag):
-            raise ParameterError("recipe 'boggs' supports the dissertation's laws only; fit this law with 'joint'")
-        static = _static(models("free", INNER_ORDER))
-        if isinstance(dynamics, FullLag):
-            return _on_grid(static, dynamics)
-        if isinstance(dynamics, FadingLag):
-            return _constrained(static, dynamics)
-        return static
+def fit_boggs(runs: Runs, law: str, gas: GasTreatment) -> Solution:
+    """Return the dissertation's solution, with the printed bounds and a note for each change.
+
+    Raises:
+        ParameterError: The dissertation has no recipe for the law.
+    """
+    columns, notes = gas_columns(runs, gas)
+    dynamics = dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate, ceiling=FORCE[1]))
+    if not isinstance(dynamics, NoLag | FullLag | FadingLag):
+        raise ParameterError("recipe 'boggs' supports the dissertation's laws only; fit this law with 'joint'")
+    curve = _curve(runs)
+    straight = _sides_without_data(runs, curve.transition_speed)
+    basis = working_basis(curve, runs.velocity, curve.ties(straight))
+    static = _static(ForceModel(runs, basis, columns, dynamics))
+    if isinstance(dynamics, FullLag):
+        static = _on_grid(static, dynamics)
+    elif isinstance(dynamics, FadingLag):
+        static = _constrained(static, dynamics)
+    notes = [*_transition_notes(runs, curve), *dynamics.changes(), *map(_straight_note, straight.items()), *notes]
+    return replace(static, notes=(*notes, *static.notes))
+
+
+def _curve(runs: Runs) -> CurveBasis:
+    """Return the basis functions of the curve; the transition moves within the speed of slow records."""
+    slower = _slower_peak(runs)
+    speed = _MOVED * slower if slower < _SLOW * TRANSITION_SPEED else TRANSITION_SPEED
+    return CurveBasis(speed, TRANSITION_WIDTH * speed / TRANSITION_SPEED)
+
+
+def _slower_peak(runs: Runs) -> float:
+    return max(slower_peak(p.record["velocity"][p.inside]) for p in runs.prepared)
+
+
+def _transition_notes(runs: Runs, curve: CurveBasis) -> list[str]:
+    if curve.transition_speed == TRANSITION_SPEED:
+        return []
+    why = f"the record's slower side reaches {_inch(_slower_peak(runs))}"
+    speed, width = _inch(curve.transition_speed), _inch(curve.transition_width)
+    return [f"transition moved from 15 in/s to {speed}, its width from 0.5 to {width}: {why}"]
+
+
+def _inch(speed: float) -> str:
+    return f"{convert(speed, 'm/s', 'in/s'):.3g} in/s ({speed:.3g} m/s)"
+
+
+def _sides_without_data(runs: Runs, transition: float) -> dict[str, int]:
+    """Return each side with too few samples beyond the transition for a cubic, with the number of these samples."""
+    velocity = runs.velocity[runs.inside]
+    sides = {"compression": velocity > transition, "rebound": velocity < -transition}
+    counts = {side: int(np.sum(beyond)) for side, beyond in sides.items()}
+    return {side: count for side, count in counts.items() if count < FEWEST_OUTER}
+
+
+def _straight_note(side: tuple[str, int]) -> str:
+    name, count = side
+    why = f"{count} samples beyond the transition, {FEWEST_OUTER} are needed"
+    return f"straight line instead of the cubic in {name}: {why}"
 
 
 def _static(model: ForceModel) -> Solution:

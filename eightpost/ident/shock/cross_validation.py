@@ -6,10 +6,10 @@ was left out counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,17 @@ _GAP, _GAP_SHARE = 0.3, 0.02
 #: Number of pieces of a left-out block or run whose errors are counted one by one.
 PIECES = 4
 
-#: Errors that differ by less than this share count as equal: the fits are not more accurate.
-TIE = 1e-3
-
 #: Smallest mean square error [1] that counts; smaller ones are rounding.
 _FLOOR = 1e-14
 
+#: An addition to a law must lower the error by this share, and by more than one standard error.
+_WORTHWHILE = 0.02
+
 #: Maximum number of fits that leave out runs or builds; with more of these, several are left out together.
 _MOST_FITS = 8
+
+#: Parts of the records that are left out.
+Parts = Literal["builds", "runs", "quarters"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,64 +59,59 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors of a law on what was left out, over the variance of the force of each run.
-
-    Laws are compared by the ratios of their errors on the same pieces. In a mean of the errors or of their squares, the
-    one piece that every law predicts badly would outweigh the others and hide which law is better on them.
+    """Errors of a law on what was left out.
 
     Attributes:
-        pieces: Mean square error of each piece [1]; without offset and level if whole runs were left out.
-        raw: Mean square error of each piece [1] about its mean, but including the level of the run.
+        pieces: Mean square error of each piece over the variance of the force of its run [1]; without offset and level
+            if whole runs were left out.
     """
 
     pieces: tuple[float, ...]
-    raw: tuple[float, ...]
 
     @property
     def percent(self) -> float:
-        """Geometric mean of the pieces' RMS errors in percent of the force's standard deviation."""
-        return _geometric_percent(self.pieces)
-
-    @property
-    def mean_percent(self) -> float:
-        """Mean of the pieces' RMS errors in percent of the force's standard deviation; large if one piece is."""
+        """Mean of the pieces' RMS errors in percent of the force's standard deviation."""
         return 100.0 * float(np.mean(np.sqrt(self.pieces)))
 
-    @property
-    def raw_percent(self) -> float:
-        """The same as `percent` for the errors that include the level of a run."""
-        return _geometric_percent(self.raw)
+    def is_beaten_by(self, other: HeldOut) -> bool:
+        """Return whether the other errors are lower by a notable share, and by more than one standard error.
 
-    @property
-    def spread(self) -> float:
-        """Standard error of `percent`, to first order."""
-        return self.percent * _standard_error(_logarithms(self.pieces))
-
-    def is_as_good_as(self, best: HeldOut) -> bool:
-        """Return whether the errors are within one standard error, or within `TIE`, of those of the best."""
-        excess, error = self.excess_over(best)
-        return excess <= max(error, TIE)
-
-    def excess_over(self, other: HeldOut) -> tuple[float, float]:
-        """Return the mean logarithm of the ratio of the RMS errors to those of another law, and its standard error.
-
-        The pieces are compared one by one, because all laws have larger errors on the same pieces.
+        The pieces are compared one by one: all laws have larger errors on the same pieces, and one of these would
+        outweigh the others in a difference of means.
         """
         ratios = _logarithms(self.pieces) - _logarithms(other.pieces)
-        return float(ratios.mean()), _standard_error(ratios)
+        spread = float(np.std(ratios, ddof=1) / np.sqrt(ratios.size)) if ratios.size > 1 else 0.0
+        return bool(ratios.mean() > max(spread, -np.log1p(-_WORTHWHILE)))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutErrors:
+    """Errors of a fitted law on parts of the records that were left out of its fit, beside those of LPNL2.
+
+    Attributes:
+        left_out: Parts that were left out: `builds`, `runs` or `quarters`.
+        percent: Error of the law in percent of the force's standard deviation.
+        lpnl2_percent: Error of LPNL2 on the same parts; None if the law is LPNL2, or if this cannot be fitted.
+    """
+
+    left_out: Parts
+    percent: float
+    lpnl2_percent: float | None = None
+
+    def __str__(self) -> str:
+        other = "" if self.lpnl2_percent is None else f" (LPNL2: {self.lpnl2_percent:.3g} %)"
+        what = "quarters of the record" if self.left_out == "quarters" else f"whole {self.left_out}"
+        return f"held-out error {self.percent:.3g} % of the force's standard deviation{other}, on {what}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the errors as JSON values."""
+        other = {} if self.lpnl2_percent is None else {"lpnl2_percent": self.lpnl2_percent}
+        return {"left_out": self.left_out, "percent": self.percent, **other}
 
 
 def _logarithms(pieces: tuple[float, ...]) -> Array:
     """Return the logarithms of RMS errors (P,), given mean squares."""
     return np.asarray(0.5 * np.log(np.maximum(pieces, _FLOOR)))
-
-
-def _geometric_percent(pieces: tuple[float, ...]) -> float:
-    return 100.0 * float(np.exp(_logarithms(pieces).mean()))
-
-
-def _standard_error(values: Array) -> float:
-    return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
 
 
 def left_out_blocks(runs: Runs) -> list[LeftOut]:
@@ -131,12 +129,11 @@ def left_out_blocks(runs: Runs) -> list[LeftOut]:
     return found
 
 
-def left_out_runs(runs: Runs) -> list[LeftOut]:
-    """Return each run; nothing if there is only one."""
-    rows = _rows_of(runs)
+def _left_out_runs(runs: Runs) -> list[LeftOut]:
+    """Return each run, of many runs in groups."""
+    rows, found = _rows_of(runs), []
     fits = min(len(rows), _MOST_FITS)
-    found = []
-    for number in range(fits if len(rows) > 1 else 0):
+    for number in range(fits):
         kept, parts = np.ones(runs.target.size, dtype=bool), tuple(rows[number::fits])
         for part in parts:
             kept[part] = False
@@ -144,12 +141,9 @@ def left_out_runs(runs: Runs) -> list[LeftOut]:
     return found
 
 
-def left_out_builds(runs: Runs) -> list[LeftOut]:
-    """Return all runs of each build, of many builds in groups; nothing if there is one build, or one run of each."""
-    builds, rows = runs.builds, _rows_of(runs)
-    if not 2 <= len(builds) < len(rows):
-        return []
-    found = []
+def _left_out_builds(runs: Runs) -> list[LeftOut]:
+    """Return all runs of each build, of many builds in groups."""
+    builds, rows, found = runs.builds, _rows_of(runs), []
     fits = min(len(builds), _MOST_FITS)
     for number in range(fits):
         kept, group = np.ones(runs.target.size, dtype=bool), builds[number::fits]
@@ -170,64 +164,29 @@ class CrossValidation:
 
     fit: FittedLaw
 
-    def blocks(self, counted: Array) -> HeldOut:
-        """Return the errors on quarters of the records, with weights (R,) of the rows, such as 0 for outliers."""
-        return self._errors(self._blocks, counted)
+    @property
+    def left_out(self) -> Parts:
+        """Whole builds or runs if each run has another of its speed that is not left out with it, else quarters."""
+        runs = self.fit.runs
+        return "builds" if runs.has_repeated_builds else "runs" if runs.has_repeated_speeds else "quarters"
 
-    def runs(self, counted: Array) -> HeldOut | None:
-        """Return the errors on whole runs, with weights (R,) of the rows; None if there is only one run."""
-        return self._errors(self._runs, counted) if self._runs else None
-
-    def builds(self, counted: Array) -> HeldOut | None:
-        """Return the errors on all runs of a build, with weights (R,) of the rows; None if there is only one build.
-
-        With one run of each build these are the errors on whole runs.
-        """
-        if self._builds:
-            return self._errors(self._builds, counted)
-        return self.runs(counted) if len(self.fit.runs.builds) > 1 else None
-
-    def decisive(self, counted: Array) -> HeldOut:
-        """Return the errors that decide.
-
-        These are the errors on whole builds or whole runs, if each run has another of its speed that is not left out
-        with it, else those on quarters.
-        """
-        runs, found = self.fit.runs, None
-        if runs.has_repeated_builds:
-            found = self.builds(counted)
-        elif runs.has_repeated_speeds:
-            found = self.runs(counted)
-        return found or self.blocks(counted)
-
-    @cached_property
-    def _blocks(self) -> list[tuple[LeftOut, Array]]:
-        return self._predicted(left_out_blocks(self.fit.runs))
-
-    @cached_property
-    def _runs(self) -> list[tuple[LeftOut, Array]]:
-        return self._predicted(left_out_runs(self.fit.runs))
-
-    @cached_property
-    def _builds(self) -> list[tuple[LeftOut, Array]]:
-        return self._predicted(left_out_builds(self.fit.runs))
-
-    def _predicted(self, left_out: Iterable[LeftOut]) -> list[tuple[LeftOut, Array]]:
-        """Return each part with the force (R,) [N] of a fit without it."""
-        return [(part, self.fit.refitted_rows(self.fit.runs.weights * part.kept)) for part in beats(left_out)]
-
-    def _errors(self, predicted: Iterable[tuple[LeftOut, Array]], counted: Array) -> HeldOut:
+    def errors(self, counted: Array) -> HeldOut:
+        """Return the errors on what is left out, with weights (R,) of the rows, such as 0 for outliers."""
         pieces: list[float] = []
-        raw: list[float] = []
-        for part, force in predicted:
+        for part, force in self._predicted:
             for rows in part.parts:
                 measured, here, weights = self.fit.runs.target[rows], force[rows], counted[rows]
                 variance = max(_deviation(measured, weights) ** 2, 1e-300)
-                error = here - measured
-                raw += _mean_squares(error - np.average(error, weights=weights) * part.is_whole, weights, variance)
-                error = _without_level(here, measured, weights) if part.is_whole else error
+                error = _without_level(here, measured, weights) if part.is_whole else here - measured
                 pieces += _mean_squares(error, weights, variance)
-        return HeldOut(tuple(pieces), tuple(raw))
+        return HeldOut(tuple(pieces))
+
+    @cached_property
+    def _predicted(self) -> list[tuple[LeftOut, Array]]:
+        """Each part with the force (R,) [N] of a fit without it."""
+        runs = self.fit.runs
+        left_out = {"builds": _left_out_builds, "runs": _left_out_runs, "quarters": left_out_blocks}[self.left_out]
+        return [(part, self.fit.refitted_rows(runs.weights * part.kept)) for part in beats(left_out(runs))]
 
 
 def _mean_squares(error: Array, weights: Array, variance: float) -> list[float]:

@@ -1,9 +1,9 @@
-"""Static curve of a fit: basis functions, constraints on its shape, the fitted curve."""
+"""Static curve of a fit: basis functions, the fitted curve."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,8 @@ from eightpost.units import convert
 
 # ---- The static curve as a matrix -----------------------------------------------------------------------------------
 
-#: Kind of a curve: the dissertation's polynomials, or rising through knots (`KnotBasis`).
-CurveKind = Literal["polynomial", "knots"]
-
-#: How an outer cubic joins the inner polynomial at the transition.
-Join = Literal["free", "value", "slope", "straight"]
-
 #: Coefficients of a curve: inner, compression, rebound.
-COEFFICIENTS = INNER_ORDER + 2 * (OUTER_ORDER + 1)
+_COEFFICIENTS = INNER_ORDER + 2 * (OUTER_ORDER + 1)
 _COMPRESSION, _REBOUND = INNER_ORDER, INNER_ORDER + OUTER_ORDER + 1
 
 #: The straight continuation of a side without data uses the slope of a chord of the inner polynomial over this last
@@ -33,8 +27,7 @@ _COMPRESSION, _REBOUND = INNER_ORDER, INNER_ORDER + OUTER_ORDER + 1
 _CHORD = 0.1
 
 #: Number of points over the fitted range at which the rise of a curve is checked.
-GRID = 401
-_BLEND = 25
+_GRID = 401
 
 #: Directions of the scaled design that are weaker than this share of the strongest are dropped.
 _WEAKEST = 1e-8
@@ -76,21 +69,18 @@ class CurveBasis:
         share = (speed - self.transition_speed) / self.transition_width + 0.5
         return np.asarray(np.clip(share, 0.0, 1.0), dtype=np.float64)
 
-    def ties(self, *, compression: Join, rebound: Join, order: int = INNER_ORDER) -> Array:
-        """Return the matrix (23, n) from the free to all coefficients, given how each cubic joins the inner polynomial.
+    def ties(self, straight: Collection[str]) -> Array:
+        """Return the matrix (23, n) from the free to all coefficients.
 
         Args:
-            compression: Join of the compression side. `free`; `value`: the cubic starts at the value of the inner
-                polynomial; `slope`: at its value and slope; `straight`: a straight line, for a side without data.
-            rebound: Join of the rebound side, as for `compression`.
-            order: Order of the inner polynomial, 1 to 15.
+            straight: Sides without data, `compression` or `rebound`, whose cubic is a straight line that continues the
+                inner polynomial; on the others it joins the polynomial freely.
         """
-        ties = np.eye(COEFFICIENTS)
-        for start, sign, join in ((_COMPRESSION, 1.0, compression), (_REBOUND, -1.0, rebound)):
-            tied = _joined(join, sign)
-            ties[start : start + tied.shape[0]] = 0.0
-            ties[start : start + tied.shape[0], :INNER_ORDER] = tied
-        ties[:, order:INNER_ORDER] = 0.0
+        ties = np.eye(_COEFFICIENTS)
+        for side, start, sign in (("compression", _COMPRESSION, 1.0), ("rebound", _REBOUND, -1.0)):
+            if side in straight:
+                ties[start : start + OUTER_ORDER + 1] = 0.0
+                ties[start : start + OUTER_ORDER + 1, :INNER_ORDER] = _straight(sign)
         return ties[:, np.abs(ties).sum(axis=0) > 0.0]
 
 
@@ -102,14 +92,12 @@ def _powers(base: Array, highest: int) -> Array:
     return powers
 
 
-def _joined(join: Join, sign: float) -> Array:
-    """Return the first coefficients of a cubic as (0 .. 4, 15) weights of the inner ones, on a side (+1, -1)."""
+def _straight(sign: float) -> Array:
+    """Return the coefficients of a straight line as (4, 15) weights of the inner ones, on a side (+1, -1)."""
     k = np.arange(1, INNER_ORDER + 1)
-    value, slope = sign**k, k * sign**k
-    if join == "straight":
-        chord = (value - ((1.0 - _CHORD) * sign) ** k) / _CHORD
-        return np.vstack([value, chord, np.zeros((OUTER_ORDER - 1, INNER_ORDER))])
-    return np.vstack([value, slope])[: {"free": 0, "value": 1, "slope": 2}[join]]
+    value = sign**k
+    chord = (value - ((1.0 - _CHORD) * sign) ** k) / _CHORD
+    return np.vstack([value, chord, np.zeros((OUTER_ORDER - 1, INNER_ORDER))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,8 +108,6 @@ class WorkingBasis:
         curve: Functions that the columns combine, with C coefficients.
         columns: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a
             curve through knots one for each slope.
-        grid: Velocities (J,) [m/s]: evenly spaced, and finer in the blend of polynomials.
-        grid_columns: Columns (J, n) at the grid's velocities.
         to_curve: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
         penalty: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the
             RMS error over all rows.
@@ -129,20 +115,8 @@ class WorkingBasis:
 
     curve: CurveBasis | KnotBasis
     columns: Array
-    grid: Array
-    grid_columns: Array
     to_curve: Array
     penalty: Array
-
-    @property
-    def has_knots(self) -> bool:
-        """Whether the curve is one through knots, whose working coefficients must not be negative."""
-        return isinstance(self.curve, KnotBasis)
-
-    @property
-    def rises(self) -> Array:
-        """The changes of the columns (J - 1, n) from point to point of the grid."""
-        return np.diff(self.grid_columns, axis=0)
 
     def at(self, velocity: Array) -> Array:
         """Return the columns (M, n) at other velocities (M,) [m/s]."""
@@ -163,28 +137,23 @@ def working_basis(basis: CurveBasis, velocity: Array, ties: Array) -> WorkingBas
     _, strength, directions = np.linalg.svd(np.linalg.qr(free, mode="r"))
     kept = strength > _WEAKEST * strength[0]
     to_curve = scaled_ties @ (directions[kept].T / strength[kept]) * np.sqrt(design.shape[0])
-    grid = _grid(basis, float(velocity.min()), float(velocity.max()))
     columns = np.asfortranarray(design @ to_curve)
-    return WorkingBasis(basis, columns, grid, basis.design(grid) @ to_curve, to_curve, np.empty((0, to_curve.shape[1])))
+    return WorkingBasis(basis, columns, to_curve, np.empty((0, to_curve.shape[1])))
 
 
 def knot_basis(velocity: Array, inside: NDArray[np.bool_], *, cells: int = CELLS) -> WorkingBasis:
-    """Return the basis of a curve through knots at velocities (N,) [m/s], of which those `inside` (N,) are fitted.
+    """Return the basis of a curve through knots at velocities (N,) [m/s], of which those `inside` (N,) are fitted."""
+    return basis_on(KnotBasis.of(velocity[inside], cells=cells), velocity)
+
+
+def basis_on(knots: KnotBasis, velocity: Array) -> WorkingBasis:
+    """Return the basis of given knots at velocities (N,) [m/s].
 
     The working coefficients are the slopes times the highest speed [N].
     """
-    basis = KnotBasis.of(velocity[inside], cells=cells)
-    to_curve = np.eye(basis.count) / basis.speed
-    grid = np.linspace(basis.knots[0], basis.knots[-1], GRID)
-    columns = np.asfortranarray(basis.design(velocity) / basis.speed)
-    return WorkingBasis(basis, columns, grid, basis.design(grid) / basis.speed, to_curve, basis.penalty() @ to_curve)
-
-
-def _grid(basis: CurveBasis, lowest: float, highest: float) -> Array:
-    """Return an even grid with finer points in the blend, which is narrower than a few steps of the even grid."""
-    blend = basis.transition_speed + basis.transition_width * np.linspace(-1.0, 1.0, _BLEND)
-    grid = np.concatenate([np.linspace(lowest, highest, GRID), blend, -blend])
-    return np.asarray(np.unique(grid[(grid >= lowest) & (grid <= highest)]))
+    to_curve = np.eye(knots.count) / knots.speed
+    columns = np.asfortranarray(knots.design(velocity) / knots.speed)
+    return WorkingBasis(knots, columns, to_curve, knots.penalty() @ to_curve)
 
 
 def split_coefficients(coefficients: Array) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
@@ -220,7 +189,7 @@ _LAST_PART = 0.2
 _REASONABLE = 2.0
 
 #: A curve is reported as falling where it falls by more than this share of its range of force.
-NOTABLE_FALL = 1e-3
+_NOTABLE_FALL = 1e-3
 
 
 def fitted_curve(basis: CurveBasis | KnotBasis, coefficients: Array, velocity: Array) -> tuple[StaticCurve, list[str]]:
@@ -274,14 +243,14 @@ def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[floa
 
 def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float) -> list[str]:
     """Return a warning with the velocities between which the force falls with rising velocity."""
-    velocity = np.linspace(lowest, highest, GRID)
+    velocity = np.linspace(lowest, highest, _GRID)
     force = basis.design(velocity) @ coefficients
     drop = np.maximum.accumulate(force) - force
-    if drop.max() <= NOTABLE_FALL * np.ptp(force):
+    if drop.max() <= _NOTABLE_FALL * np.ptp(force):
         return []
     falls = np.flatnonzero(np.diff(force) < 0.0)
     runs = np.split(falls, np.flatnonzero(np.diff(falls) > 1) + 1)
-    notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * NOTABLE_FALL * np.ptp(force)]
+    notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * _NOTABLE_FALL * np.ptp(force)]
     places = ", ".join(f"{_number(velocity[run[0]])} to {_inch(velocity[run[-1] + 1])}" for run in notable)
     return [f"the fitted curve is not monotone: the force falls from {places}, by up to {drop.max():.3g} N"]
 
@@ -292,61 +261,3 @@ def _number(velocity: float) -> str:
 
 def _inch(velocity: float) -> str:
     return f"{_number(velocity)} in/s"
-
-
-# ---- Constraints on the shape of a curve ----------------------------------------------------------------------------
-
-#: `auto`: free; constrained to be monotonic only if the free curve would fall notably.
-Shape = Literal["auto", "free", "monotone", "passive"]
-
-#: Distance of a constrained curve from its bounds, as a share of its range of force; it covers rounding.
-_CLEAR = 1e-9
-
-#: The same for the slopes of a curve through knots, times the highest speed [N].
-_CLEAR_SLOPE = 1e-6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CurveConstraint:
-    """A linear constraint on the coefficients b of a curve: matrix @ b >= floor.
-
-    Attributes:
-        matrix: Matrix (J, n) that gives rises from point to point of a grid, or forces against the motion there [N].
-        floor: Lower bound (J,) [N].
-        clear: Distance that a constrained curve keeps from the floor [N].
-    """
-
-    matrix: Array
-    floor: Array
-    clear: float
-
-    def shortfall(self, b: Array) -> Array:
-        """Return the amount (J,) [N] by which a curve violates the constraint."""
-        return np.asarray(np.maximum(self.floor - self.matrix @ b, 0.0))
-
-    def active_rows(self, b: Array) -> Array:
-        """Return the rows (T, n) of the matrix whose constraints are active for a curve."""
-        return self.matrix[self.matrix @ b < self.floor + 2.0 * self.clear]
-
-
-def slope_constraint(basis: WorkingBasis) -> CurveConstraint:
-    """Return the constraint that no slope of a curve through knots is negative."""
-    count = basis.to_curve.shape[1]
-    return CurveConstraint(np.eye(count), np.zeros(count), _CLEAR_SLOPE)
-
-
-def shape_constraint(basis: WorkingBasis, b: Array, shape: Shape) -> CurveConstraint:
-    """Return the constraint that keeps a curve monotone or passive; b is the unconstrained curve."""
-    sign = np.where(basis.grid > 0.0, 1.0, -1.0)
-    matrix = sign[:, None] * basis.grid_columns if shape == "passive" else basis.rises
-    return CurveConstraint(matrix, np.zeros(matrix.shape[0]), _clear(basis, b))
-
-
-def _clear(basis: WorkingBasis, b: Array) -> float:
-    return _CLEAR * float(np.ptp(basis.grid_columns @ b))
-
-
-def deepest_fall(basis: WorkingBasis, b: Array) -> float:
-    """Return the largest fall of a curve with rising velocity, as a share of its range of force [1]."""
-    force = basis.grid_columns @ b
-    return float((np.maximum.accumulate(force) - force).max() / np.ptp(force))

@@ -35,11 +35,6 @@ class FittedLaw(ABC):
 
     @property
     @abstractmethod
-    def parameter_count(self) -> int:
-        """Number of fitted parameters: curve, gas force and the law's own."""
-
-    @property
-    @abstractmethod
     def has_converged(self) -> bool:
         """Whether the search ended at a minimum."""
 

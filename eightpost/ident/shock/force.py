@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.curve import CurveBasis, CurveKind, Join, WorkingBasis, knot_basis, working_basis
+from eightpost.ident.shock.curve import WorkingBasis
 from eightpost.ident.shock.gas import GasColumns
 from eightpost.ident.shock.limits import Limits
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import Port, ShockLaw, StaticCurve
-from eightpost.shock.curve import INNER_ORDER
 
 # ---- Linear least squares by singular values ------------------------------------------------------------------------
 
@@ -211,10 +210,6 @@ class ForceModel:
         by = max((k for k in shared if self.runs.rate / k >= _COARSE_RATE), default=1)
         return self if by == 1 else self.thinned(by)
 
-    def has_curve_of(self, other: ForceModel) -> bool:
-        """Return whether the curve parameters of another model, which may be thinned, have the same meaning here."""
-        return self.basis.to_curve is other.basis.to_curve
-
     def with_dynamics(self, dynamics: Dynamics) -> ForceModel:
         """Return the model of another law on the same curve; computed values of the curve are kept."""
         other = self._with_kept(replace(self, dynamics=dynamics))
@@ -233,94 +228,3 @@ class ForceModel:
         kept = ("gas_rows", "_spectra")
         other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
         return other
-
-
-# ---- The force models of a fit --------------------------------------------------------------------------------------
-
-#: Minimum number of samples for fitting an outer cubic; with fewer the inner polynomial continues as a straight line.
-FEWEST_OUTER = 50
-
-
-@dataclass(frozen=True, eq=False)
-class Models:
-    """Force models over the same runs.
-
-    Attributes:
-        runs: The records.
-        gas: Columns of the gas force.
-        dynamics: Dynamics of the law.
-        kind: Kind of the curve.
-    """
-
-    runs: Runs
-    gas: GasColumns
-    dynamics: Dynamics
-    kind: CurveKind = "polynomial"
-    _models: dict[tuple[Join, int], ForceModel] = field(default_factory=dict, repr=False)
-
-    def __call__(self, join: Join, order: int) -> ForceModel:
-        """Return the model of a join and an order, computed once; sides with too few samples are straight.
-
-        A curve through knots has neither: all are the same model.
-        """
-        key: tuple[Join, int] = ("slope", INNER_ORDER) if self.kind == "knots" else (join, order)
-        found = self._models.get(key)
-        if found is None:
-            found = ForceModel(self.runs, self._basis(*key), self.gas, self.dynamics)
-        elif found.runs.weights is not self.runs.weights:
-            found = found.weighted(self.runs.weights)
-        self._models[key] = found
-        return found
-
-    def _basis(self, join: Join, order: int) -> WorkingBasis:
-        if self.kind == "knots":
-            return knot_basis(self.runs.velocity, self.runs.inside)
-        return working_basis(self.curve, self.runs.velocity, self._ties(join, order))
-
-    def weighted(self, weights: Array) -> Models:
-        """Return the models with other weights (R,) of the rows; computed values of their curves are kept."""
-        return replace(self, runs=self.runs.weighted(weights))
-
-    @property
-    def curve(self) -> CurveBasis:
-        """The basis functions of the curve with the transition of the runs."""
-        return CurveBasis(self.runs.first.transition_speed, self.runs.first.transition_width)
-
-    def order_rows(self, time_constant: float | None) -> Array:
-        """Return columns (R, n) at the rows, behind a lag [s] if given; lower orders leave out the last columns.
-
-        Gas and outer cubics, which join in value and slope, come first, then the powers of the inner polynomial.
-        """
-        runs, ties = self.runs, self._ties("slope", INNER_ORDER)
-        design = self.curve.design(runs.velocity).T
-        rows = [
-            f.rows_of(f.spectrum(design[:, part]), time_constant=time_constant).T
-            for f, part in zip(runs.filters, runs.parts, strict=True)
-        ]
-        powers, cubics = np.split(np.concatenate(rows) @ ties, [INNER_ORDER], axis=1)
-        return np.hstack([runs.rows(self.gas.columns.T).T, cubics, powers])
-
-    def _ties(self, join: Join, order: int) -> Array:
-        compression, rebound = ("straight" if side in self.straight else join for side in ("compression", "rebound"))
-        return self.curve.ties(compression=compression, rebound=rebound, order=order)
-
-    @cached_property
-    def straight(self) -> dict[str, int]:
-        """Each side with too few samples beyond the transition for a cubic, with the number of these samples."""
-        velocity = self.runs.velocity[self.runs.inside]
-        beyond = {
-            "compression": int(np.sum(velocity > self.curve.transition_speed)),
-            "rebound": int(np.sum(velocity < -self.curve.transition_speed)),
-        }
-        return {side: count for side, count in beyond.items() if count < FEWEST_OUTER}
-
-    @property
-    def changes(self) -> list[str]:
-        """A sentence for each side that is straight."""
-        if self.kind == "knots":
-            return []
-        return [
-            f"straight line instead of the cubic in {side}: {count} samples beyond the transition, "
-            f"{FEWEST_OUTER} are needed"
-            for side, count in self.straight.items()
-        ]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.runs import Runs
+
+#: Treatment of the gas force in a force channel; see `Choices`.
+GasTreatment = Literal["estimate", "included", "subtracted"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

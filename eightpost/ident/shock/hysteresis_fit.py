@@ -40,9 +40,6 @@ _ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
 
-#: A stop must lower the held-out error by this share, and by more than one standard error.
-_WORTHWHILE = 0.02
-
 _ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
 
 #: In the covariance, a parameter at its bound is fixed: a change by 1 N counts like a force error of this many N.
@@ -78,11 +75,6 @@ class HysteresisFit(FittedLaw):
     def error(self) -> Array:
         """The force error at the rows (R,) [N], without weights."""
         return self.found.end.error
-
-    @property
-    def parameter_count(self) -> int:
-        """Number of fitted parameters: curve, gas force and the law's own."""
-        return int(self.found.end.linear.size + self.found.end.parameters.size)
 
     @property
     def has_converged(self) -> bool:
@@ -145,12 +137,9 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
 
     It has a stop if the runs can show one, and if left-out parts are predicted better with it.
 
-    Raises:
-        ParameterError: An option does not suit the law.
     """
-    choices.check(law)
     gas, notes = gas_columns(runs, choices.gas)
-    limits = limits_for(runs.measured, runs.rate, ceiling=choices.ceiling)
+    limits = limits_for(runs.measured, runs.rate)
     dynamics = LaggedVelocity.of(LAWS[law], limits, runs.rate)
     basis, weigh = knot_basis(runs.velocity, runs.inside, cells=KNOTS // 2), weights_for(choices.robust)
     model = ForceModel(runs, basis, gas, dynamics)
@@ -165,10 +154,9 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
 def _better(without: CrossValidation, stopped: CrossValidation) -> CrossValidation:
     """Return the fit with a stop if that is worthwhile on left-out parts, else the other."""
     counted = np.maximum(without.fit.runs.weights, stopped.fit.runs.weights)
-    held, other = without.decisive(counted), stopped.decisive(counted)
+    held, other = without.errors(counted), stopped.errors(counted)
     figures = f"held-out error {other.percent:.3g} % with a stop, {held.percent:.3g} % without"
-    is_better = not held.is_as_good_as(other) and other.percent <= (1.0 - _WORTHWHILE) * held.percent
-    if stopped.fit.has_converged and is_better:
+    if stopped.fit.has_converged and held.is_beaten_by(other):
         return _with_note(stopped, f"the law has a stop: {figures}")
     return _with_note(without, f"the law has no stop: {figures}; a stop must be better by a standard error and 2 %")
 

@@ -6,23 +6,21 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.boggs import Boggs
-from eightpost.ident.shock.curve import CurveKind, Shape
-from eightpost.ident.shock.joint import Joint
+from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.robust import Robust
 from eightpost.shock import LAWS, fit_form
-from eightpost.shock.curve import INNER_ORDER
 
-#: A name in `LAWS`; `AUTO` in its place chooses one by cross-validation.
+#: A name in `LAWS`.
 LawName = str
-AUTO = "auto"
 RecipeName = Literal["joint", "boggs"]
-GasTreatment = Literal["estimate", "included", "subtracted"]
+
+#: The law of a fit if none is named, by recipe.
+DEFAULT_LAW = {"joint": "hysteresis", "boggs": "lpnl2"}
 
 #: Form of a law that has a recipe of its own (hysteresis_fit.py).
-LAGGED_VELOCITY = "lagged velocity"
+_LAGGED_VELOCITY = "lagged velocity"
 
-CurveChoice = Literal["auto", "polynomial", "knots"]
+_NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hysteresis is fitted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,81 +28,46 @@ class Choices:
     """Options of a fit.
 
     Attributes:
-        recipe: `joint` (all parameters together) or `boggs` (one after the other, as in 3.3).
+        recipe: `joint` (all parameters together, a curve through knots) or `boggs` (one after the other, a curve of
+            polynomials, as in 3.3).
         gas: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
             makes it part of the shock; `included` fits it and leaves it out of the shock, because the car's static load
             includes it; `subtracted`: the dynamometer has already subtracted it.
-        shape: Constraint on the curve: `auto`, `free`, `monotone`, `passive`.
-        order: Order of the inner polynomial, 1 to 15; None: by cross-validation (boggs: always 15).
         robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
-        curve: Kind of the static curve: `polynomial` (the dissertation's), `knots` (rising, through knots), or `auto`
-            for a choice by cross-validation. With `boggs`, or an option that only polynomials have (a `shape` of `free`
-            or `passive`, an `order`, a transition speed), `auto` is `polynomial`.
-        has_transition: Whether a transition speed of the polynomials is requested.
     """
 
     recipe: RecipeName = "joint"
     gas: GasTreatment = "estimate"
-    shape: Shape = "auto"
-    order: int | None = None
     robust: Robust = "auto"
-    curve: CurveChoice = "auto"
-    has_transition: bool = False
 
-    def check(self, law: str) -> None:
-        """Check that all options are known.
+    def law(self, name: str | None) -> str:
+        """Return the law to fit, if all options are known.
+
+        Args:
+            name: Name of the law; None for the default.
 
         Raises:
-            ParameterError: An option or the law is unknown, or an option does not suit the law.
+            ParameterError: An option or the law is unknown.
         """
         options = (
-            ("law", law, (*LAWS, AUTO)),
             ("recipe", self.recipe, get_args(RecipeName)),
             ("gas treatment", self.gas, get_args(GasTreatment)),
-            ("shape", self.shape, get_args(Shape)),
             ("robust", self.robust, get_args(Robust)),
-            ("curve", self.curve, get_args(CurveChoice)),
+            ("law", DEFAULT_LAW.get(self.recipe) if name is None else name, tuple(LAWS)),
         )
-        for what, value, choices in options:
-            if value not in choices:
-                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(choices)}")
-        if law == AUTO and self.recipe == "boggs":
-            raise ParameterError("recipe 'boggs' fits one law, not 'auto': name a law, or use the recipe 'joint'")
-        if self.order is not None and not 1 <= self.order <= INNER_ORDER:
-            raise ParameterError(f"the order of the inner polynomial must be 1 to {INNER_ORDER}, not {self.order!r}")
-        if law in LAWS and fit_form(LAWS[law]) == LAGGED_VELOCITY and "knots" not in self.curves:
-            why = self._needs_polynomials or "a curve of polynomials"
-            raise ParameterError(
-                f"the law {law!r} needs a curve that rises through knots and cannot be fitted with {why}; omit that, "
-                "or fit another law"
-            )
-        if self.curve == "knots" and (why := self._needs_polynomials):
-            raise ParameterError(f"a curve through knots cannot be fitted with {why}; omit that, or use 'polynomial'")
-
-    @property
-    def curves(self) -> tuple[CurveKind, ...]:
-        """Kinds of curve to compare, or the only one."""
-        if self.curve != "auto":
-            return (self.curve,)
-        return ("polynomial",) if self._needs_polynomials else ("polynomial", "knots")
-
-    @property
-    def _needs_polynomials(self) -> str:
-        """Name and value of a given option that only polynomials have; empty without one."""
-        if self.recipe == "boggs":
-            return "the recipe 'boggs'"
-        if self.shape in ("free", "passive"):
-            return f"the shape {self.shape!r}: it always rises"
-        if self.order is not None:
-            return f"an order of the inner polynomial ({self.order})"
-        return "a transition speed" if self.has_transition else ""
-
-    @property
-    def ceiling(self) -> float:
-        """The upper bound of the transition forces for any record [N]."""
-        return Boggs.ceiling if self.recipe == "boggs" else Joint.ceiling
+        for what, value, known in options:
+            if what == "law" and value == "auto":
+                raise ParameterError(_NO_CHOICE)
+            if value not in known:
+                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(known)}")
+        return str(options[-1][1])
 
     @property
     def is_screened(self) -> bool:
         """Whether spikes are replaced before the fit."""
         return self.recipe != "boggs" and self.robust != "none"
+
+
+def has_own_recipe(law: str) -> bool:
+    """Return whether a law is fitted by a recipe of its own (hysteresis_fit.py)."""
+    return fit_form(LAWS[law]) == _LAGGED_VELOCITY

@@ -14,8 +14,8 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
-from eightpost.ident.shock.options import GasTreatment
 from eightpost.ident.shock.verdict import peak_velocity_validity
 from eightpost.rig.peak_velocity import GAS_SHARE, peak_velocity_tables
 from eightpost.rig.peak_velocity_table import PeakVelocityTable

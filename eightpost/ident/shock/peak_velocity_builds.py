@@ -12,7 +12,7 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.shock.between_builds import POINTS, BuildSpread, side_scales
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.options import GasTreatment
+from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.peak_velocity_table import PeakVelocityTable

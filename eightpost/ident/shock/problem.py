@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import CurveConstraint, slope_constraint
-from eightpost.ident.shock.force import ForceModel, linear_solution
+from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.uncertainty import block_changes, covariances
 from eightpost.progress import beat
 
@@ -161,22 +160,23 @@ _EVALUATIONS = 200
 #: Relative decrease of the sum of squares below which the search stops.
 TOLERANCE = 1e-6
 
+#: Lowest slope of a curve times the highest speed [N]; it covers rounding.
+CLEAR_SLOPE = 1e-6
+
 #: In the covariance, a violation of an active constraint by 1 N counts like a force error of this many N everywhere.
 _STIFF = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Weighted force error of a model at the rows, followed by the penalties of its curve.
+    """Weighted force error of a model at the rows, followed by the penalties of its curve, which must not fall.
 
     Attributes:
         model: Model of the force.
-        constraint: Constraint on the curve, if any.
         tolerance: Relative decrease of the sum of squares below which the search stops.
     """
 
     model: ForceModel
-    constraint: CurveConstraint | None = None
     tolerance: float = TOLERANCE
 
     def residual(self, parameters: Array) -> Array:
@@ -197,45 +197,18 @@ class Problem:
         return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
 
     def minimum_from(self, start: Array) -> Minimum:
-        """Optimise all parameters from a start (n + g + k,); only a curve through knots is constrained, to rise.
-
-        A linear problem without constraint is solved directly.
-        """
-        if self.model.basis.has_knots:
-            return self.constrained_minimum(slope_constraint(self.model.basis), start)
-        if not self.model.dynamics.names and not self.model.gas.size:
-            columns, root = np.hstack([self.model.curve_rows(), self.model.gas_rows]), np.sqrt(self.model.runs.weights)
-            solution = linear_solution(root[:, None] * columns, root * self.model.runs.target)
-            return self.at(solution, "linear least squares")
+        """Optimise all parameters from a start (n + g + k,)."""
         low, high = self.model.bounds()
-        result = least_squares(
-            self.residual,
-            np.clip(start, low, high),
-            jac=self.jacobian,
-            bounds=(low, high),
-            x_scale=self.model.scale(),
-            ftol=self.tolerance,
-            xtol=10.0 * self.tolerance,
-            gtol=1e-8,
-            max_nfev=_EVALUATIONS,
-        )
-        status = f"{result.message} {result.nfev} evaluations."
-        return Minimum(self, result.x, result.fun, np.asarray(result.jac), result.status > 0, status)
-
-    def constrained_minimum(self, constraint: CurveConstraint, start: Array) -> Minimum:
-        """Optimise all parameters from a start (n + g + k,) with a constraint on the curve."""
-        problem, (low, high) = replace(self, constraint=constraint), self.model.bounds()
-        matrix = np.zeros((constraint.floor.size, low.size))
-        matrix[:, : self.model.curve_count] = constraint.matrix
+        matrix = np.eye(self.model.curve_count, low.size)
         ended = constrained_least_squares(
             self.residual,
             self.jacobian,
             np.clip(start, low, high),
-            Inequalities(matrix, constraint.floor + constraint.clear).and_bounds(low, high),
+            Inequalities(matrix, np.full(len(matrix), CLEAR_SLOPE)).and_bounds(low, high),
             tolerance=self.tolerance,
             evaluations=_EVALUATIONS,
         )
-        return replace(problem.at(np.clip(ended.x, low, high), ended.status), converged=ended.converged)
+        return replace(self.at(np.clip(ended.x, low, high), ended.status), converged=ended.converged)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,26 +241,15 @@ class Minimum:
         """The curve's coefficients b (n,)."""
         return self.parameters[: self.problem.model.curve_count]
 
-    @property
-    def is_constrained(self) -> bool:
-        """Whether constraints on the curve are active."""
-        return bool(len(self._active_rows()))
-
-    def solution(self, notes: tuple[str, ...]) -> Solution:
-        """Return the solution with notes."""
+    def solution(self) -> Solution:
+        """Return the solution with its covariance."""
         model = self.problem.model
         error = self.residual[: model.runs.target.size]
         jacobian = np.vstack([self.jacobian, self._stiff()])
         spread, left_out = covariances(jacobian, error, model.runs), block_changes(jacobian, error, model.runs)
-        return Solution(model, self.parameters, spread, self.converged, self.status, notes, left_out)
-
-    def _active_rows(self) -> Array:
-        constraint = self.problem.constraint
-        return np.empty((0, self.curve.size)) if constraint is None else constraint.active_rows(self.curve)
+        return Solution(model, self.parameters, spread, self.converged, self.status, left_out=left_out)
 
     def _stiff(self) -> Array:
-        """Return rows (T, n + g + k) that fix the curve in the directions of its active constraints."""
-        touched = self._active_rows()
-        rows = np.zeros((len(touched), self.parameters.size))
-        rows[:, : self.curve.size] = _STIFF * np.sqrt(self.residual.size) * touched
-        return rows
+        """Return rows (T, n + g + k) that fix the slopes that are at their bound."""
+        touched = np.flatnonzero(self.curve < 2.0 * CLEAR_SLOPE)
+        return np.asarray(_STIFF * np.sqrt(self.residual.size) * np.eye(self.parameters.size)[touched])

@@ -13,7 +13,6 @@ from eightpost.errors import ParameterError, TooShortError
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.plausibility import SEGMENT
 from eightpost.signals import TimeSeries, lowpass
-from eightpost.units import convert
 
 # ---- Choice of the segment of a record that is fitted (3.3) ---------------------------------------------------------
 
@@ -76,12 +75,6 @@ def _seconds(segment: tuple[float, float]) -> str:
 #: Cutoff frequency of the low-pass [Hz] and its maximum as a share of the sampling rate.
 CUTOFF, LARGEST_SHARE = 50.0, 0.4
 
-#: Transition speed between low and high speed and its width [m/s]: 15 and 0.5 in/s (3.3.1).
-TRANSITION_SPEED, TRANSITION_WIDTH = convert(15.0, "in/s", "m/s"), convert(0.5, "in/s", "m/s")
-
-#: If a record's peak speed is below this many transition speeds, the transition moves to this share of the peak speed.
-_SLOW, _MOVED = 1.25, 0.6
-
 #: Records with a higher rate are thinned after the low-pass, to at least this rate [Hz], the dissertation's own.
 WORKING_RATE = 2000.0
 
@@ -104,8 +97,6 @@ class Prepared:
         inside: Whether each sample counts (N,).
         cutoff: Cutoff frequency of the low-pass [Hz].
         reference: Reference displacement of the gas force [m]: the mean over the segment.
-        transition_speed: Transition speed [m/s].
-        transition_width: Width of the transition [m/s].
         single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
         changes: Every departure from the dissertation's choices, one sentence each.
         temperature: Temperature (N,) [K], averaged over a second; None if it was not measured.
@@ -117,8 +108,6 @@ class Prepared:
     inside: NDArray[np.bool_]
     cutoff: float
     reference: float
-    transition_speed: float
-    transition_width: float
     single_frequency: float | None
     changes: tuple[str, ...]
     temperature: Array | None = None
@@ -158,7 +147,6 @@ def prepare(
     *,
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
-    transition_speed: float | None = None,
 ) -> Prepared:
     """Prepare a record for the fit.
 
@@ -168,7 +156,6 @@ def prepare(
             the shock barely moves there.
         cutoff: Cutoff frequency of the 8th-order zero-phase Butterworth low-pass [Hz]; default 50, at most 0.4 of the
             sampling rate.
-        transition_speed: Transition speed [m/s]; default 15 in/s, moved within the measured speed of a slow record.
 
     Raises:
         ParameterError: An option does not suit the record.
@@ -185,7 +172,8 @@ def prepare(
     if inside.sum() < FEWEST:
         what = f"{inside.sum()} samples between {start:g} and {stop:g} s; a fit needs {FEWEST} or more"
         raise TooShortError(what, path=test.source)
-    speed, width = _transition(series["velocity"][inside], transition_speed, changes)
+    if not slower_peak(series["velocity"][inside]) > 0.0:
+        raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
     record, reference = _about_mean_displacement(series, inside)
     return Prepared(
         record=record,
@@ -193,8 +181,6 @@ def prepare(
         inside=inside,
         cutoff=cutoff_used,
         reference=reference,
-        transition_speed=speed,
-        transition_width=width,
         single_frequency=single_frequency(series["velocity"][inside], series.sample_rate),
         changes=tuple(changes),
         temperature=_temperature(test.series, record.time),
@@ -262,26 +248,9 @@ def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:
     return series.at(slice(None, None, every))
 
 
-def _transition(velocity: Array, requested: float | None, changes: list[str]) -> tuple[float, float]:
-    """Return transition speed and width [m/s]."""
-    slower = float(min(velocity.max(), -velocity.min()))
-    if not slower > 0.0:
-        raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
-    if requested is not None:
-        if not 0.0 < requested < float("inf"):
-            raise ParameterError(f"the transition speed must be positive, not {requested:g} m/s")
-        speed, why = requested, "as requested"
-    elif slower < _SLOW * TRANSITION_SPEED:
-        speed, why = _MOVED * slower, f"the record's slower side reaches {_inch(slower)}"
-    else:
-        return TRANSITION_SPEED, TRANSITION_WIDTH
-    width = TRANSITION_WIDTH * speed / TRANSITION_SPEED
-    changes.append(f"transition moved from 15 in/s to {_inch(speed)}, its width from 0.5 to {_inch(width)}: {why}")
-    return speed, width
-
-
-def _inch(speed: float) -> str:
-    return f"{convert(speed, 'm/s', 'in/s'):.3g} in/s ({speed:.3g} m/s)"
+def slower_peak(velocity: Array) -> float:
+    """Return the peak speed [m/s] of the slower side of a velocity (N,) [m/s]; negative without both strokes."""
+    return float(min(velocity.max(), -velocity.min()))
 
 
 def _about_mean_displacement(series: TimeSeries, inside: NDArray[np.bool_]) -> tuple[TimeSeries, float]:

@@ -14,17 +14,24 @@ from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.between_builds import BuildSpread
-from eightpost.ident.shock.choice_verdict import choice_reasons
+from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.curve_uncertainty import curve_band_of, factor_half_widths, left_out_blocks
 from eightpost.ident.shock.gas import GasColumns
-from eightpost.ident.shock.law_choice import LawChoice
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.uncertainty import LEVEL, CurveBand
-from eightpost.ident.shock.verdict import Parameter, doubts, findings, origin_of, parameters_of, shock_validity
+from eightpost.ident.shock.verdict import (
+    Parameter,
+    doubts,
+    findings,
+    fit_reasons,
+    origin_of,
+    parameters_of,
+    shock_validity,
+)
 from eightpost.labelled import data_frame, dataset
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
@@ -177,7 +184,7 @@ class ShockFit(Summarized):
             the segment, several runs one after the other.
         predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
         digest: SHA-256 of the first record's file, or of its samples if it has none.
-        choice: Comparison of the laws if the law was chosen automatically.
+        held_out: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
         between_builds: Spread between the builds of the records if there are several.
     """
 
@@ -196,7 +203,7 @@ class ShockFit(Summarized):
     measured: TimeSeries
     predicted: TimeSeries
     digest: str
-    choice: LawChoice | None = None
+    held_out: HeldOutErrors | None = None
     between_builds: BuildSpread | None = None
 
     @property
@@ -227,6 +234,7 @@ class ShockFit(Summarized):
             ("verdict", self.verdict.headline),
             ("reason", str(self.verdict.decisive[0]) if self.verdict.reasons else ""),
             ("residual", f"{self.rms:.3g} N RMS, {self.percent:.2g} % of the force's standard deviation"),
+            ("held out", str(self.held_out or "")),
             ("search", "" if self.converged else f"did not converge: {self.status}"),
             ("parameters", ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in self.parameters)),
             ("changes", f"{len(self.changes)}; see .changes" if self.changes else ""),
@@ -289,7 +297,7 @@ class Story:
         name: Name of the shock, if given.
         changes: Every departure from the dissertation's choices.
         downweighted: Number of samples treated as outliers.
-        choice: Comparison of the laws if the law was chosen automatically.
+        held_out: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
         between_builds: Spread between the builds of the records if there are several.
     """
 
@@ -298,7 +306,7 @@ class Story:
     name: str | None
     changes: tuple[str, ...]
     downweighted: int
-    choice: LawChoice | None = None
+    held_out: HeldOutErrors | None = None
     between_builds: BuildSpread | None = None
 
 
@@ -318,15 +326,15 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
     band = curve_band_of(solution)
-    chosen: dict[str, Any] = {"law_choice": story.choice.to_json()} if story.choice else {}
-    chosen |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
-    chosen |= left_out_blocks(solution).section() if solution.left_out.size else {}
-    choices = chosen | {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
+    further: dict[str, Any] = {"held_out": story.held_out.to_json()} if story.held_out else {}
+    further |= {"between_builds": story.between_builds.to_json()} if story.between_builds else {}
+    further |= left_out_blocks(solution).section() if solution.left_out.size else {}
+    further |= {"changes": list(story.changes), "warnings": list(warnings), "weighed_down": story.downweighted}
     shock = Shock(
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
-        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | choices,
+        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | further,
         inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,
@@ -335,7 +343,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
             parameters=parameters,
             doubts=(*doubts(solution, parameters, recipe=story.recipe, gas=story.gas), *ends),
             conditions=conditions,
-            further=choice_reasons(story.choice, runs, origin_of(tests)) if story.choice else (),
+            further=fit_reasons(story.held_out, runs, origin_of(tests)),
         ),
     )
     return ShockFit(
@@ -354,7 +362,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         measured=measured,
         predicted=predicted,
         digest=digest_of(tests[0]),
-        choice=story.choice,
+        held_out=story.held_out,
         between_builds=story.between_builds,
     )
 

@@ -12,7 +12,8 @@ from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
-from eightpost.ident.shock.force import Models
+from eightpost.ident.shock.curve import knot_basis
+from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.gas import gas_columns
 from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.record import Prepared
@@ -21,14 +22,15 @@ from eightpost.rig.dyno_test import DynoTest
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------
 
-#: Order of the inner polynomial.
-_ORDER = 5
+#: Number of cells of the curve on each side.
+_CELLS = 3
 
 
 def screened_force(runs: Runs) -> list[Array]:
     """Return the force of a single-lag model (N,) [N] over each run."""
     limits = limits_for(runs.measured, runs.rate)
-    model = Models(runs, gas_columns(runs, "estimate")[0], FullLag(limits))("slope", _ORDER)
+    basis = knot_basis(runs.velocity, runs.inside, cells=_CELLS)
+    model = ForceModel(runs, basis, gas_columns(runs, "estimate")[0], FullLag(limits))
     force = model.force(best_lag(model, limits.time_constant))
     return [np.asarray(force[part]) for part in runs.parts]
 

@@ -26,7 +26,7 @@ class Runs:
     """Prepared records that are fitted together, with N samples and R rows in total.
 
     Attributes:
-        prepared: One or more records with the same transition.
+        prepared: One or more records.
         weights: Weights (R,) of the rows, 0 to 1.
     """
 
@@ -190,15 +190,13 @@ def prepare_runs(
     *,
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
-    transition_speed: float | None = None,
 ) -> Runs:
-    """Prepare records to be fitted together; all use the transition of the fastest.
+    """Prepare records to be fitted together.
 
     Args:
         tests: One or more records.
         segment: Start and end [s] of each record; see `prepare`.
         cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
-        transition_speed: Transition speed [m/s]; see `prepare`.
 
     Raises:
         ParameterError: There is no record.
@@ -206,7 +204,4 @@ def prepare_runs(
     """
     if not tests:
         raise ParameterError("no record to fit; give one or more")
-    prepared = [prepare(t, segment=segment, cutoff=cutoff, transition_speed=transition_speed) for t in tests]
-    fastest = max(prepared, key=lambda p: p.transition_speed)
-    speed, width = fastest.transition_speed, fastest.transition_width
-    return Runs.of([replace(p, transition_speed=speed, transition_width=width) for p in prepared])
+    return Runs.of([prepare(test, segment=segment, cutoff=cutoff) for test in tests])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import split_coefficients
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.limits import Limits
@@ -219,15 +218,6 @@ class SteppedLaw(Dynamics):
 
 
 def _numbers(model: ForceModel, b: Array) -> CurveNumbers:
-    """Return the curve of b; beyond the velocities of the record it continues with a chord of its last part."""
-    if isinstance(model.basis.curve, KnotBasis):
-        return model.basis.curve.static_curve(model.basis.to_curve @ b).numbers()
-    inner, compression, rebound = split_coefficients(model.basis.to_curve @ b)
-    force, grid = model.basis.grid_columns @ b, model.basis.grid
-    last = max(grid.size // 50, 1)
-    slopes = [float((force[i] - force[j]) / (grid[i] - grid[j])) for i, j in ((-1, -1 - last), (last, 0))]
-    curve = model.basis.curve
-    return CurveNumbers(
-        inner, compression, rebound, curve.transition_speed, curve.transition_width,
-        float(grid[-1]), float(-grid[0]), max(slopes[0], 1.0), max(slopes[1], 1.0),
-    )  # fmt: skip
+    """Return the curve of b."""
+    assert isinstance(model.basis.curve, KnotBasis)
+    return model.basis.curve.static_curve(model.basis.to_curve @ b).numbers()

@@ -1,11 +1,10 @@
-"""Console tables of fits: misfit by law, parameters, choice of the law."""
+"""Console tables of fits: misfit by law, parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
 
-from eightpost.ident.shock.law_choice import LawChoice, LawScore
 from eightpost.ident.shock.result import ShockFit
 from eightpost.ident.shock.verdict import Parameter, in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
@@ -35,34 +34,6 @@ def parameter_table(fit: ShockFit) -> Table:
     columns = [*unbroken("parameter"), *right("value", "95 % interval", "SI", "bounds"), "at bound"]
     title = f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters"
     return console_table(columns, map(_parameter_row, fit.parameters), title=title)
-
-
-_QUARTERS = "quarters of the record"
-
-
-def choice_table(choice: LawChoice) -> Table:
-    """Return the comparison of the laws: held-out error with its standard error, error of the fit, size and cost.
-
-    The column `values` has the number of fitted parameters, knots of the curve included.
-    """
-    columns = right("held out", "std error", "fit", "values", "cost")
-    whole = {"builds": "builds, all runs of each,", "runs": "runs,"}
-    what = f"whole {whole[choice.left_out]} without their level" if choice.left_out in whole else _QUARTERS
-    rows = [_choice_row(score, choice) for score in choice.scores]
-    title = f"Choice of the law: errors on left-out {what}, % of std"
-    return console_table([*unbroken("law"), *unbroken("curve"), *columns, "note"], rows, title=title)
-
-
-def _choice_row(score: LawScore, choice: LawChoice) -> tuple[str, ...]:
-    cost = "-" if score.step_cost is None else f"{score.step_cost:.2g}"
-    notes = [*(["chosen"] if score.law == choice.law else []), *([score.trouble] if score.trouble else [])]
-    curve = "-" if score.curve is None else score.curve.kind
-    if score.blocks is None:
-        fitted = (f"{score.fit_percent:.3g}", str(score.parameters)) if score.parameters else ("-", "-")
-        return law_title(score.law), curve, "-", "-", *fitted, cost, ", ".join(notes)
-    held = score.held_out
-    figures = (f"{held.percent:.3g}", f"{held.spread:.2g}", f"{score.fit_percent:.3g}", str(score.parameters))
-    return law_title(score.law), curve, *figures, cost, ", ".join(notes)
 
 
 def _parameter_row(parameter: Parameter) -> tuple[str, ...]:

@@ -10,9 +10,11 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
+from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
+from eightpost.ident.shock.runs import ONE_SPEED, Runs
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
@@ -224,6 +226,12 @@ ABOUT = "fit of the shock"
 #: Limits of the RMS of the residual, in percent of the force's standard deviation.
 GOOD_FIT, POOR_FIT = 10.0, 30.0
 
+#: Minimum number of cycles of the motion in all records.
+FEWEST_CYCLES = 16
+
+#: Peak speed [m/s] below which a record shows only low speeds: 10 in/s.
+NARROW = convert(10.0, "in/s", "m/s")
+
 #: A lag of the force above this multiple of what a shock can have is attributed to the instrument.
 LARGEST_LAG = 2.0
 
@@ -280,6 +288,63 @@ DOUBT = RULES.add("doubt of the fit", ABOUT, Grade.LIMITED,
     why="it may be harmless; the text of the reason names it",
     remedy="check it in the record (eightpost inspect), and fit again",
 )  # fmt: skip
+HELD_OUT = RULES.add("held-out error", ABOUT, Grade.LIMITED,
+    condition=f"error on left-out parts of the records above {GOOD_FIT:g} % of the force's standard deviation",
+    why="shocks of one bank differ by some tens of percent; smaller differences cannot be distinguished then",
+    remedy="compare only shocks that differ by more; repeat the test to see how far two runs of the shock differ",
+)  # fmt: skip
+LARGE_HELD_OUT = RULES.add("large held-out error", ABOUT, Grade.NOT_USABLE,
+    condition=f"error on left-out parts of the records above {POOR_FIT:g} %",
+    why="a third of the force of what was left out is missing: shocks would be ranked by chance",
+    remedy="check whether the records are of one shock and one setting (eightpost inspect), and fit them separately",
+)  # fmt: skip
+ONE_SPEED_ONLY = RULES.add("single speed", ABOUT, Grade.LIMITED,
+    condition=f"every record is one sine, and their peak speeds are within a factor of {ONE_SPEED:g}",
+    why="at one speed, lag, friction and a spring have the same effect on the loop: the error at a faster or a slower "
+    "speed is unknown, and laws that agree here disagree by tens of percent there (docs/explanation/shock_law.md)",
+    remedy="use the shock near this speed and frequency only; add a run at another speed, or a random test",
+)  # fmt: skip
+FEW_CYCLES_ONLY = RULES.add("few cycles", ABOUT, Grade.LIMITED,
+    condition=f"less than {FEWEST_CYCLES} cycles of the motion in all",
+    why="there are too few strokes to fit a law and to judge it by a part that is left out",
+    remedy=f"record {FEWEST_CYCLES} or more cycles",
+)  # fmt: skip
+LOW_SPEED_ONLY = RULES.add("low speeds only", ABOUT, Grade.LIMITED,
+    condition="peak speed below 10 in/s (0.254 m/s)",
+    why="the valves of a race shock open at about this speed: the record does not show the force beyond",
+    remedy="do not use it on kerbs and bumps; add a run that reaches the speeds of the track",
+)  # fmt: skip
+
+
+def fit_reasons(held_out: HeldOutErrors | None, runs: Runs, origin: str) -> Iterator[Reason]:
+    """Yield the reasons of a held-out error, and of what the records cannot show.
+
+    Args:
+        held_out: Errors on left-out parts; None if they are not known.
+        runs: Records of the fit.
+        origin: Names of the records.
+    """
+    if held_out is not None and held_out.percent > GOOD_FIT:
+        rule = HELD_OUT if held_out.percent <= POOR_FIT else LARGE_HELD_OUT
+        figure = f"{held_out}; limits {GOOD_FIT:g} and {POOR_FIT:g} %"
+        yield rule.reason("the law does not predict well what was left out of its fit", figure=figure, origin=origin)
+    speed = max(runs.peak_speeds)
+    if runs.has_one_speed:
+        figure = f"sine of {runs.first.single_frequency:.3g} Hz, peak speed {speed:.3g} m/s"
+        statement = "the test has a single speed; the error at other speeds is unknown"
+        yield ONE_SPEED_ONLY.reason(statement, figure=figure, origin=origin)
+    cycles = sum(_cycles(p.record["velocity"][p.inside]) for p in runs.prepared)
+    if cycles < FEWEST_CYCLES:
+        figure = f"{cycles} cycles in all; {FEWEST_CYCLES} are needed"
+        yield FEW_CYCLES_ONLY.reason("the test has few cycles", figure=figure, origin=origin)
+    if speed < NARROW:
+        figure = f"peak speed {speed:.3g} m/s; limit {NARROW:.3g} m/s"
+        yield LOW_SPEED_ONLY.reason("the test has low speeds only", figure=figure, origin=origin)
+
+
+def _cycles(velocity: Array) -> int:
+    """Return the number of times that a velocity (N,) becomes positive."""
+    return int(np.sum((velocity[1:] > 0.0) & (velocity[:-1] <= 0.0)))
 
 
 def shock_validity(

@@ -196,11 +196,10 @@ def _changes(case: ShockCase) -> list[str]:
         return []
     prediction = case.prediction
     changes = prediction.changes if prediction else ()
-    # The segment of a sine or a bump follows from its kind, as does a bump's low-pass; the transition of the curve
-    # matters only for a fit.
+    # The segment of a sine or a bump follows from its kind, as does a bump's low-pass.
     by_kind = {"random": (), "sine": ("seconds",), "bump": ("seconds", "cutoff")}[case.record.kind]
     return [
         f"{case.record.name}: {change.replace(' fitted', ' evaluated')}"
         for change in changes
-        if not change.startswith(("transition", *by_kind))
+        if not change.startswith(by_kind)
     ]

@@ -52,7 +52,7 @@ def test_without_a_reference_it_is_the_setting_of_most_files_and_of_the_temperat
     assert temperature.reference == pytest.approx(323.15)
     assert [test.conditions.clicks for (test,) in table.tests[:2]] == ["rebound 0 from full hard",
                                                                       "rebound 3 from full hard"]  # fmt: skip
-    assert (table.name, table.law, table.gas) == ("table", "auto", "estimate")
+    assert (table.name, table.law, table.gas) == ("table", None, "estimate")
 
 
 def test_a_file_without_clicks_has_those_of_the_reference(tmp_path):

@@ -12,9 +12,6 @@ from eightpost.ident.shock.cross_validation import PIECES, HeldOut, left_out_blo
 from eightpost.ident.shock.hysteresis_search import Projected, Projection
 from eightpost.ident.shock.settings.joint_projection import JointPoint
 
-#: Parameters of each setting must lower the held-out error by this share, and by more than one standard error.
-_WORTHWHILE = 0.02
-
 #: Fit of the curves of a setting, by its number, to the rows of a projection with a weight.
 Refit = Callable[[int, Projection], Projected]
 
@@ -42,10 +39,9 @@ def is_worthwhile(parts: Sequence[Projection], words: str, *, common: Refit, own
         own: Fit with a parameter of each setting.
     """
     pairs = [pair for number, part in enumerate(parts) for pair in _pieces(number, part, common, own)]
-    without, with_own = (HeldOut(pieces, pieces) for pieces in zip(*pairs, strict=True))
+    without, with_own = (HeldOut(pieces) for pieces in zip(*pairs, strict=True))
     figures = f"held-out error {with_own.percent:.3g} % with {words} of each setting, {without.percent:.3g} % without"
-    is_better = not without.is_as_good_as(with_own) and with_own.percent <= (1.0 - _WORTHWHILE) * without.percent
-    if is_better:
+    if without.is_beaten_by(with_own):
         return True, figures
     return (
         False,

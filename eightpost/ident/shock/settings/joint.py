@@ -8,11 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.curve import slope_constraint
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.knots import KnotBasis
-from eightpost.ident.shock.law_choice import LawChoice
-from eightpost.ident.shock.problem import Inequalities, Solution
+from eightpost.ident.shock.problem import CLEAR_SLOPE, Inequalities, Solution
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
@@ -104,20 +102,14 @@ class JointModel:
             penalties.append(penalty)
         return np.vstack([*rows, *penalties])
 
-    def inequalities(self, x: Array) -> Inequalities:
+    def inequalities(self) -> Inequalities:
         """Return the constraints: no slope is negative, theta within its bounds."""
-        matrices, floors = [], []
-        for model, place in zip(self.models, self.places, strict=True):
-            constraint = slope_constraint(model.basis)
-            matrix = np.zeros((constraint.floor.size, self.size))
-            matrix[:, place[: model.curve_count]] = constraint.matrix
-            matrices.append(matrix)
-            floors.append(constraint.floor + constraint.clear)
-        return Inequalities(np.vstack(matrices), np.concatenate(floors)).and_bounds(*self.bounds())
+        slopes = np.concatenate([place[: self.models[0].curve_count] for place in self.places])
+        return Inequalities(np.eye(self.size)[slopes], np.full(slopes.size, CLEAR_SLOPE)).and_bounds(*self.bounds())
 
     def active_rows(self, x: Array) -> Array:
         """Return rows that fix x in the directions of its active constraints, for its covariance."""
-        inequalities = self.inequalities(x)
+        inequalities = self.inequalities()
         size = np.linalg.norm(inequalities.matrix, axis=1)
         touched = inequalities.room(x) < _AT_CONSTRAINT * self.runs.deviation * size
         return np.asarray(_STIFF * np.sqrt(self.runs.target.size) * inequalities.matrix[touched])
@@ -146,7 +138,6 @@ class JointFit:
         covariance: Covariances (3, n, n) of x, see `covariances`.
         converged: Whether the search ended at a minimum.
         status: Description of how the search ended.
-        choice: Comparison of the laws if the law was chosen automatically.
         notes: Notes on the choices of the fit, one sentence each.
     """
 
@@ -155,7 +146,6 @@ class JointFit:
     covariance: Array
     converged: bool
     status: str
-    choice: LawChoice | None
     notes: tuple[str, ...]
 
     def solution(self, number: int) -> Solution:

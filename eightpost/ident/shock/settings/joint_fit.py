@@ -10,28 +10,27 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import projected
-from eightpost.ident.shock.curve import WorkingBasis
-from eightpost.ident.shock.curve_choice import CurveChooser
+from eightpost.ident.shock.curve import basis_on
+from eightpost.ident.shock.fit import fit_of
 from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.gas import GasColumns, gas_columns
 from eightpost.ident.shock.knots import CELLS, KnotBasis
-from eightpost.ident.shock.law_choice import LawChoice, best_law
-from eightpost.ident.shock.law_fit import fit_law
-from eightpost.ident.shock.options import AUTO, LAGGED_VELOCITY, Choices
+from eightpost.ident.shock.law_fit import LawFit
+from eightpost.ident.shock.options import Choices, has_own_recipe
 from eightpost.ident.shock.problem import TOLERANCE, constrained_least_squares
 from eightpost.ident.shock.robust import weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.settings.joint import JointFit, JointModel, positive_parameters
 from eightpost.ident.shock.uncertainty import covariances
-from eightpost.shock import LAWS, fit_form, fit_parameters, own_parameters
+from eightpost.shock import LAWS, fit_parameters, own_parameters
 from eightpost.shock.curve import KNOTS
 
 #: Laws that can be fitted: their parameters are numbers with bounds of their own, or the law has a recipe of its own.
 _OVER_SETTINGS = tuple(
     name
     for name, law in LAWS.items()
-    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or fit_form(law) == LAGGED_VELOCITY
+    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or has_own_recipe(name)
 )
 
 #: Maximum number of evaluations of the residual, and of reweightings.
@@ -44,33 +43,27 @@ _WORTHWHILE = 0.05
 def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     """Fit one law with a curve for each setting.
 
-    The law is chosen, and the search for its parameters started, on the setting with the largest force.
+    The search for the parameters of the law starts on the setting with the largest force.
 
     Args:
         groups: Runs of each setting.
-        law: Name of the law, or `auto`.
-        choices: Options; the curve always has knots.
+        law: Name of the law.
+        choices: Options.
 
     Raises:
-        ParameterError: The law is unknown or cannot be fitted over settings, or no law could be fitted.
+        ParameterError: The law cannot be fitted over settings.
     """
-    choices = replace(choices, curve="knots")
     hardest = max(groups, key=lambda runs: runs.deviation)
-    choice: LawChoice | None = None
-    fit: FittedLaw | None = None
-    if law == AUTO:
-        choice, fit, _ = best_law(hardest, choices, _OVER_SETTINGS)
-        law = choice.law
-    elif law not in _OVER_SETTINGS:
+    if law not in _OVER_SETTINGS:
         known = ", ".join(_OVER_SETTINGS)
         raise ParameterError(
             f"law {law!r} cannot be fitted over settings, because its file does not declare how its own parameters are "
             f"fitted; use one of {known}"
         )
-    if fit_form(LAWS[law]) == LAGGED_VELOCITY:
-        return _fit_lagged(groups, fit or CurveChooser(hardest, choices)(law)[0].fit, choices, choice)
-    first = fit_law(hardest, law, choices, "knots")
-    minimum = first.sketch.minimum
+    first = fit_of(hardest, law, choices).fit
+    if not isinstance(first, LawFit):
+        return _fit_lagged(groups, first, choices)
+    minimum = first.minimum
     theta = minimum.problem.model.split(minimum.parameters)[2]
     gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
     model = _joint_model(groups, gas, minimum.problem.model.dynamics)
@@ -81,10 +74,10 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
         notes += more
     model, x, converged, status = fitted
     spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
-    return JointFit(model, x, spread, converged, status, choice, (*first.notes, *notes))
+    return JointFit(model, x, spread, converged, status, (*first.notes, *notes))
 
 
-def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices, choice: LawChoice | None) -> JointFit:
+def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices) -> JointFit:
     # The compiler takes a second to load.
     from eightpost.ident.shock.hysteresis_fit import HysteresisFit  # noqa: PLC0415
     from eightpost.ident.shock.settings.lagged import fit_lagged  # noqa: PLC0415
@@ -92,7 +85,7 @@ def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices, choi
     assert isinstance(first, HysteresisFit)
     gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
     model = replace(_joint_model(groups, gas, first.model.dynamics, cells=KNOTS // 2), local=KNOTS)
-    fit = fit_lagged(model, first, choices.robust, choice)
+    fit = fit_lagged(model, first, choices.robust)
     return replace(fit, notes=(*fit.notes, *notes))
 
 
@@ -107,17 +100,9 @@ def _joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, ce
         stop, last = start + runs.velocity.size, offset + (len(runs.prepared) if gas.offsets else 0)
         kept = [*range(offset, last), *([gas.columns.shape[1] - 1] if gas.size else [])]
         part = GasColumns(gas.columns[start:stop, kept], last - offset, gas.size, gas.reference)
-        models.append(ForceModel(runs, _working_basis(knots, runs), part, dynamics))
+        models.append(ForceModel(runs, basis_on(knots, runs.velocity), part, dynamics))
         start, offset = stop, last
     return JointModel(tuple(models))
-
-
-def _working_basis(knots: KnotBasis, runs: Runs) -> WorkingBasis:
-    """Return the basis of a setting on shared knots; its coefficients are slopes times the highest speed [N]."""
-    to_curve = np.eye(knots.count) / knots.speed
-    grid = np.linspace(knots.knots[0], knots.knots[-1], 401)
-    columns = np.asfortranarray(knots.design(runs.velocity) / knots.speed)
-    return WorkingBasis(knots, columns, grid, knots.design(grid) / knots.speed, to_curve, knots.penalty() @ to_curve)
 
 
 def _start(model: JointModel, theta: Array) -> Array:
@@ -140,7 +125,7 @@ def _searched(model: JointModel, x: Array, choices: Choices) -> _Search:
             model.residual,
             model.jacobian,
             np.clip(x, low, high),
-            model.inequalities(x),
+            model.inequalities(),
             tolerance=TOLERANCE,
             evaluations=_EVALUATIONS,
         )

@@ -18,8 +18,7 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.force import ForceModel
 from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
 from eightpost.ident.shock.hysteresis_search import Found, minimum_from
-from eightpost.ident.shock.law_choice import LawChoice
-from eightpost.ident.shock.robust import nearly_equal, weights_for
+from eightpost.ident.shock.robust import Robust, nearly_equal, weights_for
 from eightpost.ident.shock.settings.joint import JointFit, JointModel
 from eightpost.ident.shock.settings.joint_projection import JointPoint, JointProjection
 from eightpost.ident.shock.settings.lag_by_setting import lag_by_setting
@@ -34,16 +33,15 @@ _TOLERANCE, _EVALUATIONS, _WEIGHINGS = 1e-5, 40, 3
 _STIFF = 10.0
 
 
-def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: LawChoice | None) -> JointFit:
+def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> JointFit:
     """Fit the curves of all settings together, with a lag and a stop that are common or belong to each setting.
 
     Args:
         model: Model of all settings with the dynamics of the first fit.
         first: Fit to the setting with the largest force, from which the search starts.
         robust: Treatment of outliers.
-        choice: Comparison of the laws if the law was chosen automatically.
     """
-    found, model = _searched(model, first, weights_for(robust))  # type: ignore[arg-type]
+    found, model = _searched(model, first, weights_for(robust))
     end, notes, factors = found.end, [first.stop_note, "both curves depend on the setting"], []
     if end.problem.parts[0].dynamics.has_stop:
         stops = stop_by_setting(end, _with_own_stops(model, first))
@@ -57,7 +55,7 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: str, choice: Law
     for part, place in zip(end.parts, model.places, strict=True):
         x[place] = np.linalg.solve(_coordinates(part.problem.model), np.append(part.linear, part.parameters))
     spread = _covariances(model, x, end)
-    return JointFit(model, x, spread, found.converged, found.status, choice, (*first.notes, *notes))
+    return JointFit(model, x, spread, found.converged, found.status, (*first.notes, *notes))
 
 
 def _searched(

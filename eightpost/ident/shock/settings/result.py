@@ -95,7 +95,7 @@ def fit_settings(
 
     Args:
         table: Files and settings.
-        law: Name of the law, or `auto`; None: that of the table.
+        law: Name of the law; None: that of the table, else `hysteresis`.
         gas: Treatment of the gas force; None: that of the table.
         robust: Treatment of outliers.
         segment: Start and end [s] of each record.
@@ -106,9 +106,8 @@ def fit_settings(
         ParameterError: An option is unknown or does not suit the records.
     """
     started = time.perf_counter()
-    choices = Choices(gas=gas or table.gas, robust=robust, curve="knots")  # type: ignore[arg-type]
-    law = law or table.law
-    choices.check(law)
+    choices = Choices(gas=gas or table.gas, robust=robust)  # type: ignore[arg-type]
+    law = choices.law(law or table.law)
     groups = _grouped(table)
 
     def prepared(tests: Sequence[DynoTest]) -> Runs:
@@ -225,8 +224,7 @@ def _shock(
     if table.gas == "included":
         law = replace(law, port=base.law.port)
     percent = [fit.percent for fit in fits]
-    choice = {"law_choice": joint.choice.to_json()} if joint.choice else {}
-    fit: dict[str, Any] = dict(base.fit) | choice | {
+    fit: dict[str, Any] = dict(base.fit) | {
         "recipe": "settings",
         "runs": sum(len(group.tests) for group in groups),
         "percent": float(np.sqrt(np.mean(np.square(percent)))),

@@ -56,7 +56,7 @@ class _File(_Strict):
 class _Table(_Strict):
     schema_: int = Field(SCHEMA, alias="schema")
     name: str = ""
-    law: str = "auto"
+    law: str | None = None
     gas: str = "estimate"
     units: dict[str, str] = Field(default_factory=dict)
     channel: dict[str, str] = Field(default_factory=dict)
@@ -72,7 +72,7 @@ class SettingsTable:
 
     Attributes:
         name: Name of the shock.
-        law: Name of the law, or `auto`.
+        law: Name of the law; None for the default.
         gas: Treatment of the gas force.
         axes: Adjusters, and the temperature if it is one; the nodes are the settings of the files.
         settings: Setting of each file, a value per axis.
@@ -82,7 +82,7 @@ class SettingsTable:
     """
 
     name: str
-    law: str
+    law: str | None
     gas: str
     axes: tuple[Axis, ...]
     settings: tuple[tuple[float, ...], ...]

@@ -1,0 +1,204 @@
+"""Parts of the records are left out of the fit and predicted; the verdict states what the records cannot show."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eightpost.errors import ParameterError
+from eightpost.ident import fit_shock
+from eightpost.ident.shock import fit as fitting
+from eightpost.ident.shock.cross_validation import (
+    CrossValidation,
+    HeldOut,
+    HeldOutErrors,
+    _left_out_runs,
+    _without_level,
+    left_out_blocks,
+)
+from eightpost.ident.shock.record import prepare
+from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.verdict import fit_reasons
+from eightpost.rig.dyno_test import DynoTest
+from eightpost.shock import Lpf1
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
+
+RATE = 500.0
+
+
+def sine(*, speed=0.2, hertz=2.0, duration=6.0, gain=2000.0):
+    time = np.arange(round(duration * RATE)) / RATE
+    phase = 2.0 * np.pi * hertz * time
+    noise = np.random.default_rng(1).standard_normal(time.size)
+    velocity = speed * np.cos(phase)
+    channels = {
+        "velocity": ("m/s", velocity),
+        "displacement": ("m", speed / (2.0 * np.pi * hertz) * np.sin(phase)),
+        "force": ("N", gain * velocity + noise),
+    }
+    return DynoTest(TimeSeries.from_channels(time, channels))
+
+
+def held(*percents):
+    return HeldOut(tuple((percent / 100.0) ** 2 for percent in percents))
+
+
+# ---- What is left out -----------------------------------------------------------------------------------------------
+
+
+def test_the_quarters_are_apart_from_the_rows_that_are_fitted():
+    runs = Runs.of([prepare(sine()), prepare(sine())])
+    blocks = left_out_blocks(runs)
+    predicted = np.concatenate([np.arange(runs.target.size)[part] for block in blocks for part in block.parts])
+    assert sorted(predicted.tolist()) == list(range(runs.target.size))
+    for block in blocks:
+        for part in block.parts:
+            assert not block.kept[part].any()
+        assert 0.6 < block.kept.mean() < 0.74
+
+
+@pytest.mark.parametrize(("count", "fits"), [(2, 2), (8, 8), (11, 8)])
+def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
+    runs = Runs.of([prepare(sine(duration=2.0))] * count)
+    left = _left_out_runs(runs)
+    assert len(left) == fits
+    assert sum(len(part.parts) for part in left) == count
+    assert all(part.is_whole and not part.kept[part.parts[0]].any() for part in left)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "left_out"), [((0.3,), "quarters"), ((0.3, 0.3), "runs"), ((0.1, 0.3), "quarters"),
+                             ((0.1, 0.3, 0.31), "quarters"), ((0.1, 0.11, 0.3, 0.31), "runs")]
+)  # fmt: skip
+def test_runs_are_left_out_if_each_has_another_of_its_speed_else_quarters(speeds, left_out):
+    runs = Runs.of([prepare(sine(speed=speed, duration=4.0)) for speed in speeds])
+    assert CrossValidation(SimpleNamespace(runs=runs)).left_out == left_out
+
+
+def test_the_error_on_a_whole_run_is_that_of_the_best_offset_and_gain_of_the_samples_that_count():
+    measured = np.random.default_rng(4).standard_normal(50)
+    weights = np.ones(50)
+    weights[7], predicted = 0.0, 30.0 - 4.0 * measured
+    predicted[7] = 1e3
+    assert np.delete(_without_level(predicted, measured, weights), 7) == pytest.approx(np.zeros(49), abs=1e-12)
+    constant = _without_level(np.full(50, 3.0), measured, np.ones(50))
+    assert constant == pytest.approx(measured.mean() - measured)
+
+
+# ---- The errors -----------------------------------------------------------------------------------------------------
+
+
+def test_the_error_is_the_mean_of_the_pieces():
+    assert held(1.0, 2.0, 6.0).percent == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("without", "stopped", "is_beaten"),
+    [
+        ((2.0, 2.0), (1.97, 1.97), False),  # by 1.5 % only
+        ((2.0, 2.0), (1.95, 1.95), True),
+        ((2.0, 2.0, 2.0), (1.0, 2.1, 2.2), False),  # not by more than one standard error
+        ((2.0, 2.1, 19.0, 2.0), (1.0, 1.1, 20.0, 1.0), True),  # one piece that both predict badly does not decide
+        ((1.0,), (0.9,), True),
+        ((1.0,), (1.1,), False),
+    ],
+)
+def test_an_addition_must_be_better_by_two_percent_and_a_standard_error(without, stopped, is_beaten):
+    assert held(*without).is_beaten_by(held(*stopped)) is is_beaten
+
+
+@pytest.fixture(scope="module")
+def record(rising, law_record):
+    return law_record(Lpf1(rising, 3e-3), 1, rate=RATE)
+
+
+def test_a_fit_states_its_error_beside_that_of_lpnl2_on_the_same_quarters(record):
+    fit, other = (fit_shock(record, law, segment=(1.0, 5.0)) for law in ("polylinear", "lpnl2"))
+    assert fit.held_out.left_out == other.held_out.left_out == "quarters"
+    assert fit.held_out.percent > 5.0 * fit.held_out.lpnl2_percent
+    assert fit.held_out.lpnl2_percent == pytest.approx(other.held_out.percent, rel=1e-6)
+    assert other.held_out.lpnl2_percent is None
+    assert fit.shock.fit["held_out"] == json.loads(json.dumps(fit.held_out.to_json()))
+    assert set(other.shock.fit["held_out"]) == {"left_out", "percent"}
+
+
+def test_the_error_is_one_line():
+    both = HeldOutErrors("runs", 1.234, 5.678)
+    assert str(both) == "held-out error 1.23 % of the force's standard deviation (LPNL2: 5.68 %), on whole runs"
+    assert str(HeldOutErrors("quarters", 2.0)).endswith(
+        "2 % of the force's standard deviation, on quarters of the record"
+    )
+
+
+@pytest.mark.parametrize("law", ["polylinear", "lpnl2"])
+def test_a_law_that_rejects_a_part_of_the_record_has_no_error_and_says_so(law, record, monkeypatch):
+    own = fitting.fit_law
+
+    def rejecting(runs, name, choices):
+        found = own(runs, name, choices)
+        if name == "lpnl2":
+            monkeypatch.setattr(type(found), "refitted_rows", refuse)
+        return found
+
+    def refuse(*_):
+        raise ValueError("the curve falls")
+
+    monkeypatch.setattr(fitting, "fit_law", rejecting)
+    fit = fit_shock(record, law, segment=(1.0, 4.0))
+    (note,) = [change for change in fit.changes if "the curve falls" in change]
+    if law == "lpnl2":
+        assert fit.held_out is None and "held_out" not in fit.shock.fit
+        assert note == "no held-out error: a part of the record cannot be fitted: the curve falls"
+    else:
+        assert fit.held_out.lpnl2_percent is None
+        assert note == "no held-out error of LPNL2: the curve falls"
+
+
+@pytest.mark.parametrize(("given", "law"), [({}, "hysteresis"), ({"recipe": "boggs"}, "lpnl2")])
+def test_without_a_name_hysteresis_is_fitted_and_lpnl2_by_the_dissertations_recipe(given, law, record):
+    fit = fit_shock(record, segment=(1.0, 4.0), **given)
+    assert fit.shock.law_name == law
+    assert fit.shock.law.curve.has_knots is (law == "hysteresis")
+    assert (fit.held_out is None) is bool(given)
+
+
+def test_the_choice_among_laws_is_refused_with_a_hint():
+    with pytest.raises(ParameterError, match="was removed: omit the law"):
+        fit_shock(sine(), "auto")
+
+
+# ---- The verdict ----------------------------------------------------------------------------------------------------
+
+
+def reasons(held_out, *tests):
+    return {r.rule: r for r in fit_reasons(held_out, Runs.of([prepare(test) for test in tests]), "run.csv")}
+
+
+@pytest.mark.parametrize(
+    ("percent", "rule", "grade"),
+    [(10.0, None, None), (10.1, "held-out error", Grade.LIMITED), (30.0, "held-out error", Grade.LIMITED),
+     (30.1, "large held-out error", Grade.NOT_USABLE)],
+)  # fmt: skip
+def test_the_held_out_error_is_judged(percent, rule, grade):
+    found = reasons(HeldOutErrors("quarters", percent), sine(speed=0.3, hertz=4.0), sine(speed=0.5, hertz=4.0))
+    assert [(name, reason.grade) for name, reason in found.items()] == ([(rule, grade)] if rule else [])
+    if rule:
+        assert found[rule].figure.startswith(f"held-out error {percent:.3g} % of the force's standard deviation")
+
+
+def test_eight_cycles_at_one_low_speed_do_not_show_enough():
+    found = reasons(None, sine(speed=0.1, duration=4.0))
+    assert list(found) == ["single speed", "few cycles", "low speeds only"]
+    assert found["single speed"].figure.endswith(" Hz, peak speed 0.1 m/s")
+    assert found["few cycles"].figure == "8 cycles in all; 16 are needed"
+    assert found["low speeds only"].figure == "peak speed 0.1 m/s; limit 0.254 m/s"
+
+
+def test_the_number_of_cycles_in_the_remedy_is_enough():
+    few, enough = (reasons(None, sine(speed=0.3, duration=seconds)) for seconds in (7.8, 8.5))
+    assert "few cycles" not in enough
+    assert few["few cycles"].remedy == "record 16 or more cycles"
