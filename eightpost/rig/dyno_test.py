@@ -207,13 +207,14 @@ class _Reading:
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
         label = f"record {self.path.name}"
-        units = _with_stated_units(record, self.units, self.channel_map)
+        units = {**stated_units(record.preamble), **self.units}
         record, mapping, left_out = with_readable_columns(record, self.channel_map, units, label)
         mapping, signs = _with_stated_signs(record, mapping)
         mapping = mapping.flipped(self.flip)
         _check_channels(record, mapping)
         check_one_time(record, mapping, self.channel_map)
         record = _with_even_time(record, mapping)
+        units = {n: unit for n, unit in units.items() if n in (*mapping.channels, *self.units, "time")}
         series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
         _check_record(series, record.origin)
         measured, origin = series.names, record.origin
@@ -239,20 +240,6 @@ class _Reading:
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
         return replace(test, reasons=reasons).judged()
-
-
-def _with_stated_units(
-    record: RawRecord, given: Mapping[str, str], channel_map: ChannelMap | None
-) -> Mapping[str, str]:
-    """Return the units of the caller, and those that the preamble states for channels without a unit in the header."""
-    mapping = dyno_map(record, channel_map)
-    picks = {**mapping.channels, **({"time": mapping.time} if mapping.time else {})}
-    bare = {
-        name
-        for name, pick in picks.items()
-        if pick.source in record.names and not record.units[record.names.index(pick.source)]
-    }
-    return {**{name: unit for name, unit in stated_units(record.preamble).items() if name in bare}, **given}
 
 
 def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:

@@ -25,7 +25,7 @@ from eightpost.signals.column_headers import is_number, split_header
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.signals.text_cleaning import seconds_of, times_of
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.units import SI_UNITS, compatible, convert, si_unit
+from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, si_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.faults import Origin
@@ -115,11 +115,11 @@ class RawRecord:
         """
         source, stated = self.names[index], self.units[index]
         given_unit = given.get(channel) or given.get(source)
-        if given_unit and stated and not mapped and given_unit != stated:
+        if given_unit and stated and not mapped and not _is_same(given_unit, stated):
             raise self.origin.header_fault(
                 UnknownUnitError,
-                f"the unit of the column {source!r} is [{stated}] in the file, but {given_unit!r} was given; leave "
-                "that out, or set the unit in a channel map if the file is wrong",
+                f"the unit of the column {source!r} is [{stated}] in its header, but {given_unit!r} was given or "
+                "stands above the table; leave that out, or set the unit in a channel map if the header is wrong",
                 channel=channel,
             )
         unit = mapped or given_unit or stated
@@ -167,6 +167,11 @@ class RawRecord:
             what = "the cell is empty" if cell == "" else f"{cell!r} is not a number"
             advice = "correct the cell or delete these lines"
             raise self.origin.fault(NotANumberError, f"{what}; {advice}", channel=channel, sample=row) from None
+
+
+def _is_same(unit: str, other: str) -> bool:
+    known = is_unit(unit) and is_unit(other) and compatible(unit, other)
+    return unit == other or (known and conversion(unit, other) == (1.0, 0.0))
 
 
 # ---- Conversion of a raw record into a time series in SI ------------------------------------------------------------

@@ -226,9 +226,13 @@ def test_a_table_without_a_header_is_read_by_the_numbers_of_its_columns(tmp_path
 
 
 def test_units_that_lines_above_the_table_state_are_used_where_the_header_has_none(tmp_path):
-    above = "Time units: ms\nShock displacement units: in\nVelocity units: m/s\nForce units: lbf\n"
+    above = "Time units: ms\nShock displacement units: in\nVelocity units: MM/S\nForce units: lbf\n"
     columns = [("t", "ms"), ("x", "in"), ("v", "mm/s"), ("F", "lbf")]
     agrees(read_dyno_test(text("Time,Position,Velocity [mm/s],Load", columns, above=above)(tmp_path)))
+    with pytest.raises(errors.UnknownUnitError, match=r"\[mm/s\] in its header, but 'in/s' was given or stands above"):
+        read_dyno_test(
+            text("Time,Position,Velocity [mm/s],Load", columns, above=above.replace("MM/S", "in/s"))(tmp_path)
+        )
     with pytest.raises(errors.MissingUnitError, match="'Load' has no unit"):
         read_dyno_test(
             text("Time [ms],Position [in],Velocity [mm/s],Load", columns, above="Motor units: A\n")(tmp_path)
