@@ -97,7 +97,7 @@ def fit(  # one parameter per option
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
-    DYNO is a text file, spreadsheet, .parquet, .mat, .mf4, .tdms or .lvm file with time, force, and velocity or
+    DYNO is a text file, spreadsheet, .parquet, .mat, .json, .mf4, .tdms or .lvm file with time, force, and velocity or
     displacement (docs/reference/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several
     tables in a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting
     of the adjusters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).

@@ -243,7 +243,7 @@ class _Reading:
 
 
 def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
-    """Return a record whose whole times, some of which repeat, are an even series, with a note."""
+    """Return a record whose times, if they were rounded to whole numbers, are an even series, with a note."""
     place = record.names.index(mapping.time.source) if mapping.time and mapping.time.source in record.names else -1
     if place < 0 or record.columns[place].dtype == object:
         return record
@@ -257,9 +257,12 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
 
 
 def _with_stated_signs(record: RawRecord, mapping: ChannelMap) -> tuple[ChannelMap, tuple[str, ...]]:
-    """Return the channel map with the signs that the preamble states, and a note if it changes some."""
+    """Return the channel map with the signs that the preamble states, and a note if it changes some.
+
+    A channel that the map reverses already, such as a length, has its sign from there.
+    """
     stated, statement = reversed_channels(record.preamble, record.origin.path or Path())
-    turned = [name for name in mapping.channels if stated.get(name)]
+    turned = [name for name, pick in mapping.channels.items() if stated.get(name) and pick.gain > 0.0]
     if not turned:
         return mapping, ()
     note = f"the signs of {', '.join(turned)} were reversed, because the file states {statement!r}; --flip undoes it"

@@ -16,7 +16,7 @@ from eightpost.rig.dyno_conditions import conditions_from
 from eightpost.rig.peak_velocity_columns import STROKES, Columns, Point, holds_peak_velocities, stroke_above
 from eightpost.rig.peak_velocity_layouts import in_columns
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
-from eightpost.rig.stated_conventions import stated_units
+from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals.formats import read_records
 
 if TYPE_CHECKING:
@@ -101,7 +101,8 @@ def _points_of(
         named = clicks or (setting if stroke else f"block {number}" if len(records) > 1 else "")
         setting = named
         given = {**stated_units(record.preamble), **units}
-        columns = Columns(record, given, stroke)
+        stated, statement = reversed_channels(record.preamble, record.origin.path or Path())
+        columns = Columns(record, given, stroke, statement if stated.get("velocity") else "")
         for point in columns.points():
             yield point._replace(setting=" ".join(filter(None, (named if len(records) > 1 else "", point.setting))))
         notes += [note for note in (*record.notes, *columns.notes) if note not in notes]

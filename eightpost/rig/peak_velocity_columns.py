@@ -122,12 +122,14 @@ class Columns:
         record: Columns of the file.
         units: Units of the caller, by column name, or for `speed` and `force`.
         stroke: Stroke of the whole table, if the lines above it name one.
+        reversed_by: Statement of the file that a positive speed is rebound; empty without one.
         notes: Sentences on what was left out or computed, which `points` adds.
     """
 
     record: RawRecord
     units: Mapping[str, str]
     stroke: str | None = None
+    reversed_by: str = ""
     notes: list[str] = field(default_factory=list)
 
     def points(self) -> Iterator[Point]:
@@ -162,6 +164,9 @@ class Columns:
 
     def _by_sign(self) -> Iterator[Point]:
         settings, above = self._settings(), self._above()
+        positive, negative = STROKES[::-1] if self.reversed_by else STROKES
+        if self.reversed_by:
+            self.notes.append(f"positive speeds are rebound, because the file states {self.reversed_by!r}")
         columns = [i for i in range(len(self.record.names)) if self._is_force(i)] or [self._need("force")]
         for i in columns:
             name = _FORCE_WORD.sub("", self.record.names[i]) if len(columns) > 1 else ""
@@ -176,7 +181,7 @@ class Columns:
                 raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
             points = loop_means(speed, force) if is_loop(speed) else (speed, force)
             for row, v, f in zip(rows.tolist(), *points, strict=False):
-                stroke = "compression" if v > 0.0 else "rebound"
+                stroke = positive if v > 0.0 else negative
                 yield Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
 
     # ---- Columns of one stroke --------------------------------------------------------------------------------------

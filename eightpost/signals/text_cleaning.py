@@ -74,7 +74,7 @@ def with_minus_signs(lines: list[str]) -> tuple[list[str], tuple[str, ...]]:
     >>> with_minus_signs(["Force (2),x", "(1.5),\u22122"])[0]
     ['Force (2),x', '-1.5,-2']
     """
-    lines = [_DASH.sub("-", line) for line in lines]
+    lines = [line if line.isascii() else _DASH.sub("-", line) for line in lines]
     kept = [
         (_NEGATIVE_CELL if _WORD.search(line) else _NEGATIVE_IN_LINE).sub(r"\1-\2", line) if "(" in line else line
         for line in lines

@@ -160,8 +160,12 @@ _MOST_CHANNELS = 60
 def first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
+    Longer files than those from which a layout is found are none.
+
     Every line with numbers begins with a name, and all its other cells are numbers.
     """
+    if len(lines) > _LAYOUT_LINES:
+        return None
     rows = [i for i, line in enumerate(lines) if sum(map(is_number, cells_of(line))) > 1]
     if not 2 <= len(rows) <= _MOST_CHANNELS or rows[-1] - rows[0] >= len(rows):
         return None

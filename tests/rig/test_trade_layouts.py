@@ -10,6 +10,7 @@ import scipy.io
 from eightpost import errors
 from eightpost.rig import read_dyno_test, read_dyno_tests
 from eightpost.rig.dyno_columns import with_channels
+from eightpost.signals import ChannelMap, MappedChannel
 
 from .layouts import COUNT, RATE, SI, F, T, V, X, cells, file_with, matlab, text
 
@@ -207,6 +208,17 @@ def test_a_stated_sign_convention_that_the_data_contradict_is_asked_about(tmp_pa
     both = text(H, above="Compression positive\nExtension positive\n")(tmp_path)
     with pytest.raises(errors.FileFormatError, match="contradict each other: Compression positive; Extension positive"):
         read_dyno_test(both)
+
+
+def test_a_channel_that_is_reversed_already_is_not_reversed_by_the_statement(tmp_path):
+    """A length is longest in extension anyway, and a channel map may have the sign."""
+    columns = [cells("t", "s"), [f"{412.0 - 1e3 * x:.9g}" for x in X], [f"{-f:.9g}" for f in F]]
+    head, above = "Time [s],Damper Length [mm],Force [N]", "Extension positive\n"
+    test = read_dyno_test(text(head, columns, above=above)(tmp_path))
+    agrees(test, velocity=None, displacement=X - 0.5 * (X.max() + X.min()))
+    mapping = ChannelMap({"force": MappedChannel("Force", gain=-1.0)})
+    agrees(read_dyno_test(text(head, columns, above=above)(tmp_path), channel_map=mapping), velocity=None,
+           displacement=X - 0.5 * (X.max() + X.min()))  # fmt: skip
 
 
 def test_the_length_of_a_damper_is_a_displacement_of_the_other_sign(tmp_path):

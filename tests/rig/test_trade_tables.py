@@ -109,6 +109,15 @@ def test_pairs_of_columns_below_their_settings_in_a_sheet_have_their_own_speeds(
     agrees(second, speed=2 * SPEED[:-1] / 1e3, compression=0.5 * BUMP[:-1], rebound=0.5 * DROOP[:-1])
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forces in compression", "forces in rebound"])
+def test_a_stated_sign_of_the_speed_tells_the_strokes_of_a_signed_table_with_a_note(tmp_path, sign):
+    pairs = [*zip(SPEED, DROOP, strict=True), *zip(-SPEED, BUMP, strict=True)]
+    lines = ["Rebound velocity is positive", "Velocity (mm/s),Force (N)", *(f"{v:g},{sign * f:g}" for v, f in pairs)]
+    (table,) = read_peak_velocity(table_of(tmp_path, *lines))
+    agrees(table)
+    assert table.notes == ("positive speeds are rebound, because the file states 'Rebound velocity is positive'",)
+
+
 def test_a_force_without_a_speed_in_a_pair_is_refused_with_its_line(tmp_path):
     lines = ["a,,b,", "Velocity (mm/s),Force (N),Velocity (mm/s),Force (N)", "-1,-2,-1,-3", "1,2,,4"]
     with pytest.raises(errors.NotANumberError, match="line 4, channel 'speed'"):
