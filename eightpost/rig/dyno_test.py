@@ -56,7 +56,7 @@ class DynoTest(Recording):
         conditions: Build, clicks, gas pressure and other known conditions.
         source: Path of the file, None for a record created in memory.
         sha256: SHA-256 digest of the file, empty without a file.
-        derived: Descriptions of channels that were computed, not measured.
+        derived: Descriptions of what was computed, or read in one of several possible ways.
         notes: Notes on suspicious features of the record (`eightpost.rig.dyno_notes`); a fit repeats them.
         reasons: Findings that make the record implausible (`eightpost.rig.plausibility`), as reasons of a verdict.
     """
@@ -226,11 +226,11 @@ class _Reading:
             _check_displacement_sign(series, origin)
         _check_force(series, origin, derived)
         stated, notes = conditions_from(record.preamble)
-        notes = (*record.notes, *signs, *notes, *notes_of(series, measured=measured, origin=origin))
-        derived = (*length_note(mapping), *derived)
+        notes = (*record.notes, *notes, *notes_of(series, measured=measured, origin=origin))
         known = conditions.over(stated)
         of_name, named = conditions_in(self.path)
-        notes = (*notes, *(named if known.over(of_name) != known else ()))
+        named = named if known.over(of_name) != known else ()
+        derived = (*record.steps, *signs, *length_note(mapping), *derived, *named)
         test = DynoTest(series, known.over(of_name), self.path, sha256_of(self.path), derived, notes)
         mixed = mixed_units(record, mapping, units)
         reasons = (
@@ -253,7 +253,7 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
     moved = float(np.abs(new - old).max())
     note = f"the times were rounded to whole numbers; they were spread evenly, which moved them by at most {moved:.2g}"
     columns = (*record.columns[:place], new, *record.columns[place + 1 :])
-    return replace(record, columns=columns, notes=(*record.notes, note))
+    return replace(record, columns=columns, steps=(*record.steps, note))
 
 
 def _with_stated_signs(record: RawRecord, mapping: ChannelMap) -> tuple[ChannelMap, tuple[str, ...]]:

@@ -105,7 +105,7 @@ def _points_of(
         columns = Columns(record, given, stroke, statement if stated.get("velocity") else "")
         for point in columns.points():
             yield point._replace(setting=" ".join(filter(None, (named if len(records) > 1 else "", point.setting))))
-        notes += [note for note in (*record.notes, *columns.notes) if note not in notes]
+        notes += [note for note in (*record.notes, *record.steps, *columns.notes) if note not in notes]
 
 
 def _with_signs(points: list[Point], path: Path) -> list[Point]:

@@ -142,7 +142,7 @@ def _of_rates(record: RawRecord) -> RawRecord:
     lines = record.origin.lines
     origin = replace(record.origin, lines=None if lines is None else np.repeat(lines, speed.size))
     columns = [("side", None, sides), ("speed", "m/s", np.tile(speed, knees.size)), ("force", "N", force.ravel())]
-    return _with_columns(replace(record, origin=origin, notes=(*record.notes, note)), columns)
+    return _with_columns(replace(record, origin=origin, steps=(*record.steps, note)), columns)
 
 
 def _place(record: RawRecord, test: Callable[[str], bool], what: str) -> int:

@@ -97,19 +97,22 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
     """
     lines, signs = with_minus_signs(lines)
     plain, comments = without_comments(lines, cells_of)
-    notes = (comment_note(lines, comments), *signs) if comments else signs
+    notes = (comment_note(lines, comments),) if comments else ()
     if (first := first_row_of_channels(plain)) is not None:
         (block,) = find_blocks(upright := with_upright_table(plain, first))
-        record = _record(upright, block, path, notes=notes, may_be_cut=False)
+        record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
         return (replace(record, origin=Origin(path, rows, first + 1)),)
     blocks = find_blocks(plain)
     return tuple(
-        _record(plain, block, path, notes=notes, may_be_cut=may_be_cut and block is blocks[-1]) for block in blocks
+        _record(plain, block, path, notes=notes, steps=signs, may_be_cut=may_be_cut and block is blocks[-1])
+        for block in blocks
     )
 
 
-def _record(lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], may_be_cut: bool) -> RawRecord:
+def _record(
+    lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], steps: tuple[str, ...], may_be_cut: bool
+) -> RawRecord:
     """Parse one block of the file's lines."""
     layout = find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
@@ -127,7 +130,7 @@ def _record(lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...
     rows = (layout.filled(lines[i - 1]) for i in numbers)
     columns, more = _columns("\n".join(rows), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, (*notes, *more))
+    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes, (*steps, *more))
 
 
 def _columns(

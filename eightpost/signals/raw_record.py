@@ -47,6 +47,7 @@ class RawRecord:
         columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
         preamble: Lines above the table, one tuple of cells per line.
         notes: Sentences on what was left out while reading.
+        steps: Sentences on how cells were understood that could be understood otherwise.
     """
 
     origin: Origin
@@ -55,6 +56,7 @@ class RawRecord:
     columns: tuple[NDArray[Any], ...]
     preamble: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Number repeated names and convert columns of times of day to seconds."""
@@ -71,7 +73,7 @@ class RawRecord:
 
     def log_notes(self) -> None:
         """Log what was left out, for readers whose result has no notes."""
-        for note in self.notes:
+        for note in (*self.notes, *self.steps):
             _LOG.warning("%s: %s", self.origin.path, note)
 
     @property

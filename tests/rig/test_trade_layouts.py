@@ -52,6 +52,7 @@ def test_a_logger_with_marks_of_events_in_its_first_line_is_read_by_its_channel_
     test = read_dyno_test(path, channel_map=mapping, units={"displacement": "m", "force": "N"})
     agrees(test, displacement=10.0 * X, velocity=None, force=F / 100.0)
     np.testing.assert_allclose(test.series.time, T, atol=1e-4)
+    assert not any("Events" in reason.statement for reason in test.reasons)
 
 
 def test_a_number_that_only_the_first_line_has_is_no_mark_of_an_event_but_a_damaged_table(tmp_path):
@@ -87,7 +88,7 @@ def test_times_that_were_rounded_to_whole_numbers_are_spread_evenly_with_a_note(
     test = read_dyno_test(logger(tmp_path, step=step), units=UNITS)
     np.testing.assert_allclose(np.diff(test.series.time), 1e-3 * step, rtol=1e-3)
     agrees(test, velocity=None)
-    assert any("spread evenly" in note for note in test.notes) == (step != 2.0)
+    assert any("spread evenly" in note for note in test.derived) == (step != 2.0)
 
 
 def test_a_lost_sample_and_times_that_were_rounded_too_far_are_not_spread(tmp_path):
@@ -168,13 +169,13 @@ def test_negative_numbers_are_read(tmp_path, notation, replacement, sep):
     columns = [[NEGATIVE[notation].sub(replacement, cell) for cell in cells(*one, ".6f")] for one in SI]
     test = read_dyno_test(text(H.replace(",", sep), columns, sep=sep, suffix=".txt")(tmp_path))
     agrees(test)
-    assert any("numbers in parentheses are negative" in note for note in test.notes) == (notation == "in parentheses")
+    assert any("numbers in parentheses are negative" in note for note in test.derived) == (notation == "in parentheses")
 
 
 def test_a_number_in_parentheses_that_belongs_to_a_name_is_no_negative_number(tmp_path):
     test = read_dyno_test(text("t [s],x [mm],v [mm/s],F (2) [N]")(tmp_path))
     agrees(test)
-    assert not any("parentheses" in note for note in test.notes)
+    assert not any("parentheses" in note for note in test.derived)
 
 
 SIGNS = {
@@ -195,7 +196,7 @@ def test_a_stated_sign_convention_is_obeyed_with_a_note(tmp_path, statement):
     test = read_dyno_test(text(H, columns, above=f"{statement}\n")(tmp_path))
     agrees(test)
     turned = [name for name, sign in (("velocity", motion), ("force", force), ("displacement", motion)) if sign < 0]
-    said = [note for note in test.notes if "were reversed, because the file states" in note]
+    said = [note for note in test.derived if "were reversed, because the file states" in note]
     assert len(said) == bool(turned)
     assert not said or f"the signs of {', '.join(turned)} were" in said[0]
 
@@ -263,14 +264,14 @@ def test_the_name_of_a_file_states_settings(tmp_path, name, clicks, pressure):
     test = read_dyno_test(path)
     assert test.conditions.clicks == clicks
     assert test.conditions.gas_pressure == (pressure if pressure is None else pytest.approx(pressure))
-    assert any("from the name of the file" in note for note in test.notes) == bool(clicks or pressure)
+    assert any("from the name of the file" in note for note in test.derived) == bool(clicks or pressure)
 
 
 def test_what_a_file_states_has_precedence_over_its_name(tmp_path):
     path = text(H, above="Clicks: 7\n")(tmp_path).rename(tmp_path / "2clicks.csv")
     test = read_dyno_test(path)
     assert test.conditions.clicks == "Clicks 7"
-    assert not any("name of the file" in note for note in test.notes)
+    assert not any("name of the file" in note for note in test.derived)
 
 
 def test_a_crank_angle_is_no_motion_and_asks_for_one(tmp_path):

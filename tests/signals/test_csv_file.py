@@ -110,8 +110,8 @@ def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row
 def test_quoted_numbers_that_all_have_three_digits_behind_a_comma_have_decimals_and_a_note(tmp_path):
     (record,) = read_records(written(tmp_path, 't [s],x [mm],n\n0,"12,573","1,250"\n1,"-13,210",950\n2,"0,500",1\n'))
     np.testing.assert_array_equal(record.columns[1], [12.573, -13.21, 0.5])
-    assert record.notes == ()  # the leading zero shows it
+    assert record.steps == ()  # the leading zero shows it
     (record,) = read_records(written(tmp_path, 't [s],x [mm],n\n0,"12,573","1,250"\n1,"-13,210",950\n'))
     np.testing.assert_array_equal(record.columns[1], [12.573, -13.21])
     np.testing.assert_array_equal(record.columns[2], [1250.0, 950.0])
-    assert record.notes == ("the commas in the column 'x' are decimal: every number has three digits behind one",)
+    assert record.steps == ("the commas in the column 'x' are decimal: every number has three digits behind one",)
