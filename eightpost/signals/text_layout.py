@@ -160,9 +160,7 @@ _MOST_CHANNELS = 60
 def first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
-    Longer files than those from which a layout is found are none.
-
-    Every line with numbers begins with a name, and all its other cells are numbers.
+    Every line with numbers begins with a name, and all its other cells are numbers. Long files have no such table.
     """
     if len(lines) > _LAYOUT_LINES:
         return None
