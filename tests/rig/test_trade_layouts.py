@@ -183,6 +183,7 @@ SIGNS = {
     "Signs: compression positive": (1, 1),
     "Force: positive in rebound": (1, -1),
     "Displacement and velocity: extension is positive; compression force is positive": (-1, 1),
+    "Extension positive, compression force positive": (-1, 1),
     "Tension negative": (1, 1),
     "Rebound clicks: 12": (1, 1),
 }
