@@ -1,12 +1,10 @@
-"""Dynamometer records that are not what they say: labels, two settings in one record, early forces; random shocks.
+"""Dynamometer records that are not what they say: labels, two settings in one record; random shocks.
 
-    python -m benchmarks.misreading --shocks 140 --seed 9000 [--skew | --late]
+    python -m benchmarks.misreading --shocks 140 --seed 9000
 
 Each shock has random shims, jets, gas pressure and adjuster, and is tested at two random settings with a random motion
 or a steady sine. Every record is judged as it is, with a force that fades by 2 to 20 %, with its pounds labelled N, and
-with the second setting from a random time on. With --skew, each is judged as it is, with a force that is recorded 1 to
-6 ms too early, and followed by a second sine. With --late, a random motion, two sines and one sine of each shock, and a
-random motion of a Bouc-Wen damper are judged as they are and with a force that is recorded 2 to 8 ms too late.
+with the second setting from a random time on.
 """
 
 from __future__ import annotations
@@ -18,24 +16,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.random_shocks import BoucWenDamper
 from benchmarks.settings import MOST, RandomShock
 from eightpost.rig.damper.body import GasChamber
-from eightpost.rig.dynamometer import Actuator, measure, read_out
+from eightpost.rig.dynamometer import Actuator, measure
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.excitations import random_multisine, sine_test
-from eightpost.rig.late_force import delay_reasons, delay_statement
 from eightpost.rig.plausibility import MixedUnits, part_reasons, record_reasons
-from eightpost.rig.plausibility_rules import RUN_DOWN, SKEW, SMALL_CHANGE, TWO_SETTINGS, UNLIKELY_UNITS
+from eightpost.rig.plausibility_rules import SMALL_CHANGE, TWO_SETTINGS, UNLIKELY_UNITS
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 
 #: Rate of the records [Hz], and shares of the largest speed at which two settings are compared.
 RATE, SPEEDS = 500.0, np.array([-0.7, -0.3, -0.1, 0.1, 0.3, 0.7])
-#: Leads of the force with --skew [s].
-LEADS = (0.0, 1e-3, 2e-3, 3e-3, 4e-3, 6e-3)
-#: Delays of the force with --late [s].
-DELAYS = (0.0, 2e-3, 3e-3, 4e-3, 6e-3, 8e-3)
 CHANGED = {TWO_SETTINGS.name, SMALL_CHANGE.name}
 
 
@@ -96,61 +88,6 @@ def judged(seed: int) -> Iterator[tuple[str, bool]]:
     yield f"two settings, RMS change of the curve from {low:2d} %", bool(CHANGED & found(two, gas))
 
 
-def judged_skew(seed: int) -> Iterator[tuple[str, bool]]:
-    """Yield whether an early force of a random shock was found, and false alarms without one."""
-    random = np.random.default_rng(seed)
-    shock = RandomShock.drawn(random).at(float(random.integers(round(MOST) + 1)))
-    kind = "random motion" if random.random() < 0.5 else "sine"
-    drive = _sine(random) if kind == "sine" else random_multisine(seed, duration=10.0, rate=2000.0)
-    fine, every = measure(shock, drive, rate=2000.0, actuator=Actuator(), seed=seed), int(random.choice([2, 4, 8]))
-    for lead in LEADS:
-        early = np.interp(fine.time + lead, fine.time, fine["force"])
-        record = fine.with_channel("force", "N", early).at(slice(None, None, every))
-        name = f"{kind}, force {1e3 * lead:.0f} ms early" if lead else f"{kind}: false alarm of skew"
-        yield name, SKEW.name in found(record)
-    second = measure(shock, _sine(random), rate=2000.0, actuator=Actuator(), seed=seed + 1)
-    first = fine if kind == "sine" else measure(shock, _sine(random), rate=2000.0, actuator=Actuator(), seed=seed)
-    series = _after(first, second).at(slice(None, None, every))
-    names = {reason.rule for reason in part_reasons(series, origin="-", until=np.inf)}
-    yield "two sines: false alarm of run-down", RUN_DOWN.name in names
-    yield "two sines: false alarm of skew", SKEW.name in found(series)
-
-
-def judged_late(seed: int) -> Iterator[tuple[str, bool]]:
-    """Yield whether a late force of a random shock was found, and whether a delay is unknown."""
-    random = np.random.default_rng(seed)
-    shock = RandomShock.drawn(random).at(float(random.integers(round(MOST) + 1)))
-    hysteretic, every = BoucWenDamper.drawn(random), int(random.choice([2, 4, 8]))
-    drives = [random_multisine(seed, duration=10.0, rate=2000.0), _sine(random), _sine(random)]
-    runs = [measure(shock, drive, rate=2000.0, actuator=Actuator(), seed=seed + k) for k, drive in enumerate(drives)]
-    moved = hysteretic.respond(Actuator().follow(drives[0].series), rate=2000.0)
-    records = {
-        "random motion": runs[0],
-        "two sines": _after(runs[1], runs[2]),
-        "one sine": runs[1],
-        "random motion, Bouc-Wen": read_out(moved, seed=seed),
-    }
-    for kind, fine in records.items():
-        for delay in DELAYS:
-            late = np.interp(fine.time - delay, fine.time, fine["force"])
-            record = fine.with_channel("force", "N", late).at(slice(None, None, every))
-            name = f"{kind}, force {1e3 * delay:.0f} ms late"
-            yield f"{name}: found", any(delay_reasons(record, "-"))
-            yield f"{name}: unknown", "is unknown" in delay_statement(record)
-
-
-def _after(first: TimeSeries, second: TimeSeries) -> TimeSeries:
-    """Return two records one after the other, at 2 kHz."""
-    both = {name: (unit, np.append(first[name], second[name]))
-            for name, unit in zip(first.names, first.units, strict=True)}  # fmt: skip
-    return TimeSeries.from_channels(np.arange(len(first) + len(second)) / 2000.0, both)
-
-
-def _sine(random: np.random.Generator) -> Drivefile:
-    amplitude, speed = random.choice([0.0127, 0.0254]), random.uniform(0.1, 0.6)
-    return sine_test(float(amplitude), float(speed), cycles=int(random.integers(6, 16)), rate=2000.0).drivefile
-
-
 def _change(shock: RandomShock, clicks: np.ndarray, peak: float) -> float:
     """Return the RMS difference of the static curves of two settings, relative to the first."""
     curves = []
@@ -165,13 +102,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--shocks", type=int, default=140)
     parser.add_argument("--seed", type=int, default=9000)
-    parser.add_argument("--skew", action="store_true", help="judge early forces")
-    parser.add_argument("--late", action="store_true", help="judge late forces")
     chosen = parser.parse_args()
-    judge = judged_late if chosen.late else judged_skew if chosen.skew else judged
     total, hits = Counter[str](), Counter[str]()
     for seed in range(chosen.seed, chosen.seed + chosen.shocks):
-        for kind, hit in judge(seed):
+        for kind, hit in judged(seed):
             total[kind] += 1
             hits[kind] += hit
     for kind in sorted(total):

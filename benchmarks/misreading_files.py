@@ -34,7 +34,6 @@ from eightpost.rig.plausibility_rules import (
     NEGATIVE_REST,
     RECTIFIED,
     RUN_DOWN,
-    SKEW,
     SMALL_CHANGE,
     TWO_SETTINGS,
     UNLIKELY_UNITS,
@@ -68,14 +67,6 @@ def _scaled(**factors: float) -> Callable[[Columns], Columns]:
 
 def _rectified(columns: Columns) -> Columns:
     return columns | {"F [N]": np.abs(columns["F [N]"])}
-
-
-def _early(seconds: float) -> Callable[[Columns], Columns]:
-    def change(columns: Columns) -> Columns:
-        time = columns["t [s]"]
-        return columns | {"F [N]": np.interp(time + seconds, time, columns["F [N]"])}
-
-    return change
 
 
 def _harder(columns: Columns) -> Columns:
@@ -115,7 +106,6 @@ FAULTS = {
     "rectified force": Fault(_rectified, (RECTIFIED.name,)),
     "force reversed": Fault(_scaled(F=-1.0), ()),
     "all signs reversed": Fault(_scaled(x=-1.0, v=-1.0, F=-1.0), (NEGATIVE_REST.name,)),
-    "force 4 ms early": Fault(_early(4e-3), (SKEW.name,)),
     "a valve's voltage steps": Fault(_valve_voltage, (CHANGED_COLUMN.name,)),
     "15 % harder from the middle on": Fault(_harder, (TWO_SETTINGS.name, SMALL_CHANGE.name)),
     "the machine runs down": Fault(_run_down, (RUN_DOWN.name,), needs="sine"),

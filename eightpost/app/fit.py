@@ -263,7 +263,8 @@ def _fit_tables(
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a record, its length, scale and lag, and its notes."""
-    from eightpost.rig.force_scale import lag_statement, scale_statement
+    from eightpost.rig.force_scale import scale_statement
+    from eightpost.rig.lag import lag_statement
 
     series = test.series
     console.print(

@@ -105,7 +105,8 @@ def _named(record: RawRecord) -> list[tuple[str, str | None]]:
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a test with their ranges, its scale and lag, its conditions and its notes."""
-    from eightpost.rig.force_scale import lag_statement, scale_statement
+    from eightpost.rig.force_scale import scale_statement
+    from eightpost.rig.lag import lag_statement
 
     series = test.series
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")

@@ -65,7 +65,8 @@ SETTLING = 4.0
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
 @click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
-              help="Shocks: start and end of the part of random records to judge; default '1 s' '10 s'.")  # fmt: skip
+              help="Shocks: start and end of the part of each record to judge; default: of random records '1 s' "
+              "'10 s', else all.")  # fmt: skip
 @UNITS
 @map_option("docs/reference/signs_and_units.md")
 @flip_option("force")

@@ -109,19 +109,6 @@ class Figure:
         if first:
             self._named.discard(name)
 
-    def bubbles(self, panel: int, x: Array, y: Array, values: Array, *, unit: str, greatest: float) -> None:
-        """Draw a disc for each value, with area and colour by the value, and the value written above it."""
-        sizes = 10.0 + 26.0 * np.sqrt(np.abs(values) / greatest)
-        marker = {"color": _numbers(values), "size": _numbers(sizes), "colorscale": "YlOrRd", "reversescale": True,
-                  "cmin": 0.0, "cmax": greatest, "opacity": 0.9,
-                  "line": {"color": "#5b6675", "width": 0.8}}  # fmt: skip
-        self._add(panel, x, y, "", mode="markers+text", marker=marker, textposition="top center", textfont={"size": 10})
-        self._traces[-1] |= {
-            "meta": {"unit": unit, "values": _numbers(values)},
-            "showlegend": False,
-            "cliponaxis": False,
-        }
-
     def band(self, panel: int, start: float, stop: float) -> None:
         """Shade a span of a panel's horizontal axis, whose unit must be the same in both unit systems."""
         x, y = _axes(panel)
@@ -138,7 +125,7 @@ class Figure:
     def units(self) -> set[str]:
         """SI units of its axes and marks."""
         axes = {axis.unit for panel in self.panels for axis in (panel.x, panel.y)}
-        return (axes | {trace["meta"]["unit"] for trace in self._traces if "meta" in trace}) - {""}
+        return axes - {""}
 
     def content(self) -> dict[str, Any]:
         """Return the content that the page's script draws."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
-from eightpost.rig.lag import correlation_at, lag_between
+from eightpost.rig.lag import channel_lag
 from eightpost.rig.plausibility import unit_ratio
 from eightpost.rig.temperature_drift import warming_note
 from eightpost.signals.faults import IN_MEMORY, Origin, clipped_samples
@@ -28,16 +28,12 @@ FEWEST_LEVELS = 100
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
 #: ... this multiple of the median change around it.
 JUMP_FACTOR = 10.0
-#: Maximum lag [s] of force behind velocity (the shock's own lag, 3.3, and a filter), and maximum lead `LEAD` [s].
-LAG, LEAD = 0.010, 0.002
 #: Maximum plausible velocity, stroke and force of a shock [SI]; larger values indicate a wrong unit.
 IMPLAUSIBLE = {"velocity": 10.0, "displacement": 0.6, "force": 1e5}
 #: Minimum plausible values [SI]; smaller maxima also indicate a wrong unit.
 TINY = {"velocity": 1e-3, "displacement": 1e-4, "force": 1.0}
-#: Phase [rad] at the mean frequency below which a lag is accepted: a gas spring causes such a phase in a slow test.
-PHASE = np.deg2rad(5.0)
-#: Correlation above which a lag of a few samples is significant in spite of noise.
-CLEAR = 0.98
+#: Maximum lag of velocity behind the slope of displacement [samples].
+SAMPLES = 1.5
 #: Maximum relative difference in size between measured velocity and the slope of displacement, ...
 SLOPE_SHARE = 0.1
 #: ... maximum difference of their means as a share of the standard deviation of velocity, ...
@@ -219,11 +215,12 @@ def _motion(series: TimeSeries, measured: tuple[str, ...], origin: Origin) -> It
 
 def _slope_note(velocity: Array, slope: Array, rate: float) -> str | None:
     """Return a note if velocity differs from the slope of displacement in time, size or mean."""
-    lag = lag_between(velocity, slope, rate)
-    if abs(lag) > 1.5 / rate and correlation_at(velocity, slope, round(lag * rate)) > CLEAR:
+    lag = channel_lag(velocity, slope, rate)
+    if lag is not None and not (lag.low <= SAMPLES / rate and -SAMPLES / rate <= lag.high):
         return (
-            f"velocity: it {_follows(lag)} the slope of displacement by {1e3 * abs(lag):.3g} ms; the channels are not "
-            "sampled at the same times: shift one, or derive velocity from displacement"
+            f"velocity: it {'follows' if lag.seconds > 0.0 else 'leads'} the slope of displacement by "
+            f"{1e3 * abs(lag.seconds):.3g} ms; the channels are not sampled at the same times: shift one, or derive "
+            "velocity from displacement"
         )
     factor = float(slope.std() / velocity.std())
     if unit_ratio(factor):  # `eightpost.rig.plausibility` says which units
@@ -252,14 +249,6 @@ def _travel(series: TimeSeries) -> Iterator[str]:
         )
 
 
-def _path(series: TimeSeries) -> Array:
-    """Return displacement (N,) [m], or the integral of velocity without its drift."""
-    if "displacement" in series:
-        return series["displacement"]
-    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
-    return np.asarray(path - path[-1] * np.linspace(0.0, 1.0, path.size))
-
-
 def _force(series: TimeSeries) -> Iterator[str]:
     """Yield notes if force and velocity are not related as in a damper."""
     velocity, force = series["velocity"], series["force"]
@@ -269,41 +258,7 @@ def _force(series: TimeSeries) -> Iterator[str]:
             f"force: its correlation with velocity is only {correlation:.2f}; check for a wrong column, a spring on "
             "the dynamometer, or channels sampled at different times"
         )
-    if lag := lag_note(series):
-        yield lag.note
     yield from _rest_force(velocity, force)
-
-
-class _LagNote(NamedTuple):
-    """Note on a lag or lead of force that a shock cannot have.
-
-    Attributes:
-        delay: Delay of force behind velocity [s]; negative if force leads.
-        lead: Maximum plausible lead [s].
-        allowed: Maximum plausible delay [s].
-        note: Text of the note.
-    """
-
-    delay: float
-    lead: float
-    allowed: float
-    note: str
-
-
-def lag_note(series: TimeSeries) -> _LagNote | None:
-    """Return a note if the lag between force and velocity is larger than that of a shock."""
-    even = series if series.is_uniform else series.resample(series.sample_rate)
-    delay = lag_between(even["force"], even["velocity"], even.sample_rate)
-    frequency = float(even["velocity"].std() / _path(even).std())  # [rad/s]
-    lead, allowed = max(LEAD, 1.5 / even.sample_rate), max(LAG, PHASE / frequency)
-    if -lead <= delay <= allowed:
-        return None
-    note = (
-        f"force: it {_follows(delay)} velocity by {1e3 * abs(delay):.3g} ms, more than the lag of a shock (under "
-        f"{1e3 * LAG:.0f} ms), because of channels sampled at different times, a filter on one of them, or a spring "
-        "parallel to the damper; a fitted lag will include it"
-    )
-    return _LagNote(delay, lead, allowed, note)
 
 
 def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
@@ -319,10 +274,6 @@ def _rest_force(velocity: Array, force: Array) -> Iterator[str]:
             f"force: {middle:.4g} N at standstill, more than half of its range: a large gas force, or an offset of the "
             "load cell's zero"
         )
-
-
-def _follows(lag: float) -> str:
-    return "follows" if lag > 0.0 else "leads"
 
 
 def _place(origin: Origin, sample: int) -> str:

@@ -13,8 +13,6 @@ from math import pi, sqrt
 import numpy as np
 
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.lag import lag_between
-from eightpost.rig.late_force import delay_statement
 from eightpost.rig.plausibility_rules import UNLIKELY_UNITS
 from eightpost.rig.rest_force import rest_force
 from eightpost.signals.timeseries import TimeSeries
@@ -119,11 +117,3 @@ def scale_statement(series: TimeSeries) -> str:
         "are right. If this is not your shock, set them in a channel map, such as unit = 'lbf' "
         "(docs/reference/signs_and_units.md)"
     )
-
-
-def lag_statement(series: TimeSeries) -> str:
-    """Return the lag of force behind velocity, and how much of it the instruments can cause."""
-    even = series if series.is_uniform else series.resample(series.sample_rate)
-    delay = lag_between(even["force"], even["velocity"], even.sample_rate)
-    follows = "follows" if delay >= 0.0 else "leads"
-    return f"force {follows} velocity by {1e3 * abs(delay):.3g} ms; {delay_statement(series)}; a fitted lag includes it"

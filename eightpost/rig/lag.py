@@ -1,90 +1,247 @@
-"""Time lag between two channels of a record."""
+"""Delay of a channel behind another one, above all of the force of a dynamometer record behind its velocity.
+
+The delay T is that with which a small model of the shock leaves the smallest residual,
+
+    min over T, f, K, F0 of  sum (F(t + T) - f(v) - K x - F0)^2,   K >= 0
+
+with f linear between knots that are dense at low speed, so that it includes friction. Gas stiffness K and friction
+delay the force of a sine too, and are therefore in the model and not in T. T is the sum of what the shock itself does
+(compressibility, hysteresis) and of what the instruments do (filters, channels sampled one after the other); a record
+alone does not separate them.
+
+The 95 % interval contains the delays whose residual is not significantly larger. The residual is mostly misfit of the
+model, which recurs with each cycle: its independent values are counted in its spectrum, not in its samples. Where the
+interval is wide or reaches the end of the search (a single sine whose curve is a straight line: a spring does the
+same), the delay is unknown.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+from scipy.stats import t as student
 
 from eightpost.array_types import Array
+from eightpost.rig.plausibility_rules import EARLY, LATE
+from eightpost.signals.filters import lowpass
+from eightpost.signals.timeseries import TimeSeries
+from eightpost.verdict import Reason
 
-#: Maximum lag of the search [s].
-LONGEST = 0.25
-#: Share of the highest correlation from which another peak counts as equally high: those of a periodic signal differ by
-#: noise only.
-EQUAL = 0.97
-#: Share of the largest cross-spectrum below which a frequency is taken as noise.
-NOISE = 1e-2
+#: Delays that are searched: from the first to the second [s], and up to this share of the period of the motion.
+EARLIEST, LATEST, SHARE = -0.04, 0.06, 0.25
+#: Widest half of an interval that is stated, and the part of it that every interval has [s].
+WIDEST, TIMING = 0.01, 2e-4
+#: Most independent values of a residual: the model's misfit at a speed recurs, however long the record is.
+MOST_INDEPENDENT = 20.0
+#: Largest delay that a shock itself has, and smallest lead that is reported [s], at least this share of a sample: a
+#: velocity that is a difference of positions is half a sample late.
+LAG, LEAD, SAMPLES = 0.01, 5e-4, 0.6
+
+#: Rate at which channels are compared, their cut-off frequency [Hz], the ends that are left out [s], where filters
+#: ring, and fewest samples.
+_RATE, _CUTOFF, _END, _FEWEST = 500.0, 50.0, 0.1, 200
+#: Parts of a long record that are used, and their length [s].
+_PARTS, _PART = 16, 4.0
+#: Knots of each stroke, and exponent of their spacing.
+_KNOTS, _DENSE = 8, 1.8
+#: Smallest share of the variance that a residual has, share that keeps columns apart, resolution of a delay [s], and
+#: fewest delays that are tried.
+_LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
 
 
-def lag_between(values: Array, reference: Array, rate: float) -> float:
-    """Return the lag [s] of `values` (N,) behind `reference` (N,); negative if `values` lead.
+class Lag(NamedTuple):
+    """Delay of a channel behind another one; negative if it leads.
 
-    The maximum of the cross-correlation gives the lag to a sample. The phase of the cross-spectrum of the aligned
-    samples, weighted with its size, gives the rest, so that a steady sine has no error of the record's ends. For a
-    periodic signal the lag is determined only up to whole periods, and the smallest lag is returned: the peak closest
-    to zero among those that are equally high.
+    Attributes:
+        seconds: Delay [s].
+        low: Lower end of its 95 % interval [s].
+        high: Upper end [s].
+        stiffness: Stiffness K of the model [N/m]; 0 between channels of motion.
+    """
+
+    seconds: float
+    low: float
+    high: float
+    stiffness: float = 0.0
+
+    def __str__(self) -> str:
+        """Return the delay and its interval in milliseconds."""
+        return f"{1e3 * self.seconds:.3g} ms ({1e3 * self.low:.3g} to {1e3 * self.high:.3g} ms)"
+
+
+def force_lag(series: TimeSeries) -> Lag | None:
+    """Return the delay of the force of a record behind its velocity; None if it is unknown.
+
+    Args:
+        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
+    """
+    even = series if series.is_uniform else series.resample(series.sample_rate)
+    path = even["displacement"] if "displacement" in even else _integral(even)
+    rows = _compared(np.stack([even["velocity"], path, even["force"]]), even.sample_rate)
+    if not rows.std(axis=1).all():
+        return None
+    velocity, path, force = rows
+    period = 2.0 * np.pi * float(path.std() / velocity.std())
+    return _lag(force, velocity, _curve(velocity), path, period)
+
+
+def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
+    """Return the delay of a channel behind one that it is proportional to; None if it is unknown.
 
     Args:
         values: Samples (N,) of the channel.
-        reference: Samples (N,) of the reference channel.
+        reference: Samples (N,) of the reference.
         rate: Sample rate [Hz].
     """
-    first, second = (np.asarray(row - row.mean()) for row in (values, reference))
-    lags = correlation_lags(first.size, second.size)
-    near = np.abs(lags) <= min(LONGEST * rate, first.size / 4)
-    lags = lags[near]
-    correlation = correlate(first, second, method="fft")[near] / _sizes(first, second, lags)
-    coarse = int(lags[_nearest_peak(lags, correlation)])
-    return (coarse + _remainder(*_aligned(first, second, coarse))) / rate
+    rows = _compared(np.stack([values, reference]), rate)
+    if not rows.std(axis=1).all():
+        return None
+    period = 2.0 * np.pi * float(rows[1].std() / (_RATE * np.diff(rows[1])).std())
+    return _lag(rows[0], rows[1], rows[1][:, None], None, period)
 
 
-def _sizes(first: Array, second: Array, lags: NDArray[np.intp]) -> Array:
-    """Return the product of the norms of the samples that both channels share at each lag (L,)."""
-    energies = [np.concatenate(([0.0], np.cumsum(row**2))) for row in (first, second)]
-    late, early = np.maximum(lags, 0), np.maximum(-lags, 0)
-    own, other = (
-        energy[first.size - before] - energy[after]
-        for energy, before, after in ((energies[0], early, late), (energies[1], late, early))
-    )
-    return np.asarray(np.sqrt(np.maximum(own * other, 1e-300)))
+def _integral(series: TimeSeries) -> Array:
+    velocity = series["velocity"]
+    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0.0))
 
 
-def _nearest_peak(lags: NDArray[np.intp], correlation: Array) -> int:
-    """Return the index of the peak closest to zero lag among those that are as high as the highest one."""
-    inside = correlation[1:-1]
-    tops = 1 + np.flatnonzero((inside >= correlation[:-2]) & (inside > correlation[2:]) & (inside > 0.0))
-    if not tops.size:
-        return int(np.argmax(correlation))
-    heights = _peak_heights(correlation, tops)
-    equal = tops[heights >= EQUAL * heights.max()]
-    return int(equal[np.argmin(np.abs(lags[equal]))])
+# ---- The estimate ---------------------------------------------------------------------------------------------------
 
 
-def _peak_heights(correlation: Array, tops: NDArray[np.intp]) -> Array:
-    """Return the heights of peaks between samples: of the cosine through three samples, exact for a sine."""
-    before, at, after = correlation[tops - 1], correlation[tops], correlation[tops + 1]
-    sine = np.sqrt(np.maximum(1.0 - np.clip((before + after) / (2.0 * at), -1.0, 1.0) ** 2, 1e-12))
-    return np.asarray(np.hypot(at, (after - before) / (2.0 * sine)))
+def _compared(rows: Array, rate: float) -> Array:
+    """Return channels (C, N) without high frequencies at the rate of the comparison."""
+    low = lowpass(rows, rate, min(_CUTOFF, 0.3 * rate))
+    time = np.arange(rows.shape[1]) / rate
+    grid = np.arange(0.0, time[-1], 1.0 / _RATE)
+    return np.asarray(CubicSpline(time, low, axis=1)(grid))
 
 
-def _aligned(first: Array, second: Array, lag: int) -> tuple[Array, Array]:
-    """Return the samples that both channels share if `first` is moved forward by `lag` samples."""
-    count = first.size - abs(lag)
-    return (first[lag:], second[:count]) if lag >= 0 else (first[:count], second[-lag:])
+def _curve(velocity: Array) -> Array:
+    """Return the columns (N, 2 K) of a curve that is linear between knots and zero at zero velocity."""
+    sides = []
+    for side in (velocity, -velocity):
+        speed = np.maximum(side, 0.0)
+        knots = float(speed.max()) * np.linspace(0.0, 1.0, _KNOTS + 1) ** _DENSE
+        sides += [np.clip(speed - low, 0.0, high - low) for low, high in pairwise(knots)]
+    return np.stack([column for column in sides if column.any()], axis=1)
 
 
-def _remainder(first: Array, second: Array) -> float:
-    """Return the lag [samples] of nearly aligned samples from the phase of their cross-spectrum."""
-    window = np.hanning(first.size)
-    cross = np.fft.rfft(window * (first - first.mean())) * np.conj(np.fft.rfft(window * (second - second.mean())))
-    frequency = 2.0 * np.pi * np.arange(cross.size) / first.size  # [rad/sample]
-    weight = np.abs(cross) * frequency
-    used = np.abs(cross) > NOISE * np.abs(cross).max()
-    total = float(np.sum(weight[used] * frequency[used]))
-    return float(-np.sum(weight[used] * np.angle(cross[used]) / total)) if total > 0.0 else 0.0
+def _lag(values: Array, reference: Array, columns: Array, spring: Array | None, period: float) -> Lag | None:
+    """Return the delay of values (N,) that makes columns (N, C), and a spring (N,), explain most of them."""
+    reach = SHARE * period
+    steps = np.arange(int(max(EARLIEST, -reach) * _RATE), int(min(LATEST, reach) * _RATE) + 1)
+    used = _used(values.size, int(steps[-1]))
+    if steps.size < _FEWEST_STEPS or used.size < _FEWEST:
+        return None
+    shifted, lags = _about(values[used + steps[:, None]].T), steps / _RATE
+    fine = np.arange(lags[0], lags[-1], _FINE)
+    model, stiffness = _about(columns[used]), np.zeros(fine.size)
+    profile, _ = _residual(model, shifted, lags, fine)
+    if spring is not None:
+        model = np.column_stack([model, _about(spring[used])])
+        other, weight = _residual(model, shifted, lags, fine)
+        profile, stiffness = np.where(weight > 0.0, other, profile), np.maximum(weight, 0.0)
+    # At half a period the channels oppose each other: a curve that falls would explain them.
+    follows = CubicSpline(lags, _about(reference[used]) @ shifted)(fine) > 0.0
+    profile = np.where(follows, profile, np.inf)
+    best = int(np.argmin(profile))
+    nearest = shifted[:, int(np.argmin(np.abs(lags - fine[best])))]
+    independent = _independent(nearest - model @ _weights(model, model.T @ nearest))
+    found = _interval(fine, profile, best, independent)
+    return None if found is None else Lag(float(fine[best]), *found, float(stiffness[best]))
 
 
-def correlation_at(values: Array, reference: Array, lag: int) -> float:
-    """Return the correlation of `values` (N,) with `reference` (N,) delayed by `lag` samples."""
-    return float(np.corrcoef(*_aligned(values, reference, lag))[0, 1])
+def _about(rows: Array) -> Array:
+    """Return values (M, ...) about their mean, which stands for a constant of the model."""
+    return np.asarray(rows - rows.mean(axis=0))
+
+
+def _used(count: int, reach: int) -> NDArray[np.intp]:
+    """Return the samples that are compared: all that have a value at every delay, or some parts of a long record."""
+    edge = reach + round(_END * _RATE)
+    inside, part = count - 2 * edge, round(_PART * _RATE)
+    if inside <= _PARTS * part:
+        return edge + np.arange(max(inside, 0))
+    starts = edge + np.linspace(0, inside - part, _PARTS).astype(np.intp)
+    return np.asarray((starts[:, None] + np.arange(part)).ravel())
+
+
+def _residual(columns: Array, shifted: Array, lags: Array, fine: Array) -> tuple[Array, Array]:
+    """Return the share that columns (M, C) do not explain at finer delays (F,), and the weight of the last column.
+
+    Args:
+        columns: Columns of the model about their means.
+        shifted: Values (M, L) moved forward by each delay, about their means.
+        lags: Delays (L,) [s].
+        fine: Delays (F,) [s] between them.
+    """
+    sums = columns.T @ shifted
+    weights = _weights(columns, sums)
+    share = 1.0 - np.sum(sums * weights, axis=0) / np.sum(shifted**2, axis=0)
+    profile, last = CubicSpline(lags, np.stack([share, weights[-1]]), axis=1)(fine)
+    return np.maximum(profile, _LEAST), np.asarray(last)
+
+
+def _weights(columns: Array, sums: Array) -> Array:
+    """Return the weights (C, ...) of columns (M, C) from their products (C, ...) with values."""
+    product = columns.T @ columns
+    size = np.sqrt(np.maximum(np.diag(product), np.finfo(float).tiny))
+    scaled = product / np.outer(size, size) + _RIDGE * np.eye(size.size)
+    return np.asarray((np.linalg.solve(scaled, (sums.T / size).T).T / size).T)
+
+
+def _independent(residual: Array) -> float:
+    """Return the number of independent values of a residual (M,): of equally strong lines with the same spread."""
+    power = np.abs(np.fft.rfft(residual)) ** 2
+    return float(min(power.sum() ** 2 / np.sum(power**2), MOST_INDEPENDENT))
+
+
+def _interval(lags: Array, profile: Array, best: int, independent: float) -> tuple[float, float] | None:
+    """Return the 95 % interval of the delay with the smallest residual; None if it is wide or ends with the search.
+
+    Args:
+        lags: Delays (F,) [s].
+        profile: Share of the residual at each; infinite where a delay is excluded.
+        best: Number of the delay with the smallest residual.
+        independent: Number of independent values of the residual.
+    """
+    limit = profile[best] * (1.0 + float(student.ppf(0.975, independent)) ** 2 / independent)
+    likely = np.flatnonzero(profile <= limit)
+    first, last = int(likely[0]), int(likely[-1])
+    if first == 0 or last == lags.size - 1 or lags[last] - lags[first] > 2.0 * WIDEST:
+        return None
+    early, late = (float(np.hypot(lags[end] - lags[best], TIMING)) for end in (first, last))
+    return float(lags[best]) - early, float(lags[best]) + late
+
+
+# ---- What is stated --------------------------------------------------------------------------------------------------
+
+
+def lag_statement(series: TimeSeries) -> str:
+    """Return the delay of the force in a sentence."""
+    lag = force_lag(series)
+    if lag is None:
+        return "lag of the force behind velocity: unknown; this motion does not separate it from gas and friction"
+    return f"lag of the force behind velocity: {lag}, of shock and instruments together; a fitted lag includes it"
+
+
+def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
+    """Yield a reason if the force is certainly later, or earlier, than a shock makes it.
+
+    Args:
+        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
+        origin: Name of the record.
+    """
+    lag = force_lag(series)
+    if lag is None:
+        return
+    if lag.low > LAG:
+        yield LATE.reason("the force is later than a shock makes it", figure=f"by {lag}", origin=origin)
+    elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
+        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lag}", origin=origin)

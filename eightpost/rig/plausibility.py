@@ -15,7 +15,7 @@ from eightpost.array_types import Array
 from eightpost.rig.cycles import run_down
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_scale import force_scale_reasons
-from eightpost.rig.late_force import delay_reasons
+from eightpost.rig.lag import lag_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility_rules import (
     CONTRADICTORY_UNITS,
@@ -25,7 +25,6 @@ from eightpost.rig.plausibility_rules import (
     UNLIKELY_UNITS,
 )
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
-from eightpost.rig.skew import skew_reasons
 from eightpost.signals.filters import lowpass, white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
@@ -97,8 +96,7 @@ def record_reasons(
     yield from suspicious or force_scale_reasons(series, conditions or DynoConditions(), origin)
     yield from _rest_reasons(series, origin)
     if not suspicious:
-        yield from skew_reasons(series, origin)
-        yield from delay_reasons(series, origin)
+        yield from lag_reasons(series, origin)
 
 
 def part_reasons(series: TimeSeries, *, origin: str, until: float = SEGMENT[1]) -> Iterator[Reason]:

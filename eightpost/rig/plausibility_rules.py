@@ -61,19 +61,17 @@ RUN_DOWN = RULES.add("run-down of the machine", ABOUT, Grade.LIMITED,
     why="a law is fitted to the whole segment, so low speeds after the test get weight, and speed correlates with time",
     remedy="fit the part before it (--segment)",
 )  # fmt: skip
-SKEW = RULES.add("skew between channels", ABOUT, Grade.LIMITED,
-    condition="at equal velocity, the force of a rising velocity is the larger one in both strokes, like that of a "
-    "mass above 2.5 kg, by four standard errors, and the lead is more than 0.3 ms and 0.6 samples",
-    why="compressibility, friction and gas make a force late, never early, so the channels were not recorded at the "
-    "same times; the lag of the shock is too small by the skew",
-    remedy="delay the force by the stated time, or find which channel has a filter or is sampled later",
-)  # fmt: skip
 LATE = RULES.add("late force", ABOUT, Grade.LIMITED,
-    condition="the force follows velocity by more than 3 ms (four standard errors) in the upper one of two bands of "
-    "frequencies, by 0.35 rad or more, and by at least 0.8 times the lag in the lower band",
-    why="the lag of hysteresis and of a gas spring falls with the frequency, and that of a compressible fluid is "
-    "shorter, so the rest is a delay or a filter of the force channel: at wheel hop it turns damping into stiffness",
-    remedy="find the delay or the filter of the force channel, or advance the force, and fit again",
+    condition="the force follows velocity by more than 10 ms, gas and friction excluded (the whole 95 % interval)",
+    why="a shock itself has less, so the rest is a filter of the force channel, channels sampled one after the other, "
+    "or strong hysteresis: at wheel hop a delay turns damping into stiffness",
+    remedy="find the delay or the filter of the force channel (docs/reference/dyno_files.md), and export again",
+)  # fmt: skip
+EARLY = RULES.add("early force", ABOUT, Grade.LIMITED,
+    condition="the force leads velocity by more than 0.5 ms and 0.6 samples (the whole 95 % interval)",
+    why="compressibility, friction and gas make a force late, never early, so velocity is late: filtered, or sampled "
+    "after the force; the lag of the shock is too small by that",
+    remedy="find which channel has a filter or is sampled later, and export again",
 )  # fmt: skip
 CHOSEN_COLUMN = RULES.add("one of several columns", ABOUT, Grade.USABLE,
     condition="several columns could be the same channel, and one of them was chosen",

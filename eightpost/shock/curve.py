@@ -19,10 +19,6 @@ OUTER_ORDER = 3
 KNOTS = 25
 _NO_KNOTS = (0.0,) * KNOTS
 
-#: Number of speeds that `falls_at` checks on each side, and number of speeds within a transition.
-LOOKS = 256
-TRANSITION_LOOKS = 12
-
 
 class CurveNumbers(NamedTuple):
     """The numbers of a `StaticCurve`, under the same names."""
@@ -253,35 +249,3 @@ class StaticCurve:
     def numbers(self) -> CurveNumbers:
         """Return the curve as plain numbers."""
         return CurveNumbers(*(getattr(self, name) for name in CurveNumbers._fields))
-
-    def falls_at(self) -> float | None:
-        """Return the lowest damper velocity [m/s] of a side at which the force does not rise; None if it always rises.
-
-        The force is checked at `LOOKS` equal steps of each side and at `TRANSITION_LOOKS` steps of its transition,
-        which may be narrower than one of those. If the curve has knots, it is checked at `TRANSITION_LOOKS` steps
-        between neighbouring knots. The slopes beyond the fitted range are checked too.
-        """
-        for side, speed in ((1.0, self.compression_speed), (-1.0, self.rebound_speed)):
-            for speeds in self._looks_between_knots(side) if self.has_knots else self._looks(speed):
-                forces = [side * curve_force(self, side * one) for one in speeds]
-                for one, before, force in zip(speeds[1:], forces, forces[1:], strict=False):
-                    if not force > before:
-                        return side * one
-        if self.compression_slope <= 0.0:
-            return self.compression_speed
-        return -self.rebound_speed if self.rebound_slope <= 0.0 else None
-
-    def _looks(self, speed: float) -> list[list[float]]:
-        """Return the speeds [m/s] at which `falls_at` checks a side up to `speed`, and those within its transition."""
-        even = [speed * (k / LOOKS) for k in range(LOOKS + 1)]
-        places = (self.transition_width * (k / TRANSITION_LOOKS - 0.5) for k in range(TRANSITION_LOOKS + 1))
-        return [even, [one for one in (self.transition_speed + place for place in places) if one <= speed]]
-
-    def _looks_between_knots(self, side: float) -> list[list[float]]:
-        """Return the speeds [m/s] at which `falls_at` checks each cell of a side."""
-        middle, step = KNOTS // 2, 1 if side > 0.0 else -1
-        knots = [side * knot for knot in self.knot_velocity[middle::step]]
-        return [
-            [slow + (fast - slow) * (k / TRANSITION_LOOKS) for k in range(TRANSITION_LOOKS + 1)]
-            for slow, fast in itertools.pairwise(knots)
-        ]

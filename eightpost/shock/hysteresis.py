@@ -181,7 +181,7 @@ class Hysteresis(ShockLaw):
         curve, slopes = self.curve, self.curve.knot_slope
         if not curve.has_knots:
             raise ValueError("curve: a Hysteresis law needs a curve through knots; fit one, or use another law")
-        largest = max(abs(force) for force in curve.knot_force)
+        largest = max(1.0, *(abs(force) for force in curve.knot_force))
         for k in range(KNOTS - 1):
             width = curve.knot_velocity[k + 1] - curve.knot_velocity[k]
             rise = curve.knot_force[k + 1] - curve.knot_force[k]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from eightpost.ident import fit_shock, fit_table, parameter_table, plot_force_velocity
-from eightpost.shock import Lpf1
+from eightpost.ident.validation.evaluation import evaluate
+from eightpost.shock import Lpf1, Polylinear
 
 
 def text(table):
@@ -47,3 +49,12 @@ def test_a_plot_is_written_whole(fits, tmp_path, count):
     plot_force_velocity(fits[0] if count == 1 else fits, path)
     assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert [p.name for p in path.parent.iterdir()] == ["fit.png"]
+
+
+def test_the_fit_states_the_error_of_its_static_curve_alone(fits, curve, law_record):
+    record = law_record(Lpf1(curve, 1.3e-3), 1)
+    static, lagged = (fit.shock for fit in fits[:2])
+    assert static.fit["percent_of_static_curve"] == static.fit["percent"]
+    alone = replace(lagged, law=Polylinear(lagged.law.curve, port=lagged.law.port))
+    assert lagged.fit["percent_of_static_curve"] == pytest.approx(evaluate(alone, record).percent, rel=1e-6)
+    assert lagged.fit["percent_of_static_curve"] > 2.0 * lagged.fit["percent"]

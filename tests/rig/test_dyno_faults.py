@@ -227,7 +227,7 @@ NOTED = {
     "an offset of velocity": (offset(V, 0.02, 0.3), "velocity: .*offset"),
     "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),
     "a load cell far off zero": (offset(F, 0.7, 3.0), "force.* at standstill.*load cell"),
-    "a force shifted in time": (shifted(F, 7, 16), "force: it (follows|leads) velocity by"),
+    "a force shifted in time": (shifted(F, 7, 16), "the force is (later|earlier) than a shock makes it"),
     "a displacement shifted in time": (shifted(X, 3, 16), "velocity: it (follows|leads) the slope of displacement"),
     "samples held": (sampled_and_held, "repeat the one before"),
     "a part pasted twice": (pasted_twice, "was pasted twice"),

@@ -56,7 +56,8 @@ def test_the_magneto_rheological_damper_is_read_with_its_measured_velocity(name)
 
 def test_the_lag_of_the_undocumented_force_filter_is_reported():
     test = read_dyno_test(measured("ohlins", "ohlins_t1_3_3_24_24_s5_n10_100psi.csv"))
-    assert any(re.match(r"force: it follows velocity by 2\d\.?\d* ms", note) for note in test.notes)
+    (reason,) = (reason for reason in test.reasons if reason.rule == "late force")
+    assert re.match(r"by 2\d\.\d ms \(2\d\.\d to 3\d ms\)", reason.figure)
 
 
 @pytest.mark.nightly

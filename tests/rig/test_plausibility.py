@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from eightpost.__main__ import main
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
-from eightpost.rig.lag import lag_between
+from eightpost.rig.cycles import run_down
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
@@ -261,43 +261,6 @@ def test_without_such_a_quantity_the_peak_is_stated_for_comparison(tmp_path):
     result = CliRunner().invoke(main, ["inspect", str(tmp_path / "r.csv")])
     assert "peak force" in result.output
     assert "does not show whether its units are right" in result.output
-    assert "whether the instruments delay the force" in result.output
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    frequency=st.floats(0.5, 12.0), cycles=st.floats(3.0, 40.0), share=st.floats(-0.2, 0.2), phase=st.floats(0.0, 6.3)
-)
-def test_the_lag_between_steady_sines_is_right_to_a_sample(frequency, cycles, share, phase):
-    rate = max(300.0, 40.0 * frequency)
-    t = np.arange(max(200, int(cycles * rate / frequency))) / rate
-    lag = max(-0.2, min(0.03, share / frequency))  # within the longest lag of the search
-    first, second = (np.sin(2.0 * np.pi * frequency * (t - late) + phase) for late in (lag, 0.0))
-    assert lag_between(np.tanh(2.0 * first), second, rate) == pytest.approx(lag, abs=1.0 / rate)
-
-
-@settings(max_examples=80, deadline=None)
-@given(
-    frequency=st.floats(0.5, 40.0),
-    periods=st.floats(5.0, 40.0),
-    share=st.floats(-0.45, 0.45),
-    phase=st.floats(0.0, 6.3),
-    noise=st.floats(0.0, 0.05),
-    oversampling=st.floats(5.0, 200.0),
-    seed=st.integers(0, 99),
-)
-def test_the_lag_of_any_steady_sine_below_half_a_period_is_right(
-    frequency, periods, share, phase, noise, oversampling, seed
-):
-    rate = oversampling * frequency
-    t = np.arange(max(100, int(periods * oversampling))) / rate
-    lag = share * min(1.0 / frequency, 0.5)
-    generator = np.random.default_rng(seed)
-    first, second = (
-        np.sin(2.0 * np.pi * frequency * (t - late) + phase) + noise * generator.standard_normal(t.size)
-        for late in (lag, 0.0)
-    )
-    assert lag_between(first, second, rate) == pytest.approx(lag, abs=max(1.0 / rate, 0.01 / frequency))
 
 
 def test_a_shock_with_stiff_rebound_and_a_lag_does_not_look_reversed():
@@ -321,3 +284,18 @@ MEASURED = sorted(Path(os.environ.get("EIGHTPOST_DATA", "/nowhere")).glob("labco
 @pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.stem)
 def test_the_measured_records_have_no_reason(path):
     assert read_dyno_test(path).reasons == ()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    strokes=st.tuples(st.floats(0.005, 0.025), st.floats(0.005, 0.025)),
+    frequencies=st.tuples(st.floats(1.0, 4.0), st.floats(0.5, 4.0)),
+)
+def test_a_sine_that_follows_another_is_no_run_down(strokes, frequencies):
+    cycles = 8
+    parts = [
+        stroke * np.sin(2.0 * np.pi * frequency * np.arange(int(500.0 * cycles / frequency)) / 500.0)
+        for stroke, frequency in zip(strokes, frequencies, strict=True)
+    ]
+    path = np.concatenate(parts)
+    assert run_down(np.arange(path.size) / 500.0, path, np.gradient(path, 1.0 / 500.0)) is None

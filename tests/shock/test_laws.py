@@ -1,6 +1,5 @@
 """The laws satisfy their equations (Eq 3.23 to 3.25), exactly and for any step."""
 
-from dataclasses import replace
 from math import exp
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
-from eightpost.shock import curve as shock_curve
 from eightpost.shock.curve import cell_of, outer_share
 from eightpost.shock.law import MOST_PIECES, STRAIGHT, Piece, valve_force
 from eightpost.shock.laws import law_module, own_parameters
@@ -87,40 +85,6 @@ def test_the_inner_polynomial_has_the_rest_of_the_share():
     assert line.force(-0.395) == pytest.approx(-0.75 * 395.0 - 125.0, rel=1e-12)
 
 
-def test_falls_at_returns_the_slowest_velocity_at_which_a_curve_falls():
-    rising = curve(
-        inner=(1000.0, *[0.0] * 14), compression=(1000.0, 1000.0, 0.0, 0.0), rebound=(-1000.0, -1000.0, 0.0, 0.0)
-    )
-    assert rising.falls_at() is None
-    assert replace(rising, compression_slope=0.5, rebound_slope=0.5).falls_at() is None
-    assert replace(rising, compression_slope=0.0).falls_at() == rising.compression_speed
-    assert replace(rising, rebound_slope=0.0).falls_at() == -rising.rebound_speed
-    falling = replace(rising, compression=(1000.0, -10.0, 0.0, 0.0))
-    assert falling.falls_at() == pytest.approx(0.381, abs=falling.compression_speed / 128)
-    assert replace(rising, rebound=(-1000.0, 10.0, 0.0, 0.0)).falls_at() == pytest.approx(-0.381, abs=1.1 / 128)
-    # Within a transition that is narrower than a 256th of the speeds.
-    narrow = replace(rising, compression=(990.0, 1000.0, 0.0, 0.0), transition_width=1e-3)
-    assert narrow.falls_at() == pytest.approx(0.381, abs=1e-3)
-    assert replace(rising, rebound=(-990.0, -1000.0, 0.0, 0.0), transition_width=1e-3).falls_at() == pytest.approx(
-        -0.381, abs=1e-3
-    )
-    # Flat from the start: found at the first of 256 steps.
-    assert replace(rising, inner=(0.0,) * 15).falls_at() == pytest.approx(rising.compression_speed / 256)
-
-
-def test_a_curve_is_checked_at_every_256th_of_a_side_and_every_12th_of_its_transition(monkeypatch):
-    seen, force = [], shock_curve.curve_force
-    monkeypatch.setattr(shock_curve, "curve_force", lambda numbers, v: seen.append(v) or force(numbers, v))
-    checked = curve()
-    assert checked.falls_at() is None
-    middle, width = checked.transition_speed, checked.transition_width
-    expected = []
-    for side, speed in ((1.0, checked.compression_speed), (-1.0, checked.rebound_speed)):
-        expected += (side * np.linspace(0.0, speed, 257)).tolist()
-        expected += (side * np.linspace(middle - 0.5 * width, middle + 0.5 * width, 13)).tolist()
-    assert seen == pytest.approx(expected, rel=1e-12, abs=1e-15)
-
-
 def test_the_transition_may_reach_almost_down_to_zero_velocity():
     wide = curve(**PLATEAUS | {"transition_width": 0.79})
     assert wide.force(0.0) == 0.0
@@ -168,20 +132,6 @@ def test_a_velocity_is_in_the_cell_whose_lower_knot_is_the_last_not_above_it(k, 
 def test_a_rising_curve_through_knots_is_continuous(v):
     step = 1e-9
     assert 0.0 <= knot_curve().force(v + step) - knot_curve().force(v) < 1e-9 * 1e5
-
-
-@pytest.mark.parametrize("k", [1, 11, 12, 22])
-def test_falls_at_finds_a_fall_between_two_knots(k):
-    c = knot_curve()
-    assert c.falls_at() is None
-    force = list(c.knot_force)
-    if k < 12:
-        force[: k + 1] = [one + 800.0 for one in force[: k + 1]]
-    else:
-        force[k + 1 :] = [one - 800.0 for one in force[k + 1 :]]
-    found = replace(c, knot_force=tuple(force)).falls_at()
-    assert c.knot_velocity[k] <= found <= c.knot_velocity[k + 1]
-    assert replace(c, compression_slope=0.0).falls_at() == 1.2
 
 
 def test_beyond_fit_is_reported():

@@ -212,3 +212,12 @@ def test_a_combination_is_tested_only_if_all_its_measured_neighbours_are():
     assert is_tested(found, (16.0, 3.0, 320.0))
     assert not is_tested(found, (10.0, 3.0, 320.0)) or (5.0, 3.0, 320.0) in found.tested
     assert not is_tested(found, (2.0, 3.0, 320.0))
+
+
+def test_a_hysteresis_law_of_which_a_setting_leaves_no_force_is_still_a_law():
+    """Slopes of zero leave forces of the size of rounding, which are no sign of cells that are not quadratic."""
+    base = Hysteresis(example_curve.knot_curve(), (0.0,) * 25, (4e-3, 2e-3, 5e-3))
+    axis = Axis("rebound", (0.0, 5.0), 0.0)
+    term = Term(("rebound",), ((0.0,) * 26, (*(-slope for slope in base.curve.knot_slope), 0.0)))
+    flat = Settings((axis,), (), (term,), ((0.0,), (5.0,)), ((0.0,) * 25,) * 2).law_at(base, (9.0,))
+    assert max(abs(force) for force in flat.curve.knot_force) < 1e-9

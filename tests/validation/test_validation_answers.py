@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.errors import MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.validation.bump import validate_bump
 from eightpost.ident.validation.dyno_record import dyno_record
 from eightpost.ident.validation.evaluation import evaluate, residual_of, validate_random
@@ -136,6 +136,37 @@ def test_every_bump_of_a_record_is_judged(truth, lagged):
     assert [event.start for event in found.events] == pytest.approx([0.97, 1.97, 3.97, 4.97], abs=0.01)
     assert [event.speed > 0.0 for event in found.events] == [True, False, True, False]
     assert all(abs(event.peak_error) < 0.5 for event in found.events)
+
+
+def test_only_the_bumps_within_a_segment_are_judged(truth, lagged):
+    twice = dyno_record(record(truth, np.concatenate([bump_path(), bump_path()]), 2000.0))
+    found = validate_bump(lagged, twice, segment=(1.5, 4.9))
+    assert [event.start for event in found.events] == pytest.approx([1.97, 3.97], abs=0.01)
+    with pytest.raises(ParameterError, match=r"no motion .* from 0 to 0\.9 s; give another --segment"):
+        validate_bump(lagged, twice, segment=(0.0, 0.9))
+
+
+def test_only_the_holds_within_a_segment_are_judged(lagged, static_test):
+    series = static_test.series
+    later = DynoTest(replace(series, time=series.time + 100.0))
+    for test in (static_test, later):
+        found = validate_static(lagged, dyno_record(test, kind="static"), segment=(22.0, 95.0))
+        assert [hold.direction for hold in found.holds] == ["start", "compression", "compression"]
+    with pytest.raises(ParameterError, match=r"holds .* from 0 to 20 s; .*; give another --segment"):
+        validate_static(lagged, dyno_record(static_test, kind="static"), segment=(0.0, 20.0))
+
+
+def test_only_the_periods_within_a_segment_are_judged(truth, lagged):
+    path = sine_path(0.5, 5.0, periods=8)
+    extra = np.where(np.arange(path.size) < 2.5 * 2000, 100.0, 0.0)
+    sine = dyno_record(record(truth, path, 2000.0, extra=extra))
+    assert validate_sine(lagged, sine).rms > 30.0
+    found = validate_sine(lagged, sine, segment=(2.7, 4.0))
+    time = found.prediction.measured.time
+    assert found.rms < 1.0
+    assert (time[0], time[-1]) == pytest.approx((4.0 - 0.4 * np.pi, 4.0), abs=0.001)
+    with pytest.raises(TooShortError, match=r"moves for 0\.5 s between 1 and 1\.5 s, less than one period"):
+        validate_sine(lagged, sine, segment=(1.0, 1.5))
 
 
 def test_a_motion_ratio_of_the_car_is_not_applied_to_the_dynamometer(truth, lagged, random_test):

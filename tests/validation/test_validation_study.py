@@ -13,8 +13,6 @@ from eightpost.ident.validation.shock_tables import (
     beside_printed,
     random_table,
     static_table,
-    table_3_4,
-    table_3_5,
 )
 from eightpost.ident.validation.shock_verdict import keep_verdicts, notes_on, shock_verdict
 from eightpost.ident.validation.shocks import validate_shocks
@@ -86,7 +84,9 @@ def test_the_record_of_the_fit_is_recognised(lagged, random_test):
     (reason,) = [reason for reason in shock_verdict(study).reasons if "validates nothing" in reason.statement]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 2 predictions")
     alone = shock_verdict(validate_shocks([own], [dyno_record(random_test(1))]))
-    assert alone.grade is Grade.UNKNOWN  # an error of the fit is no validation
+    assert [reason.rule for reason in alone.reasons] == ["not validated"]  # an error of the fit is no validation
+    too_much = shock_verdict(validate_shocks([own], [dyno_record(random_test(1))]), 1e-3)
+    assert "large error of a prediction" in {reason.rule for reason in too_much.reasons}
 
 
 def test_a_record_that_is_mostly_beyond_the_fit_is_not_acceptable(truth, random_test):
@@ -115,6 +115,24 @@ def test_a_study_needs_a_shock_and_a_record(lagged):
         validate_shocks([lagged], [])
 
 
+@pytest.mark.parametrize("segment", [(1.0, 4.1), (-0.1, 1.0), (2.0, 2.0)])
+def test_a_segment_must_be_within_every_record(lagged, bump_test, segment):
+    record = dyno_record(bump_test, name="run 7")
+    with pytest.raises(ParameterError, match=r"run 7 lasts 3 s, and the segment from .* both from 0 to 3 s"):
+        validate_shocks([lagged], [record], segment=segment)
+    validate_shocks([lagged], [record], segment=(0.0, 3.0))
+
+
+def test_a_segment_applies_to_every_kind_of_record(lagged, random_test, sine_test, bump_test, static_test):
+    tests = {"random": random_test(1), "sine": sine_test(0.5, 5.0), "bump": bump_test, "static": static_test}
+    records = [dyno_record(test, kind=kind) for kind, test in tests.items()]
+    for record in records:
+        duration = record.test.series.duration
+        segment = (0.1 * duration, 0.6 * duration)
+        whole, part = (validate_shocks([lagged], [record], segment=given).cases[0] for given in (None, segment))
+        assert whole.outcome.rms != part.outcome.rms
+
+
 def test_the_printed_tables_agree_with_the_text():
     """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
     assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
@@ -131,12 +149,7 @@ def test_the_printed_tables_agree_with_the_text():
 
 def test_our_error_is_shown_next_to_the_printed_one_of_its_configuration(lagged, static_curve, random_test):
     study = validate_shocks([static_curve, lagged], [dyno_record(random_test(1), configuration=7)])
-    shown = table_3_5(study)
-    heads = [head for head, _ in shown.heads]
-    row, other = shown.rows[6], shown.rows[5]
-    printed, ours = heads.index("LPF1: printed"), heads.index("LPF1: printed") + 1
-    assert row[printed].value == pytest.approx(6.1 * POUND)
-    assert row[ours] == Amount(study.cases[1].outcome.rms, "N")
-    assert other[ours] == "–"
-    assert [line[0] for line in beside_printed(study).rows] == 2 * ["7: Build 2, 1 click, 150 psi"]
-    assert [line[1] for line in table_3_4(study).rows] == ["Polylinear", "LPF1", "LPNL2", "Polylinear", "LPF1"]
+    rows = beside_printed(study).rows
+    assert [row[:2] for row in rows] == [("7: Build 2, 1 click, 150 psi", law) for law in ("Polylinear", "LPF1")]
+    assert rows[1][2].value == pytest.approx(6.1 * POUND)
+    assert rows[1][3] == Amount(study.cases[1].outcome.rms, "N")

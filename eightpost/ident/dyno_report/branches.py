@@ -1,4 +1,4 @@
-"""Both branches of a loop of force over velocity, in classes of velocity, and the lag with which they agree."""
+"""Both branches of a loop of force over velocity, in classes of velocity."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.ident.dyno_report.cycles import path_of
@@ -18,8 +17,6 @@ from eightpost.signals.filters import derivative, lowpass
 CLASSES, FEWEST_SAMPLES = 40, 3
 #: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
 HARMONICS = 6.0
-#: Number of lags in the first search.
-_LAGS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,34 +57,3 @@ def _acceleration(series: TimeSeries) -> Array:
     turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
     usual = rate / (2.0 * float(np.median(np.diff(turns)))) if len(turns) > 1 else rate  # [Hz]
     return derivative(lowpass(series["velocity"], rate, min(HARMONICS * usual, 50.0, 0.2 * rate), order=4), rate)
-
-
-def valve_lag(series: TimeSeries, lag: float) -> float:
-    """Return the lag [s] with which the branches of the loop agree best, apart from a spring.
-
-    A spring in parallel delays the force of a sine too, but the mean of both branches does not contain it. So the lag
-    is between 0 and that of force behind velocity, and a stiffness of 0 or more is fitted to the difference of the
-    branches.
-
-    Args:
-        series: Record with `velocity` [m/s] and `force` [N].
-        lag: Lag of force behind velocity [s].
-    """
-    classes = LoopClasses.of(series)
-    if not classes.kept.any():
-        return lag
-    opening = np.diff(classes.means(path_of(series)), axis=0)[0]
-    size = float(opening @ opening)
-
-    def misfit(delay: float) -> float:
-        force = np.interp(series.time + delay, series.time, series["force"])
-        difference = np.diff(classes.means(force), axis=0)[0]
-        stiffness = max(float(difference @ opening) / size, 0.0) if size > 0.0 else 0.0
-        return float(np.sum((difference - stiffness * opening) ** 2))
-
-    grid = np.linspace(0.0, lag, _LAGS)
-    best = int(np.argmin([misfit(float(delay)) for delay in grid]))
-    ends = sorted((float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _LAGS - 1)])))
-    if ends[0] == ends[1]:
-        return lag
-    return float(minimize_scalar(misfit, bounds=(ends[0], ends[1]), method="bounded", options={"xatol": 1e-6}).x)

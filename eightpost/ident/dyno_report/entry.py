@@ -10,10 +10,9 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.branches import valve_lag
 from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
+from eightpost.ident.dyno_report.slow import SlowFigures, slow_figures
 from eightpost.ident.dyno_report.velocity_curve import (
     STROKES,
     Stroke,
@@ -25,16 +24,13 @@ from eightpost.ident.dyno_report.velocity_curve import (
     stroke_figures,
 )
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.lag import LONGEST, lag_between
+from eightpost.rig.lag import force_lag
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.rig.temperature_drift import temperature_drift
 from eightpost.shock import Shock, law_title
 from eightpost.signals import TimeSeries
 
 Kind = Literal["run", "table", "law"]
-
-#: Correlation of force and velocity below which a lag has no meaning.
-CORRELATED = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +152,7 @@ def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
     cycles, lag = cycles_of(series), _lag(series)
-    static = series if isinstance(lag, Unknown) else advanced(series, valve_lag(series, lag))
+    static = series if isinstance(lag, Unknown) else advanced(series, lag)
     at_rest = force_at_rest(series)
     offset = cycles_of(static).offset if isinstance(at_rest, Unknown) else at_rest
     curve = offset if isinstance(offset, Unknown) else curve_of_series(static, cycles, offset)
@@ -182,16 +178,8 @@ def advanced(series: TimeSeries, lag: float) -> TimeSeries:
 
 
 def _lag(series: TimeSeries) -> Found:
-    force, velocity = series["force"], series["velocity"]
-    lag = lag_between(force, velocity, series.sample_rate)
-    if float(np.abs(velocity).max()) <= SLOW or abs(lag) > LONGEST:
-        return Unknown(f"the motion is too slow for a lag, below {1e3 * SLOW:.0f} mm/s or with one above {LONGEST:g} s")
-    shift = round(lag * series.sample_rate)
-    pairs = (force[max(shift, 0) : force.size + min(shift, 0)], velocity[max(-shift, 0) : force.size - max(shift, 0)])
-    correlation = float(np.corrcoef(*pairs)[0, 1])
-    if not correlation >= CORRELATED:
-        return Unknown(f"force and velocity barely correlate ({correlation:.2f}), so the lag has no meaning")
-    return lag
+    lag = force_lag(series)
+    return Unknown("the motion does not separate a lag from gas and friction") if lag is None else lag.seconds
 
 
 def _warming(series: TimeSeries, test: DynoTest) -> Warming:

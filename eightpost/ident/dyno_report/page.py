@@ -22,8 +22,8 @@ _OPEN = 4
 
 _LOOPS = (
     "Energy: integral of force times velocity over a cycle. Width: force at zero velocity at the compressed end minus "
-    "that at the extended end; lag, friction and gas stiffness contribute to it. Lag: delay of force behind velocity "
-    "with the largest correlation; it includes the filter of the load cell, and in a single sine also a gas spring."
+    "that at the extended end; lag, friction and gas stiffness contribute to it. Lag: delay of force behind velocity, "
+    "gas and friction excluded; it includes the filter of the load cell."
 )
 _CURVES = (
     "Measured curves are means of both branches of the loop in 40 classes of speed, after the force is advanced by its "

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eightpost.ident.dyno_report.branches import valve_lag
 from eightpost.ident.dyno_report.cycles import cycles_of
 from eightpost.ident.dyno_report.entry import Entry, advanced, strokes_of
 from eightpost.ident.dyno_report.found import Unknown
@@ -47,7 +46,7 @@ def _without_gas(entry: Entry, donor: Entry) -> Entry:
     if isinstance(stiffness, Unknown) or "displacement" not in fast:
         return entry
     even = fast if fast.is_uniform else fast.resample(fast.sample_rate)
-    static = even if isinstance(entry.lag, Unknown) else advanced(even, valve_lag(even, entry.lag))
+    static = even if isinstance(entry.lag, Unknown) else advanced(even, entry.lag)
     gas = preload + stiffness * (static["displacement"] - _middle(slow))
     relieved = static.with_channel("force", "N", static["force"] - gas)
     curve = curve_of_series(relieved, cycles_of(relieved), 0.0)

@@ -15,10 +15,12 @@ from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import sha256_of
-from eightpost.shock import Shock, law_title, own_parameters, parameter_units, read_shock
+from eightpost.ident.shock.simulation import simulate
+from eightpost.shock import Polylinear, Shock, law_title, own_parameters, parameter_units, read_shock
 from eightpost.shock.at_setting import ABOUT as SETTING
 from eightpost.shock.at_setting import setting_text
 from eightpost.shock.law import ShockLaw, valve_force
+from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
 #: Number of velocities on each side at which a curve is computed before points are chosen, and in each transition.
@@ -29,6 +31,8 @@ SMALLEST_ERROR, LARGEST_ERROR = 1e-5, 0.05
 _USED = 0.8
 #: Shortest distance of two velocities, relative to the length of a side [1].
 _CLOSEST = 1e-9
+#: Amplitude [m] of the sine on which a law without a record is compared with its table, and samples per period.
+_AMPLITUDE, _SAMPLES = 0.025, 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,32 +44,11 @@ class Setting:
 
     @classmethod
     def parse(cls, text: str, shocks: int) -> Setting:
-        """Return a setting from NAME=VALUE,VALUE,... with a value for each shock.
+        """Return a setting from NAME=VALUE,VALUE,... with a value for each shock, or two or more for one shock.
 
         Raises:
-            InputError: The text has another form, or the values are not distinct finite numbers, one per shock.
+            InputError: The text has another form, or the values are not distinct finite numbers of this count.
         """
-        setting = cls._parsed(text)
-        if len(setting.values) != shocks:
-            raise InputError(
-                f"--over {text!r} has {len(setting.values)} values for {shocks} shocks; give one value per shock"
-            )
-        return setting
-
-    @classmethod
-    def of_one_shock(cls, text: str) -> Setting:
-        """Return a setting of one shock that was fitted over its settings, from NAME=VALUE,VALUE,...
-
-        Raises:
-            InputError: The text has another form, or does not have two or more distinct finite numbers.
-        """
-        setting = cls._parsed(text)
-        if len(setting.values) < 2:
-            raise InputError(f"--over {text!r} has one value; give two or more, e.g. rebound=0,4,8")
-        return setting
-
-    @classmethod
-    def _parsed(cls, text: str) -> Setting:
         name, equals, listed = text.rpartition("=")
         if not equals or not name.strip():
             raise InputError(f"--over {text!r} has no name; write NAME=VALUE,VALUE, e.g. --over clicks=0,4,8")
@@ -75,6 +58,10 @@ class Setting:
             raise InputError(f"--over {text!r}: {listed!r} is not a list of numbers; write e.g. clicks=0,4,8") from None
         if not all(isfinite(value) for value in values) or len(set(values)) != len(values):
             raise InputError(f"--over {text!r}: the values must be finite and different from each other")
+        if shocks == 1 and len(values) < 2:
+            raise InputError(f"--over {text!r} has one value; give two or more, e.g. rebound=0,4,8")
+        if shocks not in (1, len(values)):
+            raise InputError(f"--over {text!r} has {len(values)} values for {shocks} shocks; give one value per shock")
         return cls(name.strip(), values)
 
     @property
@@ -133,19 +120,16 @@ def shock_table(
     if len(shocks) > 1 and over is None:
         raise InputError(f"{len(shocks)} shocks make a table over a setting; give it, e.g. --over clicks=0,4,8")
     files = list(sources)
-    if len(shocks) == 1 and over is not None:
-        setting: Setting | None = Setting.of_one_shock(over)
-        assert setting is not None
+    setting = None if over is None else Setting.parse(over, len(shocks))
+    if len(shocks) == 1 and over is not None and setting is not None:
         shocks = _at_settings(shocks[0], setting, over)
         files *= len(shocks)
-    else:
-        setting = None if over is None else Setting.parse(over, len(shocks))
     order = range(len(shocks)) if setting is None else np.argsort(setting.values).tolist()
     chosen, files = [shocks[k] for k in order], [files[k] for k in order]
     if setting is not None:
         setting = Setting(setting.name, tuple(setting.values[k] for k in order))
     velocity, force, found = table_points([shock.law for shock in chosen], error=error, speed=speed)
-    remarks = _remarks(chosen, files, setting, found, velocity)
+    remarks = _remarks(chosen, files, setting, found, velocity, force)
     return ShockTable(tuple(shock.name for shock in chosen), velocity, force, setting, found, remarks)
 
 
@@ -255,7 +239,7 @@ def _chosen(x: Array, y: Array, error: float, needed: list[int]) -> list[int]:
 
 
 def _remarks(
-    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array
+    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array, force: Array
 ) -> tuple[str, ...]:
     lines = [
         f"static curve by eightpost {__version__}: force over velocity at the damper, without the motion ratio",
@@ -270,6 +254,8 @@ def _remarks(
     for k, (shock, path) in enumerate(zip(shocks, files, strict=True)):
         value = "" if setting is None else f"{setting.name} = {setting.values[k]:g}: "
         lines += [f"{value}{line}" for line in _shock_remarks(shock, path)]
+        if (falls := velocity[1:][np.diff(force[k]) < 0.0]).size:
+            lines.append(f"{value}the curve falls at {falls[0]:.4g} m/s, and so does the table")
     return tuple(re.sub(r"\s+", " ", line).encode("ascii", "replace").decode("ascii") for line in lines)
 
 
@@ -289,6 +275,7 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
     lines = [
         f"{shock.name} ({path.name}, sha256 {sha256_of(path)})",
         f"law {law_title(shock.law_name)}; its own parameters, which have no effect on the table: {_own(law)}",
+        _lost(shock),
         f"not in the table: gas force {port.gas_preload:.6g} N at the reference with {port.gas_stiffness:.6g} N/m, "
         f"seal friction {port.seal_friction:.6g} N",
         f"fitted from -{curve.rebound_speed:.6g} to {curve.compression_speed:.6g} m/s, straight lines beyond",
@@ -304,8 +291,20 @@ def _shock_remarks(shock: Shock, path: Path) -> list[str]:
     lines += [
         f"condition: {name} {value}" for name, value in shock.conditions.items() if isinstance(value, str | float)
     ]
-    if (falls := curve.falls_at()) is not None:
-        lines.append(
-            f"the curve does not rise at {falls:.4g} m/s, and neither does the table; fit it with --shape monotone"
-        )
     return lines
+
+
+def _lost(shock: Shock) -> str:
+    """Return the error of the table, which has no loop, and that of the law, on the fit's records or on a sine."""
+    law = shock.law
+    if "percent_of_static_curve" in shock.fit:
+        both = f"{shock.fit['percent_of_static_curve']:.2g} %, that of the law {shock.fit['percent']:.2g} %"
+        return f"error of this table on the records of the fit: {both} of the force's standard deviation"
+    speed = min(law.curve.compression_speed, law.curve.rebound_speed)
+    phase = np.linspace(0.0, 4.0 * np.pi, 2 * _SAMPLES + 1)
+    motion = {"velocity": ("m/s", speed * np.cos(phase)), "displacement": ("m", _AMPLITUDE * np.sin(phase))}
+    series = TimeSeries.from_channels(phase * _AMPLITUDE / speed, motion)
+    force, static = (simulate(one, series)[_SAMPLES:] for one in (law, Polylinear(law.curve, port=law.port)))
+    share = float(np.sqrt(np.mean((static - force) ** 2)) / np.std(force))
+    where = f"the law's own loop, a sine of {1e3 * _AMPLITUDE:g} mm and {speed:.3g} m/s"
+    return f"error of this table on {where}: {100.0 * share:.2g} % of the force's standard deviation"

@@ -14,7 +14,6 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.knots import CELLS, KnotBasis
 from eightpost.shock import StaticCurve
 from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
-from eightpost.units import convert
 
 # ---- The static curve as a matrix -----------------------------------------------------------------------------------
 
@@ -236,7 +235,7 @@ def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[floa
     chord = float((force[-1] - basis.design(np.array([start]))[0] @ coefficients) / (end - start))
     slope = robust if robust > 0.0 else max(chord, 0.0)
     return slope, [
-        f"the curve's slope at {_inch(end)}, the end of the range, is {own:.4g} N.s/m and that of its last fifth "
+        f"the curve's slope at {end:.3g} m/s, the end of the range, is {own:.4g} N.s/m and that of its last fifth "
         f"{robust:.4g}: beyond the range the curve continues with {slope:.4g}; few samples lie there"
     ]
 
@@ -251,13 +250,5 @@ def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float
     falls = np.flatnonzero(np.diff(force) < 0.0)
     runs = np.split(falls, np.flatnonzero(np.diff(falls) > 1) + 1)
     notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * _NOTABLE_FALL * np.ptp(force)]
-    places = ", ".join(f"{_number(velocity[run[0]])} to {_inch(velocity[run[-1] + 1])}" for run in notable)
+    places = ", ".join(f"{velocity[run[0]]:.3g} to {velocity[run[-1] + 1]:.3g} m/s" for run in notable)
     return [f"the fitted curve is not monotone: the force falls from {places}, by up to {drop.max():.3g} N"]
-
-
-def _number(velocity: float) -> str:
-    return f"{convert(float(velocity), 'm/s', 'in/s'):.3g}"
-
-
-def _inch(velocity: float) -> str:
-    return f"{_number(velocity)} in/s"

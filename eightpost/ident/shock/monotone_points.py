@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.optimize import isotonic_regression
 
 from eightpost.array_types import Array
 from eightpost.shock import StaticCurve
@@ -24,12 +25,11 @@ def curve_through(velocity: Array, force: Array) -> tuple[StaticCurve, PchipInte
     """Return the curve through points, and the monotone interpolant of all points that it represents.
 
     With up to 12 points on each side the curve is the interpolant. With more, it passes through the 12 points between
-    which cubics with the interpolant's slopes follow it best. Where the points fall, slopes are raised to 0, because a
-    static curve has none that are negative.
+    which cubics with the interpolant's slopes follow it best.
 
     Args:
         velocity: Velocities (M,) [m/s], ascending, with 0 and points on both sides of it.
-        force: Forces (M,) [N], 0 at zero velocity.
+        force: Forces (M,) [N] that nowhere fall, 0 at zero velocity; `held` makes them so.
     """
     joined = PchipInterpolator(velocity, force)
     zero = int(np.searchsorted(velocity, 0.0))
@@ -43,6 +43,18 @@ def curve_through(velocity: Array, force: Array) -> tuple[StaticCurve, PchipInte
     forces[KNOTS // 2] = 0.0
     rising = np.maximum(spline(knots, 1), 0.0)
     return StaticCurve.through_knots(*(tuple(values.tolist()) for values in (knots, forces, rising))), joined
+
+
+def held(velocity: Array, force: Array) -> Array:
+    """Return the forces (M,) [N] that nowhere fall and are closest to given ones by least squares; 0 at zero velocity.
+
+    Means over neighbours that fall (pool adjacent violators), and none with the wrong sign for its stroke.
+    """
+    sides = velocity < 0.0, velocity > 0.0
+    found = np.zeros_like(force)
+    for side, low, high in zip(sides, (-np.inf, 0.0), (0.0, np.inf), strict=True):
+        found[side] = np.clip(isotonic_regression(force[side]).x, low, high)
+    return found
 
 
 def _filled(knots: Array) -> Array:
@@ -71,7 +83,7 @@ def _kept(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
 def _cell_costs(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
     """Return the error (K, K) of a cubic from each speed to each higher one: integral of its square [N2.m/s].
 
-    A cubic that falls, although the interpolant does not, costs more than any other.
+    A cubic that falls costs more than any other.
     """
     count = speeds.size
     force, slope = side * joined(side * speeds), np.maximum(joined(side * speeds, 1), 0.0)
@@ -79,14 +91,13 @@ def _cell_costs(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
     places = (speeds[:-1, None] + np.diff(speeds)[:, None] * share).ravel()
     weight = np.repeat(np.diff(speeds) / _PLACES, _PLACES)
     target = side * joined(side * places)
-    rises = bool((np.diff(force) >= 0.0).all())
     costs = np.full((count, count), np.inf)
     for i in range(count - 1):
         for j in range(i + 1, count):
             here = slice(i * _PLACES, j * _PLACES)
             cubic = CubicHermiteSpline(speeds[[i, j]], force[[i, j]], slope[[i, j]])(places[here])
             costs[i, j] = float(np.sum(weight[here] * (cubic - target[here]) ** 2))
-            if rises and np.diff(cubic, prepend=force[i], append=force[j]).min() < 0.0:
+            if np.diff(cubic, prepend=force[i], append=force[j]).min() < 0.0:
                 costs[i, j] += float(np.ptp(force) ** 2 * speeds[-1])
     return costs
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.errors import InputError
+from eightpost.errors import DataError, InputError
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.gas import GasTreatment
-from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through
+from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through, held
 from eightpost.ident.shock.verdict import peak_velocity_validity
 from eightpost.rig.peak_velocity import GAS_SHARE, peak_velocity_tables
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
@@ -35,7 +35,8 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
     """Return a Polylinear shock whose curve interpolates the points of a table: force over speed, no dynamics.
 
     The points of both strokes and the origin are joined by a monotone cubic interpolant (Fritsch and Carlson), which
-    does not oscillate. With up to 12 speeds it is the curve of the shock file; for more see `curve_through`. The
+    does not oscillate. With up to 12 speeds it is the curve of the shock file; for more see `curve_through`. Where the
+    points fall, the curve is held level between them; a warning states the speeds and the change of force. The
     deviation from the points and from the interpolant is in the shock's fit section.
 
     Args:
@@ -44,6 +45,9 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         gas: `estimate` keeps the gas force of the table as gas preload; `included` leaves it out of the shock, because
             the static load of the car already counts it; `subtracted` treats it as a force of the valves, because the
             dynamometer already subtracted the gas force.
+
+    Raises:
+        DataError: All forces are zero.
     """
     started = time.perf_counter()
     if gas == "subtracted":
@@ -54,7 +58,11 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
     preload = table.gas_force if gas == "estimate" else 0.0
     velocity = np.concatenate([-table.speed[::-1], [0.0], table.speed])
     force = np.concatenate([table.rebound[::-1], [0.0], table.compression])
-    curve, joined = curve_through(velocity, force)
+    if not force.any():
+        what = "all forces are 0 N, so there is no curve; check the columns of force and their signs"
+        raise DataError(what, path=table.source, channel="force")
+    rising = held(velocity, force)
+    curve, joined = curve_through(velocity, rising)
     at_points = curve_forces(curve, velocity) - force
     grid = np.linspace(velocity[0], velocity[-1], _PLACES)
     between = curve_forces(curve, grid) - joined(grid)
@@ -68,7 +76,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         "seconds": time.perf_counter() - started,
         "gas_force [N]": table.gas_force,
         "changes": [*table.notes, _why(table), *_gas_note(table, gas)],
-        "warnings": _warnings(table, gas, at_points, force, float(np.sqrt(np.mean(between**2)) / np.std(force))),
+        "warnings": _warnings(table, gas, at_points, force, rising, _share(between, force)),
     }
     conditions = {
         **({"clicks": table.clicks} if table.clicks else {}),
@@ -81,7 +89,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         fit=fit,
         inputs=({"name": table.source.name, "sha256": table.sha256},) if table.source else (),
         validity=peak_velocity_validity(
-            percent=100.0 * fit["rms [N]"] / fit["standard_deviation [N]"],
+            percent=100.0 * _share(at_points, force),
             points=force.size,
             doubts=fit["warnings"],
             conditions=conditions,
@@ -89,6 +97,11 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         ),
     )
     return judged(shock)
+
+
+def _share(error: Array, force: Array) -> float:
+    """Return the RMS of an error as a share of the standard deviation of the force."""
+    return float(np.sqrt(np.mean(error**2)) / np.std(force))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,23 +187,30 @@ def _gas_note(table: PeakVelocityTable, gas: GasTreatment) -> list[str]:
     return [f"{found} but of the gas preload; if the dynamometer already subtracted the gas force: --gas subtracted"]
 
 
-def _warnings(table: PeakVelocityTable, gas: GasTreatment, errors: Array, force: Array, between: float) -> list[str]:
+def _warnings(
+    table: PeakVelocityTable, gas: GasTreatment, errors: Array, force: Array, rising: Array, between: float
+) -> list[str]:
     found = _gas_note(table, gas) if gas == "estimate" else []
     if table.rest_force < -GAS_SHARE * float(np.abs(force).max()):
         found.append(
             f"the force at zero speed is {table.rest_force:.4g} N, although gas pushes: either the load cell was "
             "zeroed with the gas force on it, or all signs are reversed and compression and rebound are swapped"
         )
-    for side, sign in (("compression", 1.0), ("rebound", -1.0)):
-        falls = np.flatnonzero(np.diff(sign * np.append(0.0, getattr(table, side))) < 0.0)
-        if falls.size:
-            speeds = ", ".join(f"{table.speed[i]:.4g}" for i in falls.tolist())
-            found.append(f"the {side} force does not rise at {speeds} m/s: check this row")
+    for side, sign, here in (("rebound", -1.0, slice(len(table))), ("compression", 1.0, slice(len(table) + 1, None))):
+        falls = np.flatnonzero(np.diff(sign * np.append(0.0, getattr(table, side))) < 0.0).tolist()
+        if falls:
+            rows = ", ".join(f"{table.speed[i]:.4g} m/s ({getattr(table, side)[i]:.4g} N)" for i in falls)
+            change = float(np.abs(rising - force)[here].max())
+            found.append(
+                f"{side} falls towards {rows}: the curve is held level there and differs from the table by up "
+                f"to {change:.3g} N, {100.0 * change / float(np.abs(force).max()):.2g} % of the largest force; check "
+                "these rows"
+            )
     if between > _FAR:
         found.append(
             f"between the points, the curve deviates from their monotone interpolant by {100.0 * between:.2g} % of the "
             f"force's standard deviation (RMS): {KNOTS} knots cannot follow this table"
         )
-    if np.abs(errors).max() > 0.02 * float(np.abs(force).max()):
+    if np.abs(errors + force - rising).max() > 0.02 * float(np.abs(force).max()):
         found.append(f"the curve misses a point of the table by {np.abs(errors).max():.3g} N")
     return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
@@ -83,6 +84,9 @@ FEWEST = 100
 
 #: Share of the velocity's power within 20 % of its strongest frequency above which a record counts as a single sine.
 _SINGLE = 0.9
+
+#: Maximum number of samples, about, with which the frequency of a sine is determined.
+_ENOUGH = 4000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +207,27 @@ def single_frequency(velocity: Array, rate: float) -> float | None:
     frequency = np.fft.rfftfreq(velocity.size, 1.0 / rate)
     strongest = float(frequency[power.argmax()])
     near = np.abs(frequency - strongest) <= max(0.2 * strongest, 2.0 * frequency[1])
-    return strongest if power[near].sum() >= _SINGLE * power.sum() else None
+    if strongest == 0.0 or power[near].sum() < _SINGLE * power.sum():
+        return None
+    every = max(1, velocity.size // _ENOUGH)
+    return refined_frequency(velocity[::every], np.arange(velocity.size)[::every] / rate, strongest)
+
+
+def refined_frequency(values: Array, time: Array, near: float) -> float:
+    """Return the frequency [Hz] of the sine that fits values (N,) best, near a first estimate of a spectrum [Hz]."""
+
+    def misfit(frequency: float) -> float:
+        phase = 2.0 * np.pi * frequency * (time - time[0])
+        columns = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
+        return float(np.linalg.lstsq(columns, values, rcond=None)[1].sum())
+
+    # The misfit has local minima one period over the whole record apart, so a grid is searched first.
+    share = max(0.15, 0.6 / (near * float(time[-1] - time[0])))
+    grid = np.linspace(1.0 - share, 1.0 + share, 61) * near
+    best = int(np.argmin([misfit(frequency) for frequency in grid]))
+    step = float(grid[1] - grid[0])
+    found = minimize_scalar(misfit, bounds=(float(grid[best]) - step, float(grid[best]) + step), method="bounded")
+    return float(found.x)
 
 
 def _even(series: TimeSeries) -> tuple[TimeSeries, list[str]]:

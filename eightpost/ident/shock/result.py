@@ -34,7 +34,7 @@ from eightpost.ident.shock.verdict import (
 )
 from eightpost.labelled import data_frame, dataset
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Port, Shock, ShockLaw, law_title, write_shock
+from eightpost.shock import Polylinear, Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
 from eightpost.validity import judged
 from eightpost.verdict import Verdict
@@ -79,7 +79,7 @@ def _conditions_of(
 
 
 def _fit_of(
-    solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float
+    solution: Solution, parameters: Iterable[Parameter], band: CurveBand, *, recipe: str, rms: float, static: float
 ) -> dict[str, Any]:
     """Return the results of the fit as JSON values, units in the keys, SI."""
     runs = solution.model.runs
@@ -89,6 +89,7 @@ def _fit_of(
         "rms [N]": rms,
         "standard_deviation [N]": runs.deviation,
         "percent": 100.0 * rms / runs.deviation,
+        "percent_of_static_curve": 100.0 * static / runs.deviation,
         "segment [s]": _range(runs.first.record.time[runs.first.inside]),
         "cutoff [Hz]": runs.first.cutoff,
         "converged": solution.converged,
@@ -320,7 +321,8 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     preload, stiffness = model.gas.values(g)
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
     predicted = _predicted(model.dynamics.law(curve, Port(), theta), runs, model.gas.columns @ g)
-    rms = float(np.sqrt(np.mean((predicted["force"] - measured["force"]) ** 2)))
+    static = _predicted(Polylinear(curve), runs, model.gas.columns @ g)
+    rms, static_rms = (_rms(one["force"] - measured["force"]) for one in (predicted, static))
     parameters = parameters_of(solution)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas, rms=rms)
     warnings = (*_notes_of(tests), *found, *ends)
@@ -334,7 +336,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         name=story.name or tests[0].conditions.build or (tests[0].source.stem if tests[0].source else "shock"),
         law=model.dynamics.law(curve, Port() if story.gas == "included" else fitted_port, theta),
         conditions=conditions,
-        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms) | further,
+        fit=_fit_of(solution, parameters, band, recipe=story.recipe, rms=rms, static=static_rms) | further,
         inputs=_inputs_of(tests),
         validity=shock_validity(
             tests,
@@ -365,6 +367,10 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         held_out=story.held_out,
         between_builds=story.between_builds,
     )
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:

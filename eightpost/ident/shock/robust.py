@@ -22,14 +22,11 @@ from eightpost.rig.dyno_test import DynoTest
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------
 
-#: Number of cells of the curve on each side.
-_CELLS = 3
-
 
 def screened_force(runs: Runs) -> list[Array]:
     """Return the force of a single-lag model (N,) [N] over each run."""
     limits = limits_for(runs.measured, runs.rate)
-    basis = knot_basis(runs.velocity, runs.inside, cells=_CELLS)
+    basis = knot_basis(runs.velocity, runs.inside)
     model = ForceModel(runs, basis, gas_columns(runs, "estimate")[0], FullLag(limits))
     force = model.force(best_lag(model, limits.time_constant))
     return [np.asarray(force[part]) for part in runs.parts]

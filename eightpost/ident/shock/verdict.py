@@ -16,8 +16,8 @@ from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import ONE_SPEED, Runs
 from eightpost.ident.shock.uncertainty import quantile, standard_error
-from eightpost.rig.dyno_notes import lag_note
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.lag import LAG, force_lag
 from eightpost.rig.plausibility import REST_SHARE
 from eightpost.rig.rest_force import pulls_at_standstill
 from eightpost.rig.temperature_drift import DRIFT, temperature_drift, warming_note
@@ -197,11 +197,10 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
 
 
 def _pulling(preload: Parameter) -> str:
-    value, unit = in_field_units(preload.value, preload.unit)
     return (
-        f"gas_preload is {value:.3g} {unit}, but gas pushes: either the load cell was zeroed with the gas force on it, "
-        "or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity or "
-        "--flip displacement), otherwise compression and rebound are swapped"
+        f"gas_preload is {preload.value:.4g} N, but gas pushes: either the load cell was zeroed with the gas force on "
+        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity "
+        "or --flip displacement), otherwise compression and rebound are swapped"
     )
 
 
@@ -257,16 +256,11 @@ GOOD = RULES.add("small misfit of the fit", ABOUT, Grade.USABLE,
     why="this is usual for laws that suit their record (docs/evidence/measured_shocks.md)",
 )  # fmt: skip
 INSTRUMENT_LAG = RULES.add("lag of the instrument", ABOUT, Grade.NOT_USABLE,
-    condition=f"force lags or leads velocity by more than {LARGEST_LAG:g} times the lag that a shock itself can have "
-    "(10 ms, in slow tests that of a gas spring)",
+    condition=f"force follows velocity by more than {LARGEST_LAG:g} times the 10 ms that a shock itself can have, gas "
+    "and friction excluded (the whole 95 % interval)",
     why="a delay of 20 ms shifts the phase of the force by 86 degrees at 12 Hz, the frequency of wheel hop: damping in "
     "the car becomes stiffness in the model",
     remedy="align the channels of the dynamometer (docs/reference/dyno_files.md), measure again and fit again",
-)  # fmt: skip
-SOME_LAG = RULES.add("lag or lead that a shock does not have", ABOUT, Grade.LIMITED,
-    condition="force lags velocity by more than a shock itself can, or leads it by more than 2 ms",
-    why="channels sampled at different times or a filter on one of them: the fitted lag includes it",
-    remedy="align the channels of the dynamometer (docs/reference/dyno_files.md) and fit again",
 )  # fmt: skip
 AT_BOUND = RULES.add("parameter at its bound", ABOUT, Grade.LIMITED,
     condition="a fitted parameter is within 1 % of a bound",
@@ -409,18 +403,17 @@ def _verdict_at_bound(parameter: Parameter, origin: str) -> Reason:
 
 def _of_record(test: DynoTest) -> Iterator[Reason]:
     """Yield the doubts about a record; a lag and a change of temperature have their own rules."""
-    origin, lag = test.label, lag_note(test.series)
-    if lag is not None:
-        rule = INSTRUMENT_LAG if abs(lag.delay) > LARGEST_LAG * lag.allowed else SOME_LAG
-        figure = f"{1e3 * lag.delay:.3g} ms; a shock can have {-1e3 * lag.lead:.3g} to {1e3 * lag.allowed:.3g} ms"
-        yield rule.reason("the lag of the force is not that of a shock", figure=figure, origin=origin)
+    origin, lag = test.label, force_lag(test.series)
+    if lag is not None and lag.low > LARGEST_LAG * LAG:
+        figure = f"{lag}; a shock has under {1e3 * LAG:g} ms"
+        yield INSTRUMENT_LAG.reason("the lag of the force is not that of a shock", figure=figure, origin=origin)
     warming = warming_note(test.series)
     if warming is not None:
         figure = f"{temperature_drift(test.series):+.1f} K; limit {DRIFT:g} K"
         yield WARMING.reason("the shock's temperature changed over the record", figure=figure, origin=origin)
     yield from test.reasons
     for note in test.notes:
-        if note not in (warming, None if lag is None else lag.note):
+        if note != warming:
             yield DOUBT.reason("the record is doubtful", figure=note, origin=origin)
 
 

@@ -85,20 +85,26 @@ class BumpValidation:
         return min(1.0, self.prediction.beyond * self.prediction.measured.duration / moving)
 
 
-def validate_bump(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> BumpValidation:
+def validate_bump(
+    shock: Shock, record: DynoRecord, *, segment: tuple[float, float] | None = None, cutoff: float | None = None
+) -> BumpValidation:
     """Return a shock's error on a bump record.
 
     Args:
         shock: Fitted shock.
         record: DynoRecord that stands still, moves fast and stands still again, once or several times.
+        segment: Start and end [s], from the record's start, between which events count; default all.
         cutoff: Cutoff frequency of the low-pass [Hz]; default 200, at most 0.4 of the sampling rate.
 
     Raises:
         ParameterError: Nothing moves, or the record never stands still.
     """
-    spans = _spans(record.test.series)
+    first, last = segment or (0.0, record.test.series.duration)
+    spans = [span for span in _spans(record.test.series) if first <= span[0] and span[1] <= last]
     if not spans:
-        raise ParameterError(f"{record.name}: no motion between two rests was found; give another --kind for it")
+        where = f" from {first:g} to {last:g} s" if segment else ""
+        what = f"{record.name}: no motion between two rests was found{where}"
+        raise ParameterError(f"{what}; give another --segment" if segment else f"{what}; give another --kind for it")
     segment = (spans[0][0], spans[-1][1])
     if (segment[1] - segment[0]) * record.test.series.sample_rate < _ENOUGH:
         segment = (0.0, record.test.series.duration)

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import label, uniform_filter1d
-from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.record import single_frequency
+from eightpost.ident.shock.record import refined_frequency, single_frequency
 from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation.printed import checked, conditions_of_test, configuration_of, configuration_of_file
 from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
@@ -77,22 +76,6 @@ def moving_part(series: TimeSeries) -> TimeSeries:
     return series if last - first < half else series.window(float(series.time[first]), float(series.time[last]))
 
 
-def _refined_frequency(values: Array, time: Array, near: float) -> float:
-    """Return the frequency [Hz] of the sine that fits values (N,) best, within 15 % of a first estimate [Hz]."""
-
-    def misfit(frequency: float) -> float:
-        phase = 2.0 * np.pi * frequency * (time - time[0])
-        columns = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
-        return float(np.linalg.lstsq(columns, values, rcond=None)[1].sum())
-
-    # The misfit has local minima one period over the whole record apart, so a grid is searched first.
-    grid = np.linspace(0.85 * near, 1.15 * near, 61)
-    best = int(np.argmin([misfit(frequency) for frequency in grid]))
-    step = float(grid[1] - grid[0])
-    found = minimize_scalar(misfit, bounds=(float(grid[best]) - step, float(grid[best]) + step), method="bounded")
-    return float(found.x)
-
-
 # ---- Recognition of the kind of test from the motion (3.2.3) --------------------------------------------------------
 
 #: Minimum number of periods for a record with one frequency to be a sine test.
@@ -139,7 +122,7 @@ def frequency_of(series: TimeSeries) -> float | None:
         return None
     if coarse * part.duration > 3.0:  # the first and last half period may include standstill
         part = part.window(float(part.time[0]) + 0.5 / coarse, float(part.time[-1]) - 0.5 / coarse)
-    return _refined_frequency(displacement_of(part), part.time, coarse)
+    return refined_frequency(displacement_of(part), part.time, coarse)
 
 
 def _coarse(series: TimeSeries) -> TimeSeries:

@@ -28,10 +28,9 @@ from eightpost.units import convert
 # ---- Sections -------------------------------------------------------------------------------------------------------
 
 _PRINTED = Markup(
-    "<p>Printed: {}; a Penske 7300 on a Roehrig dynamometer. Our error is shown next to a printed one if a random "
-    "record states its configuration.{} “% less” is the reduction of the error from that of the static curve.</p>"
+    "<p>Printed: {}; a Penske 7300 on a Roehrig dynamometer. “% less” is the reduction of the error from that of the "
+    "static curve.</p>"
 )
-_UNNAMED = Markup(" <strong>No record of this validation does</strong> (<code>--configuration</code>).")
 _LOW_PASS = (
     "Errors are of forces through the record's zero-phase low-pass, the same for measurement and prediction (3.3); 50 "
     "Hz, for bumps 200 Hz, unless another cutoff frequency was given."
@@ -72,12 +71,8 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
     if bump:
         drawn = [_bump_figure(*found) for found in bump]
         yield Section("bump", "Bump records", [tables.bump_table(study), *drawn])
-    printed = _PRINTED.format(SOURCE, "" if any(record.configuration for record in study.records) else _UNNAMED)
-    yield Section(
-        "dissertation",
-        "The dissertation's tables next to ours",
-        [printed, tables.table_3_5(study), tables.table_3_4(study)],
-    )
+    if (printed := tables.beside_printed(study)).rows:
+        yield Section("dissertation", "Table 3.5 next to ours", [_PRINTED.format(SOURCE), printed])
     records = (
         (one.name, one.kind, one.reason, str(one.configuration or NONE),
          one.test.source.name if one.test.source else NONE, digest(one.digest))
@@ -186,27 +181,10 @@ def _sine_figures(rows: list[tuple[ShockCase, ...]]) -> Iterator[Figure]:
         rows: Cases of each record, with the same shocks in the same order.
     """
     if len(rows) > 1:
-        yield _map(rows)
         yield _over_frequency(rows)
     for start in range(0, len(rows), _LOOPS):
         for over in ("velocity", "displacement"):
             yield _loops(rows[start : start + _LOOPS], over)
-
-
-def _map(rows: list[tuple[ShockCase, ...]]) -> Figure:
-    """Return the error as a disc at each amplitude and peak speed, with a panel for each shock."""
-    names = names_of(rows[0])
-    amplitude = np.array([cases[0].sine.amplitude for cases in rows])
-    speed = np.array([cases[0].sine.speed for cases in rows])
-    errors = np.array([[case.outcome.rms for case in cases] for cases in rows])
-    columns = min(len(names), 4)
-    x, y = Axis("peak speed", "m/s", "log"), Axis("amplitude", "m", "log")
-    caption = "RMS error [{N}] of each sine at its amplitude and peak speed (Table 3.3); larger and darker is worse."
-    height = 330 if len(names) <= columns else 620
-    figure = grid_figure(caption, height, [(x, y, name) for name in names], columns, gap=(0.07, 0.2))
-    for k in range(len(names)):
-        figure.bubbles(k, speed, amplitude, errors[:, k], unit="N", greatest=float(errors.max()))
-    return figure
 
 
 def _over_frequency(rows: list[tuple[ShockCase, ...]]) -> Figure:

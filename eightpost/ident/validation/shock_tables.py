@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
-from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
+from eightpost.ident.validation.printed import printed_configuration
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.report.tables import ResultTable
@@ -89,7 +89,7 @@ def static_table(study: ShockValidation) -> ResultTable:
 def bump_table(study: ShockValidation) -> ResultTable:
     """Return peak forces and errors of the bumps (3.4.4)."""
     columns = ("record", "at, s", "speed [m/s]", "measured peak [N]", "shock", "predicted peak [N]",
-               "peak error, % .2", "RMS error [N]", "whole record: % of std")  # fmt: skip
+               "peak error, % .2", "RMS error [N]", "all events: % of std")  # fmt: skip
     rows = (
         (case.record.name, event.start, event.speed, event.measured_peak, case.label, event.predicted_peak,
          event.peak_error, event.rms, found.percent)
@@ -109,45 +109,8 @@ def _dampers(rows: list[tuple[ShockCase, ...]]) -> str:
 # ---- Our errors next to the printed ones ----------------------------------------------------------------------------
 
 
-def table_3_4(study: ShockValidation) -> ResultTable:
-    """Return our fits below the printed ones (Table 3.4); the times are of two machines 20 years apart."""
-    columns = ("", "law", "fit error [N]", "% less than static", "% of std", "fit, s .2", "evaluation, s .2")
-    title = printed_configuration(TABLE_3_4_CONFIGURATION).title
-    rows: list[tuple[str | float | None, ...]] = [
-        (f"printed: {title}", law_title(law), convert(row.rms_lbf, "lbf", "N"), row.percent_less_than_static,
-         row.percent_of_deviation, row.fit_seconds, row.evaluation_seconds)
-        for law, row in TABLE_3_4.items()
-    ]  # fmt: skip
-    static = {s.name: s.fit.get("rms [N]") for s in study.shocks.values() if s.law_name == "polylinear"}
-    for label, shock in study.shocks.items():
-        rms, floor = shock.fit.get("rms [N]"), static.get(shock.name)
-        less = 100.0 * (1.0 - rms / floor) if rms and floor and shock.law_name != "polylinear" else None
-        seconds = shock.fit.get("seconds", shock.fit.get("seconds [s]"))
-        evaluation = [p.seconds for case, found in _outcomes(study, RandomValidation) if case.label == label
-                      for p in [found.prediction]]  # fmt: skip
-        rows.append((f"ours: {shock.name}", law_title(shock.law_name), rms, less, shock.fit.get("percent"), seconds,
-                     min(evaluation, default=None)))  # fmt: skip
-    return ResultTable.of("Fits, as Table 3.4", columns, rows)
-
-
-def table_3_5(study: ShockValidation) -> ResultTable:
-    """Return the random errors of each configuration, printed and ours (Table 3.5)."""
-    ours = _by_configuration(study)
-    laws = list(dict.fromkeys([*TABLE_3_4, *(law for found in ours.values() for law in found)]))
-    columns = ["no.", "configuration"]
-    columns += [head for law in laws for head in (f"{law_title(law)}: printed [N]", "ours [N]")]
-    columns += [f"{law_title(law)} % less: {which}" for law in laws[1:] for which in ("printed", "ours")]
-    rows = []
-    for printed in CONFIGURATIONS:
-        both = _printed(printed.number), ours.get(printed.number, {})
-        errors = (found.get(law) for law in laws for found in both)
-        less = (_less(found, law) for law in laws[1:] for found in both)
-        rows.append((str(printed.number), printed.title, *errors, *less))
-    return ResultTable.of("RMS errors on random records, as Table 3.5", columns, rows)
-
-
 def beside_printed(study: ShockValidation) -> ResultTable:
-    """Return Table 3.5 for a terminal: a row for each configuration and law that was validated."""
+    """Return our errors next to those of Table 3.5: a row for each configuration and law that was validated."""
     columns = ("configuration", "law", "printed [N]", "ours [N]", "% less: printed", "ours")
     rows = []
     for number, mine in sorted(_by_configuration(study).items()):

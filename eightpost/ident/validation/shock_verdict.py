@@ -41,7 +41,7 @@ NOTABLE_ERROR = RULES.add("notable error of a prediction", ABOUT, Grade.LIMITED,
     remedy="use the law with the smallest error; examine the residual for missing dynamics",
 )  # fmt: skip
 SMALL_ERROR = RULES.add("small error of all predictions", ABOUT, Grade.USABLE,
-    condition="RMS error on every record within the limit",
+    condition="RMS error within the limit on every record that the shock was not fitted to",
     why="the shock predicts records that it was not fitted to",
 )  # fmt: skip
 MOSTLY_BEYOND = RULES.add("record mostly outside the fitted velocities", ABOUT, Grade.NOT_USABLE,
@@ -90,6 +90,7 @@ def shock_verdict(study: ShockValidation, limit: float | None = None) -> Verdict
 def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
     largest, good = (LARGEST_ERROR, GOOD_ERROR) if limit is None else (limit, limit)
     judged = [(case.outcome.percent, case) for case in study.cases if case.outcome.percent is not None]
+    others = [(error, case) for error, case in judged if not case.is_fit_record]
     limits = f"limit {largest:g} %" if largest == good else f"limits {good:g} and {largest:g} %"
     over = [(error, case) for error, case in judged if error > largest]
     notable = [(error, case) for error, case in judged if good < error <= largest]
@@ -97,8 +98,8 @@ def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
         yield _worst(LARGE_ERROR, "the shock does not predict a record", over, "error {:.3g} %", limits)
     if notable:
         yield _worst(NOTABLE_ERROR, "the shock does not predict a record well", notable, "error {:.3g} %", limits)
-    if judged and not over and not notable:
-        yield _worst(SMALL_ERROR, "the shock predicts its records", judged, "error at most {:.3g} %", limits)
+    if others and not over and not notable:
+        yield _worst(SMALL_ERROR, "the shock predicts its records", others, "error at most {:.3g} %", limits)
 
 
 def _pairing(study: ShockValidation) -> Iterator[Reason]:

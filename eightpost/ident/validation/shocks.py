@@ -110,19 +110,19 @@ def validate_shocks(
         shocks: Shocks of one damper with several laws, or of several dampers.
         records: Records of any kinds.
         cutoff: Cutoff frequency of the low-pass [Hz]; default 50, for bumps 200, at most 0.4 of the sampling rate.
-        segment: Start and end [s] of the judged part of random records; default 1 to 10. For other kinds the motion
-            defines the part.
+        segment: Start and end [s] of the part of every record to judge: of a sine its whole periods, of a bump its
+            events, of a static record its holds. Default: of random records 1 to 10, of the others all.
 
     Raises:
-        ParameterError: No shock or no record is given, a record does not suit its kind, the segment is not within a
-            random record, or a segment is given without a random record.
+        ParameterError: No shock or no record is given, a record does not suit its kind, or the segment is not within a
+            record.
         TooShortError: A record has too few samples.
     """
     if not shocks or not records:
         raise ParameterError(f"a validation needs a shock and a record; got {len(shocks)} and {len(records)}")
-    if segment is not None and not any(record.kind == "random" for record in records):
-        kinds = ", ".join(f"{record.name} is {record.kind}" for record in records)
-        raise ParameterError(f"a segment applies to random records only, but {kinds}; omit it, or give --kind random")
+    if segment is not None:
+        for record in records:
+            _check_segment(segment, record)
     labelled = _labelled(shocks)
     cases: list[ShockCase] = []
     unpaired: list[str] = []
@@ -137,16 +137,25 @@ def validate_shocks(
     return ShockValidation(labelled, tuple(records), tuple(cases), tuple(unpaired))
 
 
+def _check_segment(segment: tuple[float, float], record: DynoRecord) -> None:
+    start, stop, duration = *segment, record.test.series.duration
+    if not 0.0 <= start < stop <= duration * (1.0 + 1e-9):
+        raise ParameterError(
+            f"{record.name} lasts {duration:.4g} s, and the segment from {start:g} to {stop:g} s is not within it; "
+            f"give a start below the stop, both from 0 to {duration:.4g} s"
+        )
+
+
 def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None, segment: tuple[float, float] | None) -> Outcome:
     match record.kind:
         case "random":
             return validate_random(shock, record, segment=segment, cutoff=cutoff)
         case "sine":
-            return validate_sine(shock, record, cutoff=cutoff)
+            return validate_sine(shock, record, segment=segment, cutoff=cutoff)
         case "bump":
-            return validate_bump(shock, record, cutoff=cutoff)
+            return validate_bump(shock, record, segment=segment, cutoff=cutoff)
         case "static":  # the holds are averaged, so there is no low-pass
-            return validate_static(shock, record)
+            return validate_static(shock, record, segment=segment)
 
 
 def _mismatch(shock: Shock, record: DynoRecord) -> str | None:

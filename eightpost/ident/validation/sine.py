@@ -65,8 +65,16 @@ class SineValidation(Predicted):
         return 2.0 * np.pi * self.frequency * self.amplitude
 
 
-def validate_sine(shock: Shock, record: DynoRecord, *, cutoff: float | None = None) -> SineValidation:
+def validate_sine(
+    shock: Shock, record: DynoRecord, *, segment: tuple[float, float] | None = None, cutoff: float | None = None
+) -> SineValidation:
     """Return a shock's error on a sine record over whole periods, without the first if there are three or more.
+
+    Args:
+        shock: Fitted shock.
+        record: Record of a sine.
+        segment: Start and end [s], from the record's start, of the part whose periods count; default all.
+        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
 
     Raises:
         ParameterError: The record has no single frequency.
@@ -75,7 +83,7 @@ def validate_sine(shock: Shock, record: DynoRecord, *, cutoff: float | None = No
     frequency = record.frequency or frequency_of(record.test.series)
     if frequency is None:
         raise ParameterError(f"{record.name} has no single frequency and is no sine test; give another --kind for it")
-    prediction = evaluate(shock, record.test, segment=_periods(record, frequency, cutoff), cutoff=cutoff)
+    prediction = evaluate(shock, record.test, segment=_periods(record, frequency, segment, cutoff), cutoff=cutoff)
     displacement = displacement_of(prediction.measured)
     last = prediction.measured.time >= prediction.measured.time[-1] - 1.0 / frequency
     moved, velocity = displacement[last] - displacement[last].mean(), prediction.measured["velocity"][last]
@@ -122,7 +130,9 @@ def _branch(velocity: Array, force: Array, grid: Array) -> Array:
     return np.asarray(np.interp(grid, velocity[order], force[order]))
 
 
-def _periods(record: DynoRecord, frequency: float, cutoff: float | None) -> tuple[float, float]:
+def _periods(
+    record: DynoRecord, frequency: float, segment: tuple[float, float] | None, cutoff: float | None
+) -> tuple[float, float]:
     """Return start and stop [s] of the whole periods, from the record's start."""
     series = record.test.series
     part, period = moving_part(series), 1.0 / frequency
@@ -132,10 +142,13 @@ def _periods(record: DynoRecord, frequency: float, cutoff: float | None) -> tupl
     if stop - start >= period + 2.0 * edge:
         start, stop = start + edge, stop - edge
     start, stop = max(start, edge), min(stop, series.duration - edge)
+    if segment:
+        start, stop = max(start, segment[0]), min(stop, segment[1])
     if stop - start >= 3.0 * period:
         start += period
     count = int((stop - start) / period + 1e-6)
     if count < 1:
-        what = f"it moves for {stop - start:.3g} s, less than one period of {frequency:.4g} Hz"
+        where = f" between {segment[0]:g} and {segment[1]:g} s" if segment else ""
+        what = f"it moves for {max(stop - start, 0.0):.3g} s{where}, less than one period of {frequency:.4g} Hz"
         raise TooShortError(what, path=record.test.source)
     return stop - count * period, stop

@@ -95,12 +95,15 @@ class StaticValidation:
         return 0.0
 
 
-def validate_static(shock: Shock, record: DynoRecord) -> StaticValidation:
+def validate_static(
+    shock: Shock, record: DynoRecord, *, segment: tuple[float, float] | None = None
+) -> StaticValidation:
     """Return rates, drag and the error of a law on a static record.
 
     Args:
         shock: Fitted shock. Its gas force is compared; its drag is a function of velocity and so zero at rest.
         record: Steps of displacement with a hold after each.
+        segment: Start and end [s], from the record's start, of the part whose holds count; default all.
 
     Raises:
         MissingChannelError: The record has no displacement.
@@ -113,11 +116,16 @@ def validate_static(shock: Shock, record: DynoRecord) -> StaticValidation:
             channel="displacement",
         )
     series = _predicted(shock, record)
+    if segment:
+        began = float(record.test.series.time[0])
+        series = series.window(began + segment[0], began + segment[1])
     holds, settling = _holds(series)
     if len({round(hold.displacement, 4) for hold in holds}) < 2:
+        where = f" from {segment[0]:g} to {segment[1]:g} s" if segment else ""
+        remedy = "give another --segment" if segment else "for another test give its --kind"
         raise ParameterError(
-            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements; a static test has "
-            "steps with a hold after each (Fig 3.12); for another test give its --kind"
+            f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements{where}; a static "
+            f"test has steps with a hold after each (Fig 3.12); {remedy}"
         )
     hysteresis = _hysteresis(holds)
     return StaticValidation(

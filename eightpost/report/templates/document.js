@@ -12,12 +12,10 @@ let source, content; // the figures as text, and in the colours of the screen or
 const shownIn = (unit) => (unit in content.units && !metric ? content.units[unit] : [1, unit]);
 const scaled = (values, by) => (by === 1 ? values : values.map((value) => value * by));
 
-/** Return a trace in the chosen units; a bubble's text is its value to three digits. */
+/** Return a trace in the chosen units. */
 function trace(units, given) {
-  const drawn = { ...given, name: plain(given.name), legendgroup: plain(given.legendgroup),
+  return { ...given, name: plain(given.name), legendgroup: plain(given.legendgroup),
     x: scaled(given.x, shownIn(units[given.xaxis])[0]), y: scaled(given.y, shownIn(units[given.yaxis])[0]) };
-  if (given.meta) drawn.text = given.meta.values.map((v) => (v * shownIn(given.meta.unit)[0]).toPrecision(3));
-  return drawn;
 }
 
 function layout(units, given) {

@@ -1,4 +1,4 @@
-"""The law `hysteresis` over settings: both curves depend on the clicks, the lag and the stop if needed."""
+"""The law `hysteresis` over settings: both curves depend on the clicks, lag and stop are common."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.settings.joint_projection import JointProjection
+from eightpost.ident.shock.settings.lagged import JointProjection
 from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
@@ -25,8 +25,8 @@ CLICKS = (0.0, 10.0, 20.0, 28.0)
 STOP = {"stop_stiffness": 1e5, "stop_yield": 4e-4, "stop_time": 2e-2}
 
 
-def true_law(clicks, stop=None, growth=0.0, fading=0.0):
-    """Clicks from hard soften rebound, and more so the part that lags; time constants and stop may follow them."""
+def true_law(clicks, stop=None):
+    """Clicks from hard soften rebound, and more so the part that lags."""
     slope = 1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)
     open_ = 1.0 - (1.0 - clicks / 28.0) ** 2
     slope = slope * np.where(SHARES < 0.0, 1.0 - 0.5 * open_, 1.0)
@@ -35,11 +35,7 @@ def true_law(clicks, stop=None, growth=0.0, fading=0.0):
     force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
     curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
     port = Port(gas_preload=150.0, gas_stiffness=900.0)
-    taus = tuple(tau * (1.0 + growth * clicks / 28.0) for tau in (6e-3, 4e-3, 8e-3))
-    own = dict(stop or {})
-    if stop:
-        own["stop_stiffness"] *= (1.0 - fading) ** (clicks / 28.0)
-    return Hysteresis(curve, tuple(lagged.tolist()), taus, **own, port=port)
+    return Hysteresis(curve, tuple(lagged.tolist()), (6e-3, 4e-3, 8e-3), **(stop or {}), port=port)
 
 
 @lru_cache
@@ -52,17 +48,17 @@ def motion(seed):
 
 
 @lru_cache
-def record(clicks, seed, stop=False, growth=0.0, fading=0.0):
+def record(clicks, seed, stop=False):
     fine = motion(seed)
-    force = simulate(true_law(clicks, STOP if stop else None, growth, fading), fine)[:: round(FINE / RATE)]
+    force = simulate(true_law(clicks, STOP if stop else None), fine)[:: round(FINE / RATE)]
     kept = fine.at(slice(None, None, round(FINE / RATE)))
     noise = 3.0 * np.random.default_rng(seed).standard_normal(force.size)
     return DynoTest(kept.with_channel("force", "N", force + noise))
 
 
-def table(clicks, stop=False, growth=0.0, fading=0.0):
+def table(clicks, stop=False):
     axis = Axis("rebound", clicks, clicks[len(clicks) // 2], counted="from full hard", lowest=0.0, highest=28.0)
-    tests = tuple((record(value, k, stop, growth, fading),) for k, value in enumerate(clicks))
+    tests = tuple((record(value, k, stop),) for k, value in enumerate(clicks))
     files = tuple(Path(f"rebound_{value:g}.csv") for value in clicks)
     return SettingsTable("shock", "hysteresis", "estimate", (axis,), tuple((c,) for c in clicks), tests, files)
 
@@ -125,53 +121,11 @@ def test_all_settings_share_a_stop_that_the_records_show(with_stop):
 
 
 @pytest.mark.nightly
-def test_a_stop_is_common_unless_left_out_parts_need_others(with_stop):
-    assert with_stop.settings.parameters == ("lagged_slope",)
-    assert any("stiffnesses of the stop are the same at all settings" in note for note in with_stop.joint.notes)
-
-
-@pytest.mark.nightly
-def test_a_stop_that_fades_with_the_clicks_is_found_and_interpolated(tmp_path):
-    fit = fit_settings(table((0.0, 14.0, 28.0), stop=True, fading=0.8))
-    assert fit.settings.parameters == ("lagged_slope", "stop_stiffness")
-    assert any("stiffnesses of the stop depend on the setting" in note for note in fit.joint.notes)
-    write_shock(fit.shock, tmp_path / "shock.json")
-    for clicks in (0.0, 7.0, 28.0):
-        law, truth = (
-            read_shock(tmp_path / "shock.json").at(clicks={"rebound": clicks}).law,
-            true_law(clicks, STOP, 0.0, 0.8),
-        )
-        forces = [one.stop_stiffness * one.stop_yield for one in (law, truth)]
-        assert forces[0] == pytest.approx(forces[1], rel=0.25, abs=3.0)
-    runs = prepare_runs([record(7.0, 7, True, 0.0, 0.8)])
-    common = replace(fit.shock.at(clicks={"rebound": 7.0}).law, stop_stiffness=fit.shock.law.stop_stiffness)
-    errors = [held_out_percent(law, runs) for law in (fit.shock.at(clicks={"rebound": 7.0}).law, common)]
-    assert errors[0] < 0.7 < errors[1]
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("has_own_stop", [False, True])
-def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(with_stop, has_own_stop):
-    problem = JointProjection.of(with_stop.joint.model, is_thin=True, has_own_stop=has_own_stop)
-    assert problem.shared.size == 2 - has_own_stop  # stop and gas stiffness
-    at = np.array([*np.log([5e-3, 4e-3, 6e-3, 4e-4, 2e-2]), *([] if has_own_stop else [0.05]), 0.02])
+def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(with_stop):
+    problem = JointProjection.of(with_stop.joint.model, is_thin=True)
+    assert problem.shared.size == 2  # stop and gas stiffness
+    at = np.array([*np.log([5e-3, 4e-3, 6e-3, 4e-4, 2e-2]), 0.05, 0.02])
     _, right = problem.at(at).normal_equations
     for number, step in enumerate(1e-4 * np.eye(at.size)):
         slope = (problem.at(at + step).cost - problem.at(at - step).cost) / 2e-4
         assert slope == pytest.approx(-2.0 * right[number], rel=0.02, abs=1e-3 * problem.at(at).cost)
-
-
-@pytest.mark.nightly
-def test_time_constants_that_grow_with_the_clicks_are_found_and_interpolated():
-    fit = fit_settings(table((0.0, 14.0, 28.0), growth=1.0))
-    assert fit.settings.parameters == ("lagged_slope", "time_constant")
-    assert any("time constants depend on the setting" in note for note in fit.joint.notes)
-    for clicks, factor in ((0.0, 1.0), (7.0, 1.25), (28.0, 2.0)):
-        found = fit.shock.at(clicks={"rebound": clicks}).law
-        assert found.time_constant[1] == pytest.approx(factor * 4e-3, rel=0.1)
-    runs = prepare_runs([record(7.0, 7, growth=1.0)])
-    assert held_out_percent(fit.shock.at(clicks={"rebound": 7.0}).law, runs) < 1.0
-
-
-def test_time_constants_are_common_unless_left_out_parts_need_others(fit):
-    assert any("time constants are the same at all settings" in note for note in fit.joint.notes)

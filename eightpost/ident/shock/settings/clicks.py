@@ -23,11 +23,8 @@ from eightpost.shock.settings import is_tested, node_weights, setting_of
 #: Whether a constant force over all speeds is left out of the errors, or counts.
 Level = Literal["free", "kept"]
 
-#: Up to this number of combinations all are computed; beyond, adjusters are searched in turn from several starts.
-MOST_COMBINATIONS = 2_000_000
-
-#: Combinations that are computed at once, and starts of the search in turn.
-_CHUNK, _STARTS = 20_000, 24
+#: Maximum number of combinations; all are computed, this many at once.
+MOST_COMBINATIONS, _CHUNK = 20_000_000, 20_000
 
 #: Ends of the speed ranges [m/s] of the stated errors.
 SPEEDS = (0.05, 0.15, 0.4)
@@ -86,7 +83,6 @@ class ClickAnswer:
     Attributes:
         choices: The best setting, then the next best ones.
         combinations: Number of possible settings.
-        is_exhaustive: Whether all of them were computed.
         unreachable: Sentences about speeds at which no setting reaches the target; empty if the best setting is within
             the model's band and 2 % of the largest force everywhere.
         notes: Further notes, one sentence each.
@@ -94,7 +90,6 @@ class ClickAnswer:
 
     choices: tuple[ClickChoice, ...]
     combinations: int
-    is_exhaustive: bool
     unreachable: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -132,7 +127,7 @@ def best_clicks(
         count: Number of settings to return.
 
     Raises:
-        ParameterError: The shock has no settings, or a fixed setting is unknown.
+        ParameterError: The shock has no settings or too many combinations, or a fixed setting is unknown.
         InputError: No speed of the target is among the shock's measured ones.
     """
     if shock.settings is None:
@@ -148,13 +143,15 @@ def best_clicks(
     if left_out:
         notes.append(f"{left_out} of {target.velocity.size} points of the target are beyond the speeds that count")
     search = _Search.of(shock, TargetCurve(target.name, target.velocity[used], target.force[used]), fixed or {}, level)
-    is_exhaustive = search.combinations <= MOST_COMBINATIONS
-    found = search.all_settings(count) if is_exhaustive else search.in_turn(count)
-    if not is_exhaustive:
-        notes.append(f"the {search.combinations} combinations were searched adjuster by adjuster, not all of them")
+    if search.combinations > MOST_COMBINATIONS:
+        raise ParameterError(
+            f"shock {shock.name!r} has {search.combinations} combinations of settings, more than {MOST_COMBINATIONS}; "
+            "fix an adjuster (--fix NAME=CLICKS)"
+        )
+    found = search.best(count)
     choices = tuple(search.choice(setting, found[0]) for setting in found)
     notes += search.level_note(found[0])
-    return ClickAnswer(choices, search.combinations, is_exhaustive, tuple(search.unreachable(found[0])), tuple(notes))
+    return ClickAnswer(choices, search.combinations, tuple(search.unreachable(found[0])), tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +224,7 @@ class _Search:
         """Return the weighted RMS errors (S,) [N] of settings."""
         return np.asarray(np.sqrt((self.forces(settings) - self.target.force) ** 2 @ self.weight))
 
-    def all_settings(self, count: int) -> list[tuple[float, ...]]:
+    def best(self, count: int) -> list[tuple[float, ...]]:
         """Return the best settings among all."""
         best: list[tuple[float, tuple[float, ...]]] = []
         for chunk in self._chunks():
@@ -240,22 +237,6 @@ class _Search:
         every = itertools.product(*self.values)
         while chunk := list(itertools.islice(every, _CHUNK)):
             yield chunk
-
-    def in_turn(self, count: int) -> list[tuple[float, ...]]:
-        """Return the best settings of searches that change one adjuster at a time, from several starts."""
-        random = np.random.default_rng(0)
-        seen: dict[tuple[float, ...], float] = {}
-        for _ in range(_STARTS):
-            here = tuple(values[int(random.integers(len(values)))] for values in self.values)
-            before = None
-            while here != before:
-                before = here
-                for number, values in enumerate(self.values):
-                    line = [(*here[:number], value, *here[number + 1 :]) for value in values]
-                    errors = self.errors(line)
-                    seen |= dict(zip(line, errors.tolist(), strict=True))
-                    here = line[int(np.argmin(errors))]
-        return sorted(seen, key=lambda setting: (seen[setting], setting))[:count]
 
     def choice(self, setting: tuple[float, ...], best: tuple[float, ...]) -> ClickChoice:
         """Return a setting with its errors."""
@@ -324,14 +305,9 @@ class _Search:
                 yield f"{text}; all settings are between {low[place]:.0f} and {high[place]:.0f} N"
 
     def _envelope(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest forces (M,) [N] of all settings, or of the extremes of many."""
+        """Return the lowest and the highest forces (M,) [N] of all settings."""
         low, high = np.full(self.target.velocity.size, np.inf), np.full(self.target.velocity.size, -np.inf)
-        if self.combinations <= MOST_COMBINATIONS:
-            chunks = self._chunks()
-        else:
-            ends = [dict.fromkeys((v[0], v[len(v) // 2], v[-1])) for v in self.values]
-            chunks = iter([list(itertools.product(*ends))])
-        for chunk in chunks:
+        for chunk in self._chunks():
             forces = self.forces(chunk)
             low, high = np.minimum(low, forces.min(axis=0)), np.maximum(high, forces.max(axis=0))
         return low, high

@@ -13,7 +13,7 @@ from eightpost.ident.shock.knots import KnotBasis
 from eightpost.ident.shock.problem import CLEAR_SLOPE, Inequalities, Solution
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.uncertainty import quantile, standard_error
-from eightpost.shock import FitParameter, Port, ShockLaw, fit_parameters
+from eightpost.shock import Port, ShockLaw
 from eightpost.shock.curve import KNOTS
 
 #: A slope times the highest speed is at its constraint within this share of the force's standard deviation; in the
@@ -26,19 +26,15 @@ class JointModel:
     """Force models of all settings, with their shared parameters.
 
     Parameters x: for each setting its slopes (K,), gas offsets and own elements of theta, then the shared gas stiffness
-    if it is fitted, then the rest of the law's theta: shared, or for each setting.
+    if it is fitted, then the rest of the law's theta, which all settings share.
 
     Attributes:
         models: Force model of each setting; all have the same knots and the same dynamics.
-        is_shared: Whether theta is shared.
-        local: Number of leading elements of a shared theta that each setting has for itself.
-        factors: Parameters of the law `hysteresis` that differ from setting to setting by a factor.
+        local: Number of leading elements of theta that each setting has for itself.
     """
 
     models: tuple[ForceModel, ...]
-    is_shared: bool = True
     local: int = 0
-    factors: tuple[str, ...] = ()
 
     @property
     def dynamics(self) -> Dynamics:
@@ -63,11 +59,9 @@ class JointModel:
             start += count + self.local
         stiffness = [np.array([start])] if has_stiffness else []
         start += has_stiffness
-        k = len(self.dynamics.names)
-        thetas = [start + (0 if self.is_shared else number * k) + np.arange(k) for number in range(len(self.models))]
+        theta = start + np.arange(len(self.dynamics.names))
         return tuple(
-            np.concatenate([curve, *stiffness, mine, theta]).astype(int)
-            for curve, mine, theta in zip(local, own, thetas, strict=True)
+            np.concatenate([curve, *stiffness, mine, theta]).astype(int) for curve, mine in zip(local, own, strict=True)
         )
 
     @cached_property
@@ -180,20 +174,5 @@ class JointFit:
         errors = standard_error(model.basis.at(velocity), self.covariance[:, here[:, None], here])
         return quantile(model.runs) * errors
 
-    @property
-    def separate(self) -> tuple[str, ...]:
-        """Names of the law's own parameters that differ from setting to setting."""
-        kind = self.model.dynamics.kind
-        if self.model.is_shared:
-            return ()
-        if self.model.local or kind is None:
-            return self.model.factors
-        return tuple(parameter.name for parameter in positive_parameters(kind))
-
     def _part(self, number: int) -> tuple[Array, Array, Array]:
         return self.model.models[number].split(self.x[self.model.places[number]])
-
-
-def positive_parameters(law: type[ShockLaw]) -> tuple[FitParameter, ...]:
-    """Return the own parameters of a law that are fitted on a logarithmic scale."""
-    return tuple(parameter for parameter in fit_parameters(law) if parameter.scale == "logarithmic")

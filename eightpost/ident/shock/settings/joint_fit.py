@@ -21,7 +21,7 @@ from eightpost.ident.shock.options import Choices, has_own_recipe
 from eightpost.ident.shock.problem import TOLERANCE, constrained_least_squares
 from eightpost.ident.shock.robust import weights_for
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.settings.joint import JointFit, JointModel, positive_parameters
+from eightpost.ident.shock.settings.joint import JointFit, JointModel
 from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock import LAWS, fit_parameters, own_parameters
 from eightpost.shock.curve import KNOTS
@@ -35,9 +35,6 @@ _OVER_SETTINGS = tuple(
 
 #: Maximum number of evaluations of the residual, and of reweightings.
 _EVALUATIONS, _WEIGHINGS = 100, 2
-
-#: A law's own parameters differ from setting to setting only if this lowers the sum of squares by this share.
-_WORTHWHILE = 0.05
 
 
 def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
@@ -67,12 +64,7 @@ def fit_jointly(groups: Sequence[Runs], law: str, choices: Choices) -> JointFit:
     theta = minimum.problem.model.split(minimum.parameters)[2]
     gas, notes = gas_columns(Runs.of([p for runs in groups for p in runs.prepared]), choices.gas)
     model = _joint_model(groups, gas, minimum.problem.model.dynamics)
-    x = _start(model, theta)
-    fitted = _searched(model, x, choices)
-    if model.dynamics.names and len(groups) > 1:
-        fitted, more = _with_own_parameters(fitted, choices)
-        notes += more
-    model, x, converged, status = fitted
+    model, x, converged, status = _searched(model, _start(model, theta), choices)
     spread = covariances(np.vstack([model.jacobian(x), model.active_rows(x)]), model.error(x), model.runs)
     return JointFit(model, x, spread, converged, status, (*first.notes, *notes))
 
@@ -87,9 +79,6 @@ def _fit_lagged(groups: Sequence[Runs], first: FittedLaw, choices: Choices) -> J
     model = replace(_joint_model(groups, gas, first.model.dynamics, cells=KNOTS // 2), local=KNOTS)
     fit = fit_lagged(model, first, choices.robust)
     return replace(fit, notes=(*fit.notes, *notes))
-
-
-_Search = tuple[JointModel, Array, bool, str]
 
 
 def _joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, cells: int = CELLS) -> JointModel:
@@ -116,7 +105,7 @@ def _start(model: JointModel, theta: Array) -> Array:
     return x
 
 
-def _searched(model: JointModel, x: Array, choices: Choices) -> _Search:
+def _searched(model: JointModel, x: Array, choices: Choices) -> tuple[JointModel, Array, bool, str]:
     """Return the minimum with weights that follow its residuals."""
     weigh: Callable[[Array, float], Array] | None = weights_for(choices.robust)
     for _ in range(_WEIGHINGS + 1):
@@ -142,26 +131,3 @@ def _searched(model: JointModel, x: Array, choices: Choices) -> _Search:
             break
         model = model.weighted(weights)
     return model, x, ended.converged, ended.status
-
-
-def _with_own_parameters(shared: _Search, choices: Choices) -> tuple[_Search, list[str]]:
-    """Return the fit with the law's positive parameters for each setting if that is worthwhile, and a note."""
-    model, x, _, _ = shared
-    assert model.dynamics.kind is not None
-    if not positive_parameters(model.dynamics.kind):
-        return shared, []
-    separate = replace(model, is_shared=False)
-    start = np.zeros(separate.size)
-    for before, after in zip(model.places, separate.places, strict=True):
-        start[after] = x[before]
-    found = _searched(separate, start, replace(choices, robust="none"))
-    costs = [float(np.sum(m.residual(p) ** 2)) for m, p in ((model, x), found[:2])]
-    gain = 1.0 - costs[1] / costs[0]
-    if gain < _WORTHWHILE:
-        return shared, [
-            "the law's own parameters are the same at all settings: separate ones would lower the sum of squares by "
-            f"{100.0 * gain:.2g} % only"
-        ]
-    return found, [
-        f"the law's own parameters depend on the setting, which lowers the sum of squares by {100.0 * gain:.2g} %"
-    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from eightpost.ident.shock.settings.terms import Effects, effects_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import DOUBT
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
+from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
 from eightpost.validity import Validity, judged
@@ -31,6 +31,9 @@ from eightpost.verdict import Reason, Verdict
 
 #: A file should reach this share of the highest speed of all files on each side.
 _FAST = 0.8
+
+#: Deviation of a file's level from that of the shock that is reported, as a share of the force's standard deviation.
+_OTHER_LEVEL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +126,7 @@ def fit_settings(
         parameters, values = _values(table.axes, groups, joint)
         effects = effects_of(table.axes, [group.setting for group in groups], values)
         settings = _settings(table.axes, groups, parameters, effects, joint)
-        shock = _shock(table, fits, groups, joint, settings, effects)
+        shock = _shock(table, fits, groups, joint, settings, effects, values)
         predicted = tuple(_predicted(shock, groups, number, values, joint) for number in range(len(groups)))
     return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
 
@@ -150,21 +153,12 @@ def _fits(
 
 def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
     """Return the names of the varying parameters and the values (G, P) of each setting, as in `Settings.terms`."""
-    names = joint.separate
-    laws = [joint.law(number) for number in range(len(groups))]
-    own = np.array([[_logarithm(getattr(law, name)) for name in names] for law in laws]).reshape(
-        len(groups), len(names)
-    )
-    slopes = np.array([joint.slopes(number) for number in range(len(groups))])
-    lagged = [found for number in range(len(groups)) if (found := joint.lagged_slopes(number)) is not None]
-    preload = _preload(axes, groups, np.array([law.port.gas_preload for law in laws]))
-    names = (LAGGED_SLOPE, *names) if lagged else names
-    return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), own, preload[:, None]])
-
-
-def _logarithm(value: float | tuple[float, ...]) -> float:
-    """Return the mean logarithm of a parameter; the parts of a tuple change by one factor."""
-    return float(np.mean(np.log(value)))
+    numbers = range(len(groups))
+    slopes = np.array([joint.slopes(number) for number in numbers])
+    lagged = [found for number in numbers if (found := joint.lagged_slopes(number)) is not None]
+    preload = _preload(axes, groups, np.array([joint.law(number).port.gas_preload for number in numbers]))
+    names = (LAGGED_SLOPE,) if lagged else ()
+    return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), preload[:, None]])
 
 
 def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
@@ -206,7 +200,7 @@ def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis
     own = [number for number, group in enumerate(groups) if group.setting == reference]
     law = joint.law(own[0] if own else 0)
     if not own:
-        law = _law_with(law, joint.separate, effects.reference)
+        law = _law_with(law, effects.reference)
     return replace(law, port=replace(law.port, gas_preload=float(effects.reference[-1])))
 
 
@@ -217,22 +211,28 @@ def _shock(
     joint: JointFit,
     settings: Settings,
     effects: Effects,
+    values: Array,
 ) -> Shock:
     reference = min(range(len(groups)), key=lambda k: _distance(table.axes, groups[k].setting))
     base = fits[reference].shock
+    # What is left of each file's level when its preload is that of the settings.
+    left = np.array([joint.law(k).port.gas_preload for k in range(len(groups))]) - values[:, -1]
     law = _reference_law(joint, groups, table.axes, effects)
     if table.gas == "included":
         law = replace(law, port=base.law.port)
     percent = [fit.percent for fit in fits]
+    static = [fit.shock.fit["percent_of_static_curve"] for fit in fits]
     fit: dict[str, Any] = dict(base.fit) | {
         "recipe": "settings",
         "runs": sum(len(group.tests) for group in groups),
         "percent": float(np.sqrt(np.mean(np.square(percent)))),
+        "percent_of_static_curve": float(np.sqrt(np.mean(np.square(static)))),
         "percent_of_settings": {_label(table.axes, g.setting): p for g, p in zip(groups, percent, strict=True)},
         "changes": [*dict.fromkeys((*joint.notes, *(c for f in fits for c in f.changes)))],
         "warnings": [*dict.fromkeys(w for f in fits for w in f.warnings)],
     }  # fmt: skip
-    verdict = Verdict.combined([*(fit.verdict for fit in fits), Verdict(_doubts(table, groups, joint, settings, law))])
+    doubts = Verdict(_doubts(table, groups, joint, settings, law, left))
+    verdict = Verdict.combined([*(fit.verdict for fit in fits), doubts])
     assert base.validity is not None
     inputs = dict.fromkeys((i["name"], i["sha256"]) for f in fits for i in f.shock.inputs)
     shock = Shock(
@@ -259,9 +259,19 @@ def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:
 
 
 def _doubts(
-    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw
+    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw, left: Array
 ) -> Iterator[Reason]:
-    """Yield reasons: adjusters that act against their counting, and files slower than others."""
+    """Yield reasons: adjusters that act against their counting, files of another level, and slower ones."""
+    shares = [abs(level) / model.runs.deviation for level, model in zip(left, joint.model.models, strict=True)]
+    if max(shares) > _OTHER_LEVEL:
+        worst = int(np.argmax(shares))
+        yield DOUBT.reason(
+            "the level of the force differs from file to file, but no adjuster changes the gas force",
+            figure=f"{left[worst]:+.3g} N from the mean of the files, {100.0 * shares[worst]:.3g} % of the force's "
+            "standard deviation: the shock has the mean",
+            origin=", ".join(groups[worst].names),
+            remedy="measure all settings with the same gas pressure, position and zero of the load cell",
+        )
     for axis in table.axes:
         yield from _counting(axis, settings, law, table.name)
     knots = joint.model.basis.knots
@@ -317,42 +327,23 @@ def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array
         effects = effects_of(axes, [groups[k].setting for k in kept], values[kept])
     except InputError:  # the others alone do not separate the effects
         return None
-    others = _others(axes, groups, kept, shock.settings.parameters, effects)
-    law = _law_with(shock.law, shock.settings.factors, effects.reference)
-    return held_out_percent(others.law_at(law, groups[number].setting), joint.model.models[number].runs)
-
-
-def _others(
-    axes: Sequence[Axis], groups: Sequence[Group], kept: Iterable[int], parameters: tuple[str, ...], effects: Effects
-) -> Settings:
     tested = tuple(groups[k].setting for k in kept)
-    terms: tuple[Term, ...] = effects.terms
-    return Settings(tuple(axes), parameters, terms, tested, tuple((0.0,) * KNOTS for _ in tested))
+    others = replace(
+        shock.settings, axes=tuple(axes), terms=effects.terms, tested=tested, half_width=((0.0,) * KNOTS,) * len(kept)
+    )
+    law = others.law_at(_law_with(shock.law, effects.reference), groups[number].setting)
+    return held_out_percent(law, joint.model.models[number].runs)
 
 
-def _law_with(law: ShockLaw, names: Sequence[str], values: Array) -> ShockLaw:
-    """Return a law with other slopes at the knots, also of its lagged part if it has one, and other own parameters.
-
-    Args:
-        law: Law with the knots.
-        names: Names of the parameters that change by a factor.
-        values: Slopes (25,) [N.s/m], followed by those of the lagged part, the mean logarithms of the parameters and
-            the gas preload, as in `_values`.
-    """
+def _law_with(law: ShockLaw, values: Array) -> ShockLaw:
+    """Return a law with other slopes at the knots (25,) [N.s/m], also of its lagged part; values as in `_values`."""
     velocity, slopes = np.array(law.curve.knot_velocity), np.maximum(values[:KNOTS], 0.0)
     force = _knot_forces(velocity, slopes[None])[0]
     curve = StaticCurve.through_knots(law.curve.knot_velocity, tuple(force.tolist()), tuple(slopes.tolist()))
-    own: dict[str, Any] = {
-        name: _scaled(getattr(law, name), float(np.exp(value - _logarithm(getattr(law, name)))))
-        for name, value in zip(names, values[-1 - len(names) : -1], strict=True)
-    }
+    own: dict[str, Any] = {}
     if hasattr(law, LAGGED_SLOPE):
         own[LAGGED_SLOPE] = tuple(np.clip(values[KNOTS : 2 * KNOTS], 0.0, slopes).tolist())
     return replace(law, curve=curve, **own)
-
-
-def _scaled(value: float | tuple[float, ...], factor: float) -> float | tuple[float, ...]:
-    return tuple(part * factor for part in value) if isinstance(value, tuple) else value * factor
 
 
 def held_out_percent(law: ShockLaw, runs: Runs) -> float:

@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from eightpost import units
-from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.files import read_text
+from eightpost.ident.shock.peak_velocity import is_table
 from eightpost.rig.dyno_columns import with_channels
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_tests
@@ -148,7 +149,7 @@ def _read(table: _Table, path: Path, cutoff: float | None) -> SettingsTable:
     reading: dict[str, Any] = {"units": table.units, "flip": table.flip, "cutoff": cutoff}
     reading["channel_map"] = with_channels(None, table.channel)
     tests = tuple(
-        tuple(read_dyno_tests(file, conditions=_conditions(entry, table), **reading))
+        _tests_of(file, conditions=_conditions(entry, table), **reading)
         for file, entry in zip(files, table.file, strict=True)
     )
     columns = [
@@ -180,6 +181,18 @@ def _with_settings_of_names(table: _Table) -> tuple[_Table, tuple[str, ...]]:
         files.append(entry.model_copy(update={"clicks": {**entry.clicks, **more}}))
     note = (f"settings from the names of the files: {', '.join(found)}",) if found else ()
     return table.model_copy(update={"file": files}), note
+
+
+def _tests_of(file: Path, **reading: Any) -> tuple[DynoTest, ...]:
+    try:
+        return tuple(read_dyno_tests(file, **reading))
+    except MissingChannelError as error:
+        if not is_table(file):
+            raise
+        what = "is a peak-velocity table, without time; `eightpost fit` makes a shock of each of its settings"
+        raise FileFormatError(
+            f"{what}, and `eightpost export --over` one table of several shocks", path=file
+        ) from error
 
 
 def _axes_of(table: _Table) -> list[tuple[str, _Adjuster | _Temperature]]:
