@@ -64,8 +64,7 @@ def stated_units(preamble: Iterable[tuple[str, ...]]) -> dict[str, str]:
     found: dict[str, str] = {}
     for key, value in (pair for cells in preamble for pair in pairs(cells)):
         if match := re.fullmatch(r"(.*\S)[\s_]+units?", key, re.IGNORECASE):
-            words = match[1].split()
             for channel in ("time", "velocity", "force", "displacement", "temperature"):
-                if is_named(match[1], channel) or is_named(words[-1], channel):
+                if is_named(match[1].split()[-1], channel):
                     found.setdefault(channel, value)
     return found

@@ -13,11 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.files import read_text
-from eightpost.ident.shock.peak_velocity import is_table
 from eightpost.rig.dyno_columns import with_channels
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_tests
 from eightpost.rig.file_name import UNITS, numbers_in, setting_in
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.shock import Axis
 from eightpost.shock.settings import TEMPERATURE
 from eightpost.toml_document import parse_model
@@ -187,7 +187,7 @@ def _tests_of(file: Path, **reading: Any) -> tuple[DynoTest, ...]:
     try:
         return tuple(read_dyno_tests(file, **reading))
     except MissingChannelError as error:
-        if not is_table(file):
+        if not peak_velocity_tables(file, units=reading["units"], channel_map=reading["channel_map"]):
             raise
         what = "is a peak-velocity table, without time; `eightpost fit` makes a shock of each of its settings"
         raise FileFormatError(
