@@ -91,9 +91,10 @@ def test_times_that_were_rounded_to_whole_numbers_are_spread_evenly_with_a_note(
     assert any("spread evenly" in note for note in test.derived) == (step != 2.0)
 
 
-def test_a_lost_sample_and_times_that_were_rounded_too_far_are_not_spread(tmp_path):
+@pytest.mark.parametrize("step", [2.0, 2.5])
+def test_a_lost_sample_and_times_that_were_rounded_too_far_are_not_spread(tmp_path, step):
     with pytest.raises(errors.TimeGapError, match="there is a gap"):
-        read_dyno_test(logger(tmp_path, lost=200), units=UNITS)
+        read_dyno_test(logger(tmp_path, step=step, lost=200), units=UNITS)
     with pytest.raises(errors.DuplicateTimeError, match="is repeated"):
         read_dyno_test(logger(tmp_path, step=0.4), units=UNITS)
 

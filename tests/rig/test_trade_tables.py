@@ -192,7 +192,9 @@ def test_two_damping_rates_and_a_knee_per_stroke_make_a_polylinear_shock(tmp_pat
     path = table_of(tmp_path, head, *(f"{side},{low},{1e3 * knee},{high}" for side, (low, knee, high) in RATES.items()))
     shown = CliRunner().invoke(main, ["fit", str(path), "-o", str(tmp_path / "shock.json")])
     assert "rounded within 3 % of the knee" in " ".join(shown.output.split())
-    curve = read_shock(tmp_path / "shock.json").law.curve
+    shock = read_shock(tmp_path / "shock.json")
+    assert shock.conditions["velocity_range [m/s]"] == [-0.5, 0.5]
+    curve = shock.law.curve
     for sign, (low, knee, high) in zip((1.0, -1.0), RATES.values(), strict=True):
         for speed in (0.5 * knee, knee, 2.0 * knee, 0.5):
             expected = low * min(speed, knee) + high * max(speed - knee, 0.0)
