@@ -108,7 +108,7 @@ def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
 
 def _integral(series: TimeSeries) -> Array:
     velocity = series["velocity"]
-    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0.0))
+    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
 
 # ---- The estimate ---------------------------------------------------------------------------------------------------

@@ -166,8 +166,9 @@ def test_forces_of_the_wrong_sign_are_held_at_zero():
 
 
 def test_a_table_without_any_force_is_refused():
-    with pytest.raises(DataError, match="all forces are 0 N"):
-        fit_peak_velocity(PeakVelocityTable(SPEED, 0.0 * SPEED, 0.0 * SPEED))
+    for forces in (0.0 * SPEED, 9e-7 + 0.0 * SPEED):
+        with pytest.raises(DataError, match="all forces are 0 N"):
+            fit_peak_velocity(PeakVelocityTable(SPEED, forces, 0.0 * SPEED))
 
 
 @st.composite
@@ -181,9 +182,10 @@ def any_tables(draw):
 @settings(max_examples=10, deadline=None)
 @given(any_tables())
 def test_any_table_gives_a_curve_that_nowhere_falls_and_is_within_the_stated_error_or_is_refused(table):
-    if not (table.compression.any() or table.rebound.any()):
+    try:
+        shock = fit_peak_velocity(table)
+    except InputError:
         return
-    shock = fit_peak_velocity(table)
     curve, stated = shock.law.curve, shock.fit["greatest_error_at_points [N]"]
     found = [curve_forces(curve, sign * table.speed) for sign in (1.0, -1.0)]
     assert np.abs(found - np.array([table.compression, table.rebound])).max() <= stated + 1e-9

@@ -48,13 +48,14 @@ def curve_through(velocity: Array, force: Array) -> tuple[StaticCurve, PchipInte
 def held(velocity: Array, force: Array) -> Array:
     """Return the forces (M,) [N] that nowhere fall and are closest to given ones by least squares; 0 at zero velocity.
 
-    Means over neighbours that fall (pool adjacent violators), and none with the wrong sign for its stroke.
+    Means over neighbours that fall (pool adjacent violators), and none with the wrong sign for its stroke. They are
+    rounded to 1e-9 N, because harmonic means of smaller differences overflow in the interpolant.
     """
     sides = velocity < 0.0, velocity > 0.0
     found = np.zeros_like(force)
     for side, low, high in zip(sides, (-np.inf, 0.0), (0.0, np.inf), strict=True):
         found[side] = np.clip(isotonic_regression(force[side]).x, low, high)
-    return found
+    return np.round(found, 9)
 
 
 def _filled(knots: Array) -> Array:

@@ -31,6 +31,10 @@ _PLACES = 801
 _FAR = 0.02
 
 
+#: A table whose forces are all below this one [N] has no curve.
+_NO_FORCE = 1e-6
+
+
 def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas: GasTreatment = "estimate") -> Shock:
     """Return a Polylinear shock whose curve interpolates the points of a table: force over speed, no dynamics.
 
@@ -58,7 +62,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
     preload = table.gas_force if gas == "estimate" else 0.0
     velocity = np.concatenate([-table.speed[::-1], [0.0], table.speed])
     force = np.concatenate([table.rebound[::-1], [0.0], table.compression])
-    if not force.any():
+    if np.abs(force).max() < _NO_FORCE:
         what = "all forces are 0 N, so there is no curve; check the columns of force and their signs"
         raise DataError(what, path=table.source, channel="force")
     rising = held(velocity, force)
