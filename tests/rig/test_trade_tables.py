@@ -179,8 +179,8 @@ def test_a_table_without_a_header_is_read_by_the_numbers_of_its_columns(tmp_path
 
 
 def test_a_column_that_the_caller_names_replaces_others_that_could_be_it(tmp_path):
-    lines = [f"{2 * v:g},{v:g},{c:g},{r:g}" for v, c, r in zip(SPEED, BUMP, DROOP, strict=True)]
-    path = table_of(tmp_path, "Speed (mm/s),True (mm/s),Comp (N),Reb (N)", *lines)
+    lines = [f"{v:g},{2 * v:g},{c:g},{r:g}" for v, c, r in zip(SPEED, BUMP, DROOP, strict=True)]
+    path = table_of(tmp_path, "True (mm/s),Speed (mm/s),Comp (N),Reb (N)", *lines)
     agrees(read_peak_velocity(path, channel_map=with_channels(None, {"velocity": "True"}))[0])
 
 
