@@ -10,6 +10,7 @@ from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig import read_peak_velocity
 from eightpost.rig.dyno_columns import with_channels
 from eightpost.shock import read_shock
+from eightpost.signals import ChannelMap, MappedChannel
 
 from .layouts import BUMP, DROOP, SPEED, file_with, sheets
 
@@ -215,3 +216,16 @@ def test_a_table_of_rates_that_is_not_complete_is_refused_with_what_is_missing(t
     lines = [",".join([side, "4000", "0.05", "1200"][: head.count(",") + 1]) for side in RATES]
     with pytest.raises(error, match=message):
         read_peak_velocity(table_of(tmp_path, head, *lines))
+
+
+def test_a_channel_map_of_a_table_may_have_units_gains_and_offsets(tmp_path):
+    lines = [f"{v:g},{2 * c + 8:g},{r:g}" for v, c, r in zip(SPEED, BUMP, DROOP, strict=True)]
+    picks = {"velocity": MappedChannel("1", "mm/s"), "compression": MappedChannel("2", "N", 0.5, -4.0),
+             "rebound": MappedChannel("3", "N")}  # fmt: skip
+    agrees(read_peak_velocity(table_of(tmp_path, "Shock 7", *lines), channel_map=ChannelMap(picks))[0])
+
+
+def test_rows_of_channels_with_a_line_of_words_between_them_are_refused(tmp_path):
+    path = table_of(tmp_path, row(*ROWS[0]), row(*ROWS[1]), "words", row(*ROWS[2]))
+    with pytest.raises(errors.InputError, match=r"table\.csv"):
+        read_peak_velocity(path)
