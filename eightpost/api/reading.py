@@ -203,7 +203,7 @@ def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
     names = {name.rpartition(".")[2] for name in (*record.names, *(channel_map.channels if channel_map else ()))}
     if "road" in names:
         return "rig" if "tire_force" in names else "drive"
-    return "peak velocity" if holds_peak_velocities(records) else "dyno"
+    return "peak velocity" if holds_peak_velocities(records, channel_map) else "dyno"
 
 
 def _record(
@@ -221,7 +221,7 @@ def _record(
         raise InputError(f"{path}: flip changes the signs of a dyno or rig test, and this file is a {kind} file")
     if kind == "drive":
         return Drivefile.read(path, channel_map=channel_map, units=units)
-    tables = read_peak_velocity(path, units=units)
+    tables = read_peak_velocity(path, units=units, channel_map=channel_map)
     if len(tables) > 1:
         settings = ", ".join(table.clicks or "?" for table in tables)
         raise InputError(

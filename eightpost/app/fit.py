@@ -93,7 +93,7 @@ def fit(  # one parameter per option
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
-    DYNO is a text file, spreadsheet, .parquet, .mat, .mf4, .tdms or .lvm file with time, force, and velocity or
+    DYNO is a text file, spreadsheet, .parquet, .mat, .json, .mf4, .tdms or .lvm file with time, force, and velocity or
     displacement (docs/reference/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several
     tables in a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting
     of the adjusters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
@@ -119,13 +119,13 @@ def fit(  # one parameter per option
     console = Console()
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
-    if of_builds := builds_in(dyno_files, given, of_files):
+    channel_map = with_channels(channel_map, dict(columns))
+    if of_builds := builds_in(dyno_files, given, of_files, channel_map):
         _check_law_of_tables(law)
         ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
-    if tables := tables_in(dyno_files, given):
+    if tables := tables_in(dyno_files, given, channel_map):
         _check_law_of_tables(law)
         ctx.exit(0 if _fit_tables(console, tables, output, plot, name=name, build=build, gas=gas).is_acceptable else 1)
-    channel_map = with_channels(channel_map, dict(columns))
     reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
     tests = _read_tests(console, dyno_files, reading, of_files, split=split)
     shock_fit = fit_shock(

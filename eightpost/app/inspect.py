@@ -74,8 +74,8 @@ def inspect(
         ctx.exit(int(_show_rig_test(console, rig_test, mass)))
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and --mass is an option of rig files; omit it")
-    if holds_peak_velocities(records):
-        tables = read_peak_velocity(path, units=dict(units))
+    if holds_peak_velocities(records, channel_map):
+        tables = read_peak_velocity(path, units=dict(units), channel_map=channel_map)
         for table in tables:
             show_table(console, table)
         ctx.exit(int(any(table.gas_force for table in tables)))
@@ -163,6 +163,8 @@ def show_table(console: Console, table: PeakVelocityTable) -> None:
         f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
         f"{table.rebound.min():.4g} N"
     )
+    for note in table.notes:
+        console.print(f"[yellow]note[/] {escape(note)}")
     if table.gas_force:
         console.print(
             f"[red]warning[/] gas force {table.gas_force:.4g} N in the table, found from {escape(table.gas_source)}; "

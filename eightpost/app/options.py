@@ -285,8 +285,8 @@ UNITS = click.option("--units", multiple=True, type=Assignment("CHANNEL=UNIT"), 
 #: Columns of channels; the verb receives pairs of channel and column.
 COLUMNS = click.option("--channel", "columns", multiple=True, type=Assignment("CHANNEL=COLUMN"),
                        metavar="CHANNEL=COLUMN",
-                       help="Column to read a channel from if several could be it, e.g. force='Load 2'; may be "
-                       "repeated.")  # fmt: skip
+                       help="Column to read a channel from if several could be it, e.g. force='Load 2', or by "
+                       "number in a file without a header, e.g. force=3; may be repeated.")  # fmt: skip
 
 
 def flip_option(example: str) -> Callable[[Function], Function]:

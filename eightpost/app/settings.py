@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Verb)
-@click.argument("table", metavar="TABLE", type=FilePath())
-@click.option("-o", "--output", type=OutputFile(SHOCK, default=lambda given: Path(f"{given['table'].stem}.json")),
+@click.argument("table", metavar="TABLE|DYNO...", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", type=OutputFile(SHOCK, default=lambda given: Path(f"{given['table'][0].stem}.json")),
               help="Output shock file; default: the name of TABLE with the suffix .json, in the current "
               "folder.")  # fmt: skip
 @click.option("--law", type=LawName(), help="Shock law to fit; default: that of TABLE, else hysteresis.")
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.pass_context
 def settings(  # one parameter per option
     ctx: click.Context,
-    table: Path,
+    table: tuple[Path, ...],
     output: Path,
     law: str | None,
     segment: tuple[float, float] | None,
@@ -41,22 +41,30 @@ def settings(  # one parameter per option
     """Fit a shock over its adjusters and temperature: one model from the files of several settings.
 
     TABLE is a TOML file that lists dynamometer files with the clicks of each adjuster, the valving or the temperature
-    (docs/how_to/settings.md). All files are fitted together. The FMU of the shock has the clicks and the temperature as
+    (docs/how_to/settings.md). Without a table, the settings are read from the names of the files DYNO (2clicks.csv,
+    1.5A.csv). All files are fitted together. The FMU of the shock has the clicks and the temperature as
     parameters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
 
     \b
     Examples:
       eightpost settings rebound.toml -o shock.json
+      eightpost settings 0.3A.csv 0.9A.csv 1.6A.csv -o shock.json
       eightpost settings rebound.toml --law lpf1 -o shock.json --plot click_map.png
       eightpost build shock.json -o dist/
     """
     from eightpost.ident.shock.settings.plots import plot_click_map
     from eightpost.ident.shock.settings.result import fit_settings
-    from eightpost.ident.shock.settings.table import read_settings_table
+    from eightpost.ident.shock.settings.table import read_settings_table, settings_of_names
     from eightpost.shock import write_shock
 
     console = Console()
-    fit = fit_settings(read_settings_table(table, cutoff=cutoff), law=law, segment=segment, cutoff=cutoff)
+    if len(table) == 1 and table[0].suffix.lower() == ".toml":
+        given = read_settings_table(table[0], cutoff=cutoff)
+    else:
+        given = settings_of_names(table, cutoff=cutoff)
+    for note in given.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    fit = fit_settings(given, law=law, segment=segment, cutoff=cutoff)
     _show(console, fit)
     write_shock(fit.shock, output)
     plot_click_map(fit.shock, plot)

@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 #: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
+_SI = {**DYNO_UNITS, "time": "s", "length": "m"}
 
 #: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish,
 #: Portuguese, Dutch, Swedish, Japanese, Chinese and Korean.
 #: Files use `F` and `T` in upper and lower case.
 _ALIASES = {
     "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
-             "runningtime", "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
+             "runningtime", "millis", "milliseconds", "msec", "micros", "microseconds", "seconds", "datetime",
+             "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
     "velocity": {
         "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
         "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "velocidade",
@@ -35,15 +37,18 @@ _ALIASES = {
               "effort", "forza", "fuerza", "carga", "carico", "forca", "kracht",
               "\u8377\u91cd", "\u529b", "\u8f7d\u8377", "\ud558\uc911"},
     "displacement": {
-        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "shocktravel", "dampertravel",
+        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "linearpot",
+        "stringpot", "shocktravel", "dampertravel",
         "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
         "desplazamiento", "deslocamento", "curso", "verplaatsing", "slag", "forskjutning", "\u4f4d\u79fb",
         "\ubcc0\uc704", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
     },
     "temperature": {
-        "temperature", "temp", "t", "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
+        "temperature", "temp", "t", "thermocouple",
+        "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
         "temperatur", "temperatura", "temperatuur", "\u6e29\u5ea6", "\uc628\ub3c4",
     },
+    "length": {"length", "totallength", "eyetoeye", "eyetoeyelength", "lange", "longueur"},
 }  # fmt: skip
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.
@@ -88,7 +93,24 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     force = given.channels.get("force") or _first(ranked["force"])
     found = {name: _first(_of_one_number(names, force)) for name, names in ranked.items()}
     channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
+    if "displacement" not in channels and (lengths := _candidates(record, "length", taken)):
+        channels["displacement"] = _of_length(record, lengths[0])
     return ChannelMap(channels, time, given.path)
+
+
+def _of_length(record: RawRecord, name: str) -> MappedChannel:
+    """Return the displacement of a shock whose length was measured: 0 in the middle of the stroke."""
+    lengths = record.columns[record.names.index(name)]
+    middle = 0.0 if lengths.dtype == object or not lengths.size else 0.5 * float(lengths.min() + lengths.max())
+    return MappedChannel(name, gain=-1.0, offset=middle)
+
+
+def length_note(mapping: ChannelMap) -> tuple[str, ...]:
+    """Return how the displacement was found if the length was measured; nothing otherwise."""
+    pick = mapping.channels.get("displacement")
+    if pick is None or not is_named(pick.source, "length"):
+        return ()
+    return (f"displacement from {pick.source!r}: the shock is compressed where it is short, and 0 is the mid-stroke",)
 
 
 def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) -> ChannelMap | None:
@@ -132,7 +154,7 @@ def _first(names: list[str]) -> MappedChannel | None:
 
 def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
     """Return the columns that can be a channel, best first."""
-    si = DYNO_UNITS.get(channel, "s")
+    si = _SI[channel]
     ranked = []
     for i, (name, unit) in enumerate(zip(record.names, record.units, strict=True)):
         rank = _rank(name, channel)
@@ -163,6 +185,11 @@ def _rank(name: str, channel: str) -> int | None:
     if plain and len(plain) < len(words) and "".join(plain) in aliases:
         return 1 + max(_QUALIFIERS[word] for word in words if word in _QUALIFIERS)
     return None
+
+
+def is_named(name: str, channel: str) -> bool:
+    """Return whether a name is a usual one of a channel."""
+    return _rank(name, channel) is not None
 
 
 def is_command(name: str, channel: str) -> bool:

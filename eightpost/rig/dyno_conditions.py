@@ -89,7 +89,7 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
     texts: dict[str, str] = {}
     quantities: dict[str, float] = {}
     clicks, notes = [], []
-    for key, value in (pair for cells in preamble for pair in _pairs(cells)):
+    for key, value in (pair for cells in preamble for pair in pairs(cells)):
         name = _condition(key)
         if name in ("gas", "temperature"):
             try:
@@ -122,7 +122,7 @@ def _condition(key: str) -> str | None:
     return "clicks" if any(word in plain for word in _ADJUSTERS) else None
 
 
-def _pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+def pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
     """Yield the keys and values of a line."""
     starts = [i for i, cell in enumerate(cells) if i == 0 or cell.endswith((":", "="))]
     for start, stop in zip(starts, [*starts[1:], len(cells)], strict=True):

@@ -12,13 +12,14 @@ import numpy as np
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
-from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels
+from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels, length_note
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
+from eightpost.rig.file_name import conditions_in
 from eightpost.rig.optional_columns import check_one_time, with_readable_columns
 from eightpost.rig.other_columns import column_reasons
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import NEGATIVE_REST, PART_RULES
-from eightpost.rig.sign_convention import stated_convention
+from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals import faults
 from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin
@@ -26,6 +27,7 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
 from eightpost.signals.raw_record import mapped_series
 from eightpost.signals.recording import Recording
+from eightpost.signals.time_axes import spread_evenly
 from eightpost.verdict import Grade, Reason
 
 if TYPE_CHECKING:
@@ -53,7 +55,7 @@ class DynoTest(Recording):
         conditions: Build, clicks, gas pressure and other known conditions.
         source: Path of the file, None for a record created in memory.
         sha256: SHA-256 digest of the file, empty without a file.
-        derived: Descriptions of channels that were computed, not measured.
+        derived: Descriptions of what was computed, or read in one of several possible ways.
         notes: Notes of the reader: what it left out or could not read.
         reasons: Findings about the record and notes (`eightpost.rig.plausibility`), as reasons of a verdict.
     """
@@ -221,12 +223,15 @@ class _Reading:
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
         label = f"record {self.path.name}"
-        record, mapping, left_out = with_readable_columns(record, self.channel_map, self.units, label)
-        stated, outward = self._convention(record, mapping)
+        units = {**stated_units(record.preamble), **self.units}
+        record, mapping, left_out = with_readable_columns(record, self.channel_map, units, label)
+        stated, outward = self._stated_signs(record, mapping)
         mapping = mapping.flipped(self.flip or outward)
         _check_channels(record, mapping)
         check_one_time(record, mapping, self.channel_map)
-        series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
+        record = _with_even_time(record, mapping)
+        units = {n: unit for n, unit in units.items() if n in (*mapping.channels, *self.units, "time")}
+        series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
         _check_record(series, record.origin)
         measured, origin = series.names, record.origin
         derived: tuple[str, ...] = ()
@@ -236,11 +241,13 @@ class _Reading:
         elif "displacement" in series:
             _check_displacement_sign(series, origin, stated)
         _check_force(series, origin, derived, stated)
-        if outward:
-            derived = (*derived, f"{', '.join(outward)} negated, because the file states {stated!r}")
         written, notes = conditions_from(record.preamble)
-        notes = (*record.notes, *notes)
-        test = DynoTest(series, conditions.over(written), self.path, sha256_of(self.path), derived, notes)
+        known = conditions.over(written)
+        of_name, named = conditions_in(self.path)
+        named = named if known.over(of_name) != known else ()
+        signs = [f"the signs of {', '.join(outward)} were reversed, because the file states {stated!r}"] * bool(outward)
+        steps = (*record.steps, *signs, *length_note(mapping), *derived, *named)
+        test = DynoTest(series, known.over(of_name), self.path, sha256_of(self.path), steps, (*record.notes, *notes))
         reasons = (
             *left_out,
             *record_reasons(series, measured=measured, origin=test.label, conditions=test.conditions),
@@ -257,26 +264,49 @@ class _Reading:
             raise record.origin.header_fault(WrongSignError, what, channel="force")
         return replace(test, reasons=reasons).judged()
 
-    def _convention(self, record: RawRecord, mapping: ChannelMap) -> tuple[str, tuple[str, ...]]:
-        """Return what a file states about its signs, and the channels to negate; empty if the caller named some."""
+    def _stated_signs(self, record: RawRecord, mapping: ChannelMap) -> tuple[str, tuple[str, ...]]:
+        """Return what a file states about its signs, and the channels to negate; empty if the caller named some.
+
+        A channel that the map reverses already, such as a length, has its sign from there.
+        """
         if self.flip:
             return "", ()
-        columns = (f"{name} {pick.source}" for name, pick in mapping.channels.items())
-        lines = [*(" ".join(cells) for cells in record.preamble), *columns]
-        return stated_convention(lines, (name for name in mapping.channels if name != "temperature"))
+        columns = ((f"{name} {pick.source}".replace(",", " "),) for name, pick in mapping.channels.items())
+        stated, statement = reversed_channels((*record.preamble, *columns), record.origin.path or Path())
+        return statement, tuple(n for n, pick in mapping.channels.items() if stated.get(n) and pick.gain > 0.0)
+
+
+def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
+    """Return a record whose times, if they were rounded to whole numbers, are an even series, with a note."""
+    place = record.names.index(mapping.time.source) if mapping.time and mapping.time.source in record.names else -1
+    if place < 0 or record.columns[place].dtype == object:
+        return record
+    old = record.columns[place]
+    if (new := spread_evenly(old)) is old:
+        return record
+    moved = float(np.abs(new - old).max())
+    note = f"the times were rounded to whole numbers; they were spread evenly, which moved them by at most {moved:.2g}"
+    columns = (*record.columns[:place], new, *record.columns[place + 1 :])
+    return replace(record, columns=columns, steps=(*record.steps, note))
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
     """Raise MissingChannelError if time, force or a motion channel is missing."""
-    known = "; ".join((", ".join(record.names), *record.notes))
-    advice = f"the file has: {known}; name the column in a channel map"
-    if mapping.time is None:
-        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="time")
-    if "force" not in mapping.channels:
-        raise record.origin.header_fault(MissingChannelError, f"the channel is missing; {advice}", channel="force")
-    if not {"velocity", "displacement"} & set(mapping.channels):
-        what = f"there is neither velocity nor displacement; {advice}"
-        raise record.origin.header_fault(MissingChannelError, what, channel="velocity")
+    known = "; ".join((record.listed, *record.notes))
+    missing = [
+        what
+        for what, is_there in (
+            ("time", mapping.time),
+            ("force", "force" in mapping.channels),
+            ("displacement", {"velocity", "displacement"} & set(mapping.channels)),
+        )
+        if not is_there
+    ]
+    if missing:
+        named = ", ".join(missing).replace("displacement", "displacement or velocity")
+        advice = " ".join(f"--channel {name}=COLUMN" for name in missing)
+        what = f"no column has a usual name of the {named}; name it with {advice}; the file has: {known}"
+        raise record.origin.header_fault(MissingChannelError, what, channel=missing[0])
 
 
 def _check_record(series: TimeSeries, origin: Origin) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: Columns that count or describe samples and not the shock, in lower case and reduced to letters.
 _COUNTERS = (
     "index", "sample", "count", "cycle", "point", "row", "number", "date", "clock", "time", "step", "stroke", "scan",
-    "direction", "id", "phase",
+    "direction", "id", "phase", "event", "events",
 )  # fmt: skip
 #: Units of measured motion, force and temperature: such a column is another sensor, not a setting.
 _MEASURED = ("m", "m/s", "m/s2", "N", "K", "s", "rad", "Hz", "Pa", "N.m", "W", "J")

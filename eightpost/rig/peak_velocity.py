@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,18 +13,26 @@ from eightpost.array_types import Array
 from eightpost.errors import DataError, MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_conditions import conditions_from
-from eightpost.rig.peak_velocity_columns import STROKES, Columns, Point, stroke_above
+from eightpost.rig.peak_velocity_columns import STROKES, Columns, Point, holds_peak_velocities, stroke_above
+from eightpost.rig.peak_velocity_layouts import in_columns
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
+from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals.formats import read_records
 
 if TYPE_CHECKING:
+    from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.raw_record import RawRecord
 
 #: Maximum difference of two forces at the same speed, as a share of the largest force.
 SAME_SPEED = 0.05
 
+#: Suffixes of files that are records over time.
+_RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet")
 
-def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = None) -> tuple[PeakVelocityTable, ...]:
+
+def read_peak_velocity(
+    path: str | Path, *, units: Mapping[str, str] | None = None, channel_map: ChannelMap | None = None
+) -> tuple[PeakVelocityTable, ...]:
     """Read the peak-velocity tables of a text file: one per setting of the adjusters, in the file's order.
 
     The layout is recognised by the column names (with units in the names or in a row under them):
@@ -31,7 +40,9 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
     - `speed, compression, rebound`, optionally with a column `clicks`, or with the clicks in the names (`comp 3, reb 3,
       comp 6, reb 6`);
     - `side, setting, speed, force`, one line per point, where side is compression or rebound (comp, bump, reb, ...);
-    - a signed `speed` (compression positive) and one column of force per setting.
+    - a signed `speed` (compression positive) and one column of force per setting, or pairs of such columns;
+    - a row for each stroke and a column for each speed (`side, clicks, 25 mm/s, 50 mm/s`), or all rows as channels;
+    - `side, low [N.s/m], knee [m/s], high [N.s/m]`: damping rates below and above a knee.
 
     Several blocks are several settings. A long table of velocity and force without time is a continuous-velocity loop,
     and the means of its branches are its points. The signs are changed so that compression is positive and rebound
@@ -39,11 +50,12 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
     signs or the opposite signs. Points at zero speed are friction and gas force; the gas force is found from them or
     from the lowest speeds, and subtracted. If the strokes have different speeds, both curves are interpolated linearly
     at all speeds in their common range. Two forces at the same speed are averaged if they agree within 5 % of the
-    largest force.
+    largest force. A damping coefficient (N.s/m) instead of a force is multiplied by its speed.
 
     Args:
         path: Path of a text file or a spreadsheet; several blocks, one below the other, are several settings.
-        units: Units by column name, or for `speed` and `force`, for columns without a unit in the file.
+        units: Units by column name, or for `velocity` and `force`, for columns without a unit in the file.
+        channel_map: Columns of `velocity`, `force`, `compression`, `rebound` or `setting` with unusual names.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -55,22 +67,45 @@ def read_peak_velocity(path: str | Path, *, units: Mapping[str, str] | None = No
         WrongSignError: Both strokes have negative forces.
     """
     path = Path(path)
-    points = _with_signs(list(_points_of(read_records(path), dict(units or {}))), path)
+    return _tables(path, read_records(path), units, channel_map)
+
+
+def peak_velocity_tables(
+    path: Path, *, units: Mapping[str, str] | None = None, channel_map: ChannelMap | None = None
+) -> tuple[PeakVelocityTable, ...]:
+    """Return the peak-velocity tables of a file; nothing if it is a record over time. See `read_peak_velocity`."""
+    if path.suffix.lower() in _RECORDS:
+        return ()
+    records = read_records(path)
+    return _tables(path, records, units, channel_map) if holds_peak_velocities(records, channel_map) else ()
+
+
+def _tables(
+    path: Path, records: Sequence[RawRecord], units: Mapping[str, str] | None, channel_map: ChannelMap | None
+) -> tuple[PeakVelocityTable, ...]:
+    notes: list[str] = []
+    points = _with_signs(list(_points_of(records, dict(units or {}), channel_map, notes)), path)
     settings = list(dict.fromkeys(point.setting for point in points))
-    return tuple(_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+    tables = (_table(setting, [point for point in points if point.setting == setting], path) for setting in settings)
+    return tuple(replace(table, notes=tuple(notes)) for table in tables)
 
 
-def _points_of(records: Sequence[RawRecord], units: Mapping[str, str]) -> Iterator[Point]:
-    """Yield the points of all blocks of a file; the lines above a block may name its setting and its stroke."""
+def _points_of(
+    records: Sequence[RawRecord], units: Mapping[str, str], channel_map: ChannelMap | None, notes: list[str]
+) -> Iterator[Point]:
+    """Yield the points of all blocks of a file; lines above a block may name setting and stroke. Add to the notes."""
     setting = ""
-    for number, record in enumerate(records, 1):
-        record.log_notes()
+    for number, record in enumerate((in_columns(one, channel_map) for one in records), 1):
         clicks = conditions_from(record.preamble)[0].clicks
         stroke = stroke_above(record)
         named = clicks or (setting if stroke else f"block {number}" if len(records) > 1 else "")
         setting = named
-        for point in Columns(record, units, stroke).points():
+        given = {**stated_units(record.preamble), **units}
+        stated, statement = reversed_channels(record.preamble, record.origin.path or Path())
+        columns = Columns(record, given, stroke, statement if stated.get("velocity") else "")
+        for point in columns.points():
             yield point._replace(setting=" ".join(filter(None, (named if len(records) > 1 else "", point.setting))))
+        notes += [note for note in (*record.notes, *record.steps, *columns.notes) if note not in notes]
 
 
 def _with_signs(points: list[Point], path: Path) -> list[Point]:

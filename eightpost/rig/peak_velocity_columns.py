@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,40 +15,36 @@ from eightpost.array_types import Array
 from eightpost.errors import DataError, MissingChannelError, UnknownUnitError
 from eightpost.rig.continuous_velocity import MOST_PEAKS, is_loop, loop_means
 from eightpost.rig.dyno_columns import dyno_map, has_channels
+from eightpost.rig.peak_velocity_layouts import (
+    STROKE_WORDS,
+    in_columns,
+    is_kind,
+    is_numeric,
+    is_setting,
+    stroke_of,
+)
 from eightpost.signals.column_headers import is_number, letters_of
 from eightpost.signals.faults import check_finite
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:
+    from eightpost.signals.channel_map import ChannelMap
     from eightpost.signals.raw_record import RawRecord
-
-_LOG = logging.getLogger(__name__)
 
 # ---- Names of columns -----------------------------------------------------------------------------------------------
 
-_SPEED = {
-    "speed", "velocity", "vel", "v", "peakvelocity", "peakspeed", "shaftspeed", "pistonspeed", "geschwindigkeit",
-    "vitesse", "velocit", "velocita", "velocidad", "velocidade",
-}  # fmt: skip
-_FORCE = {"force", "f", "load", "peakforce"}
-_SIDE = {"side", "stroke", "direction", "phase"}
-_SETTING = {"setting", "settings", "clicks", "click", "adjuster"}
-_WORDS = {
-    "compression": ("compression", "comp", "bump", "jounce", "push", "c", "druckstufe", "druck", "compressione",
-                    "compresión", "compressão"),
-    "rebound": ("rebound", "reb", "extension", "droop", "ext", "pull", "r", "zugstufe", "zug", "détente", "detente",
-                "estensione", "extensión", "extensão", "rebote"),
-}  # fmt: skip
 #: Both strokes.
-STROKES = tuple(_WORDS)
+STROKES = tuple(STROKE_WORDS)
 #: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
 _COLUMN = {
     stroke: re.compile(
         rf"^(?:peak[\s_]*)?(?:{'|'.join(words)})(?![^\W\d_])\.?(?:[\s_]*(?:peak[\s_]*)?force)?[\s_:,-]*(.*)$",
         re.IGNORECASE,
     )
-    for stroke, words in _WORDS.items()
+    for stroke, words in STROKE_WORDS.items()
 }
+#: SI unit of a damping coefficient.
+_COEFFICIENT = "N.s/m"
 _FORCE_WORD = re.compile(r"^(?:peak\s*)?(?:force|load|f)(?![a-z])[\s_:,-]*", re.IGNORECASE)
 #: Words behind a stroke that name a statistic or a comparison and not a setting, and those of a mean.
 _STATISTICS = {
@@ -80,28 +75,26 @@ class StrokeColumn(NamedTuple):
 
 def stroke_above(record: RawRecord) -> str | None:
     """Return the stroke that the lines above a table name: a line `Rebound` on its own."""
-    for cells in reversed(record.preamble):
-        text = " ".join(cells).strip().lower().rstrip(":")
-        for stroke, words in _WORDS.items():
-            if text in words or text.removesuffix(" stroke") in words:
-                return stroke
-    return None
+    return next((stroke for cells in reversed(record.preamble) if (stroke := stroke_of(" ".join(cells)))), None)
 
 
-def is_peak_velocity(record: RawRecord) -> bool:
+def is_peak_velocity(record: RawRecord, channel_map: ChannelMap | None = None) -> bool:
     """Return whether a record is a peak-velocity table: it has a speed and strokes, but no time."""
-    plain = [letters_of(name) for name in record.names]
-    if {"t", "time", "timestamp", "times", "elapsedtime"} & set(plain) or not (
-        _SPEED & set(plain) or any(map(_speed_of, record.names))
-    ):
+    record = in_columns(record, channel_map)
+    names = record.names
+    is_timed = {"t", "time", "timestamp", "times", "elapsedtime"} & set(map(letters_of, names))
+    if is_timed or not any(is_kind(name, "speed") or _speed_of(name) for name in names):
         return False
-    strokes = {stroke for name in record.names if (stroke := _split(name)[0])}
-    return strokes == set(STROKES) or bool((_SIDE | _FORCE) & set(plain)) or record.columns[0].size < MOST_PEAKS
+    strokes = {stroke for name in names if (stroke := _split(name)[0])}
+    has_force = any(is_kind(name, kind) for name in names for kind in ("force", "side"))
+    return strokes == set(STROKES) or has_force or record.columns[0].size < MOST_PEAKS
 
 
-def holds_peak_velocities(records: Sequence[RawRecord]) -> bool:
+def holds_peak_velocities(records: Sequence[RawRecord], channel_map: ChannelMap | None = None) -> bool:
     """Return whether a file has peak-velocity tables: its first table is one, and none is a record over time."""
-    return is_peak_velocity(records[0]) and not any(has_channels(dyno_map(record)) for record in records)
+    if any(has_channels(dyno_map(record)) for record in records) or (channel_map and channel_map.time):
+        return False
+    return is_peak_velocity(records[0], channel_map)
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -115,7 +108,7 @@ def _split(name: str) -> tuple[str, str]:
 def _speed_of(name: str) -> str:
     """Return the stroke to which a column of speeds belongs: `Comp Vel`; empty for other columns."""
     stroke, rest = _split(name)
-    return stroke if letters_of(rest) in _SPEED else ""
+    return stroke if rest and is_kind(rest, "speed") else ""
 
 
 # ---- Points of a table ----------------------------------------------------------------------------------------------
@@ -129,11 +122,15 @@ class Columns:
         record: Columns of the file.
         units: Units of the caller, by column name, or for `speed` and `force`.
         stroke: Stroke of the whole table, if the lines above it name one.
+        reversed_by: Statement of the file that a positive speed is rebound; empty without one.
+        notes: Sentences on what was left out or computed, which `points` adds.
     """
 
     record: RawRecord
     units: Mapping[str, str]
     stroke: str | None = None
+    reversed_by: str = ""
+    notes: list[str] = field(default_factory=list)
 
     def points(self) -> Iterator[Point]:
         """Yield the points of the table in any of the layouts.
@@ -141,52 +138,50 @@ class Columns:
         Raises:
             DataError: The table has a fault; see read_peak_velocity.
         """
-        sides = next((i for i in self._all(_SIDE) if not self._is_numeric(i)), None)
+        sides = next((i for i in self._all("side") if not is_numeric(self.record.columns[i])), None)
         if sides is not None:
-            yield from self._by_side(self._speed(), self.record.columns[sides])
+            yield from self._by_side(self.record.columns[sides])
         elif self._strokes:
             yield from self._by_stroke()
         elif self.stroke is not None:
-            force = self._values(self._need(_FORCE, "force"), "force", "N")
-            for setting, v, f in zip(self._settings(), np.abs(self._speed()), force, strict=True):
-                yield Point(setting, self.stroke, float(v), float(f))
+            settings = self._settings()
+            for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
+                yield Point(settings[row], self.stroke, abs(v), f)
         else:
-            yield from self._by_sign(self._speed())
+            yield from self._by_sign()
 
-    def _speed(self) -> Array:
-        return self._values(self._need(_SPEED, "speed"), "speed", "m/s")
-
-    def _by_side(self, speed: Array, sides: NDArray[np.object_]) -> Iterator[Point]:
-        force = self._values(self._need(_FORCE, "force"), "force", "N")
+    def _by_side(self, sides: NDArray[np.object_]) -> Iterator[Point]:
         settings = self._settings()
-        for row, (v, f) in enumerate(zip(np.abs(speed), force, strict=True)):
-            yield Point(settings[row], self._side(str(sides[row]), row), float(v), float(f))
+        for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
+            yield Point(settings[row], self._side(str(sides[row]), row), abs(v), f)
 
     def _by_stroke(self) -> Iterator[Point]:
         settings = self._settings()
         for column in self._strokes:
-            force = self._values(column.place, self.record.names[column.place], "N")
-            speed = np.abs(self._values(self._speed_place(column), "speed", "m/s"))
-            for row, (v, f) in enumerate(zip(speed, force, strict=True)):
-                yield Point(" ".join(filter(None, (settings[row], column.clicks))), column.stroke, float(v), float(f))
+            name = self.record.names[column.place]
+            for row, v, f in self._pairs(self._speed_place(column.place, column.stroke), column.place, name):
+                yield Point(" ".join(filter(None, (settings[row], column.clicks))), column.stroke, abs(v), f)
 
-    def _by_sign(self, speed: Array) -> Iterator[Point]:
-        if speed.min() >= 0.0:
-            what = (
-                "the strokes are not given: there are no columns for compression and rebound, there is no column "
-                "`side`, and no speed is negative"
-            )
-            raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
-        settings = self._settings()
-        columns = [i for i in range(len(self.record.names)) if self._is_force(i)]
-        if not columns:
-            self._need(_FORCE, "force")
+    def _by_sign(self) -> Iterator[Point]:
+        settings, above = self._settings(), self._above()
+        positive, negative = STROKES[::-1] if self.reversed_by else STROKES
+        if self.reversed_by:
+            self.notes.append(f"positive speeds are rebound, because the file states {self.reversed_by!r}")
+        columns = [i for i in range(len(self.record.names)) if self._is_force(i)] or [self._need("force")]
         for i in columns:
-            force = self._values(i, self.record.names[i], "N")
             name = _FORCE_WORD.sub("", self.record.names[i]) if len(columns) > 1 else ""
+            name = above[i] if above else name
+            pairs = list(self._pairs(self._speed_place(i), i, self.record.names[i]))
+            rows, speed, force = (np.array(one) for one in zip(*pairs, strict=True))
+            if speed.min() >= 0.0:
+                what = (
+                    "the strokes are not given: there are no columns for compression and rebound, there is no column "
+                    "`side`, and no speed is negative"
+                )
+                raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
             points = loop_means(speed, force) if is_loop(speed) else (speed, force)
-            for row, (v, f) in enumerate(zip(*points, strict=True)):
-                stroke = "compression" if v > 0.0 else "rebound"
+            for row, v, f in zip(rows.tolist(), *points, strict=False):
+                stroke = positive if v > 0.0 else negative
                 yield Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
 
     # ---- Columns of one stroke --------------------------------------------------------------------------------------
@@ -201,8 +196,10 @@ class Columns:
         named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
         if above:
             named = [one._replace(clicks=above[one.place]) if _is_plain(one) else one for one in named]
-        named = [one for one in named if one.stroke and letters_of(one.clicks) not in _SPEED]
-        plain = [one for one in named if self._has_unit_of_force(one.place) and not _words(one) & _STATISTICS]
+        named = [one for one in named if one.stroke and not (one.clicks and is_kind(one.clicks, "speed"))]
+        known = [one for one in named if not _words(one) & _STATISTICS]
+        plain = [one for one in known if self._has_unit(one.place, "N")]
+        plain = plain or [one for one in known if self._has_unit(one.place, _COEFFICIENT)]
         means = [one for one in plain if _words(one) & _MEANS]
         if len(means) < len(plain):
             kept = [one for one in plain if one not in means]
@@ -213,50 +210,45 @@ class Columns:
         left_out = [self.record.names[one.place] for one in named if one.place not in {two.place for two in kept}]
         if left_out:
             names = ", ".join(map(repr, left_out))
-            _LOG.warning("%s: not read, because they are not the force of a stroke: %s", self.record.origin.path, names)
+            self.notes.append(f"not read, because they are not the force of a stroke: {names}")
         return tuple(kept)
 
     def _above(self) -> list[str]:
         """Return the setting above each column, from a row above repeated names; an empty cell repeats the last one."""
         row = self.record.preamble[-1] if self.record.preamble else ()
-        is_repeated = any(_split(name)[0] and _REPEATED.search(name) for name in self.record.names)
+        is_repeated = any(_REPEATED.search(name) for name in self.record.names)
         if not is_repeated or not 1 < len(row) <= len(self.record.names):
             return []
         cells = [cell.strip() for cell in row] + [""] * (len(self.record.names) - len(row))
         above = [next((c for c in cells[i::-1] if c), "") for i in range(len(cells))]
-        named = (StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names))
+        named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
         forces = [(one.stroke, above[one.place]) for one in named if one.stroke and _is_plain(one)]
+        forces = forces or [("", above[i]) for i in range(len(above)) if self._is_force(i)]
         return above if len(set(forces)) == len(forces) else []  # a line of other words is no row of settings
 
-    def _speed_place(self, column: StrokeColumn) -> int:
+    def _speed_place(self, place: int, stroke: str = "") -> int:
         """Return the speed of a column of forces: of its stroke, or the nearest one before it, or the first one."""
-        own = [i for i, name in enumerate(self.record.names) if _speed_of(name) == column.stroke]
-        shared = self._all(_SPEED)
-        before = [i for i in own or shared if i < column.place]
-        return before[-1] if before else own[0] if own else self._need(_SPEED, "speed")
+        own = [i for i, name in enumerate(self.record.names) if stroke and _speed_of(name) == stroke]
+        before = [i for i in own or self._all("speed") if i < place]
+        return before[-1] if before else own[0] if own else self._need("speed")
 
-    def _has_unit_of_force(self, i: int) -> bool:
-        unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
-        return unit is not None and is_unit(unit) and compatible(unit, "N")
+    def _unit(self, i: int) -> str | None:
+        return self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
+
+    def _has_unit(self, i: int, si: str) -> bool:
+        unit = self._unit(i)
+        return unit is not None and is_unit(unit) and compatible(unit, si)
 
     # ---- Cells and other columns ------------------------------------------------------------------------------------
 
     def _is_force(self, i: int) -> bool:
-        taken = self._is_setting(i) or letters_of(self.record.names[i]) in _SPEED | _SIDE
-        return self._has_unit_of_force(i) and not taken
-
-    def _is_numeric(self, i: int) -> bool:
-        column = self.record.columns[i]
-        return column.dtype != object or all(is_number(str(cell)) for cell in column)
-
-    def _is_setting(self, i: int) -> bool:
-        """Return whether a column contains the setting of each line; a column `0 clicks` contains forces instead."""
         name = self.record.names[i]
-        return letters_of(name) in _SETTING and not re.search(r"\d", name)
+        taken = is_setting(name) or is_kind(name, "speed") or is_kind(name, "side")
+        return (self._has_unit(i, "N") or self._has_unit(i, _COEFFICIENT)) and not taken
 
     def _settings(self) -> list[str]:
         """Return the setting of each line, from the column of settings; empty without this column."""
-        i = next((i for i in range(len(self.record.names)) if self._is_setting(i)), None)
+        i = next((i for i in range(len(self.record.names)) if is_setting(self.record.names[i])), None)
         count = self.record.columns[0].size
         if i is None:
             return [""] * count
@@ -265,26 +257,48 @@ class Columns:
         return [f"{name} {float(cell):g}" if is_number(str(cell)) else str(cell) for cell in cells]
 
     def _side(self, cell: str, row: int) -> str:
-        for stroke, words in _WORDS.items():
-            if cell.strip().lower() in words:
-                return stroke
+        if stroke := stroke_of(cell):
+            return stroke
         what = f"{cell!r} is neither compression nor rebound; write comp or reb"
         raise self.record.origin.fault(DataError, what, channel="side", sample=row)
 
-    def _all(self, names: set[str]) -> list[int]:
-        return [i for i, name in enumerate(self.record.names) if letters_of(name) in names]
+    def _all(self, kind: str) -> list[int]:
+        return [i for i, name in enumerate(self.record.names) if is_kind(name, kind)]
 
-    def _need(self, names: set[str], channel: str) -> int:
-        found = self._all(names)
+    def _need(self, kind: str) -> int:
+        found = self._all(kind)
         if not found:
-            what = f"there is no column for this channel; the file has: {', '.join(self.record.names)}"
-            raise self.record.origin.header_fault(MissingChannelError, what, channel=channel)
+            advice = f"name it with --channel {kind.replace('speed', 'velocity')}=COLUMN"
+            what = f"there is no column for this channel; {advice}; the file has: {self.record.listed}"
+            raise self.record.origin.header_fault(MissingChannelError, what, channel=kind)
         return found[0]
 
-    def _values(self, i: int, channel: str, si: str) -> Array:
-        """Return a column (K,) in SI."""
+    def _pairs(self, speeds: int, forces: int, channel: str) -> Iterator[tuple[int, float, float]]:
+        """Yield row, speed [m/s] and force [N] of two columns; rows in which both are empty are left out.
+
+        A damping coefficient gives the force at its speed.
+        """
+        is_filled = np.ones(self.record.columns[0].size, dtype=bool)
+        if all(self.record.columns[i].dtype != object for i in (speeds, forces)):
+            is_filled = ~(np.isnan(self.record.columns[speeds]) & np.isnan(self.record.columns[forces]))
+        rows = np.flatnonzero(is_filled)
+        speed = self._values(speeds, "speed", "m/s", rows)
+        is_slope = _STATISTICS & set(re.findall(r"[a-z]+", self.record.names[forces].lower()))
+        if self._has_unit(forces, _COEFFICIENT) and not is_slope:
+            coefficient = self._values(forces, channel, _COEFFICIENT, rows)
+            name = self.record.names[forces]
+            self.notes.append(f"{name!r} is a damping coefficient: force = coefficient x speed; a slope would be less")
+            force = coefficient * speed
+        else:
+            force = self._values(forces, channel, "N", rows)
+        yield from zip(rows.tolist(), speed.tolist(), force.tolist(), strict=True)
+
+    def _values(self, i: int, channel: str, si: str, rows: NDArray[np.intp]) -> Array:
+        """Return rows (K,) of a column in SI."""
         given = dict(self.units)
-        if si == "N" and "force" in given:
+        if "velocity" in given:
+            given.setdefault("speed", given["velocity"])
+        if si != "m/s" and "force" in given:
             given.setdefault(channel, given["force"])
         unit = self.record.unit(i, channel=channel, given=given, mapped=None)
         try:
@@ -294,8 +308,10 @@ class Columns:
         if not fits:
             what = f"the unit {unit!r} cannot be converted to {si!r}; check that it is the right column"
             raise self.record.origin.header_fault(UnknownUnitError, what, channel=channel)
-        raw = self.record.numbers(i, channel=channel)
-        check_finite(raw, channel=channel, origin=self.record.origin)
+        raw = self.record.numbers(i, channel=channel)[rows]
+        lines = self.record.origin.lines
+        origin = replace(self.record.origin, lines=rows + 1 if lines is None else lines[rows])
+        check_finite(raw, channel=channel, origin=origin)
         return convert(raw, unit, si)
 
 

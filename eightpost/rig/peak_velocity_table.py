@@ -34,6 +34,7 @@ class PeakVelocityTable(Summarized):
         gas_force: Gas force in the table [N]; `compression` and `rebound` are without it.
         gas_source: Description of how the gas force was found; empty without a gas force.
         rest_force: Mean force at zero speed [N]; 0 without such points.
+        notes: Sentences on what was left out or computed while reading.
 
     Raises:
         TooShortError: There are fewer than two speeds.
@@ -49,6 +50,7 @@ class PeakVelocityTable(Summarized):
     gas_force: float = 0.0
     gas_source: str = ""
     rest_force: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("speed", "compression", "rebound"):
@@ -78,6 +80,7 @@ class PeakVelocityTable(Summarized):
             ("compression", f"{self.compression[0]:.4g} to {self.compression[-1]:.4g} N"),
             ("rebound", f"{self.rebound[0]:.4g} to {self.rebound[-1]:.4g} N"),
             ("gas force", gas),
+            ("notes", "; ".join(self.notes)),
         )
 
     def to_pandas(self) -> pd.DataFrame:

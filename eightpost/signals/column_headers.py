@@ -44,6 +44,8 @@ _QUANTITIES = {
     "K": _TEMPERATURE,
     "Pa": {"p", "pressure", "druck"},
 }
+#: Names of a time that are its unit, as loggers write them.
+_TIMES = {"millis": "ms", "milliseconds": "ms", "msec": "ms", "micros": "us", "microseconds": "us", "seconds": "s"}
 #: The same suffixes in headers of capitals: `TIME_SEC`, `VEL_MM_S`.
 _CAPITALS = {suffix.upper(): unit for suffix, unit in _SUFFIXES.items()}
 _CAUTIOUS_CAPITALS = {suffix.upper(): (unit, words) for suffix, (unit, words) in _CAUTIOUS.items()}
@@ -70,7 +72,7 @@ def split_header(text: str) -> tuple[str, str | None]:
         unit = _suffix_unit(text[:cut], text[cut + 1 :])
         if unit:
             return text[:cut], unit
-    return text, None
+    return text, _TIMES.get(text.lower())
 
 
 def _separated(text: str) -> tuple[str, str] | None:
@@ -79,8 +81,8 @@ def _separated(text: str) -> tuple[str, str] | None:
     `Vel mm/s` is not divided: its name would end in a unit.
     """
     match = _SEPARATED.match(text)
-    last = match["name"].split()[-1] if match else ""
-    if match is None or (" " in match["name"] and is_unit(last) and not is_number(last)):
+    *first, last = re.split(r"[ _]+", match["name"]) if match else [""]
+    if match is None or (first and is_unit(last) and not is_number(last)):
         return None
     unit = match["unit"].strip().removeprefix("(").removesuffix(")").strip()
     return (match["name"], unit) if unit and not is_number(unit) and is_unit(unit) else None
@@ -105,8 +107,8 @@ def _behind_blank(text: str) -> tuple[str, str] | None:
 
 
 def _suffix_unit(stem: str, suffix: str) -> str | None:
-    if suffix in _SUFFIXES:
-        return _SUFFIXES[suffix]
+    if suffix in _SUFFIXES or ("/" in suffix and is_unit(suffix)):
+        return _SUFFIXES.get(suffix, suffix)
     if stem.isupper() and suffix in _CAPITALS:
         return _CAPITALS[suffix]
     cautious = _CAUTIOUS | (_CAUTIOUS_CAPITALS if stem.isupper() else {})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +23,24 @@ from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.text_cleaning import (
     decimal_mark,
     decoded,
+    has_three_decimals,
     numbers_with_groups,
+    with_minus_signs,
     with_tabs,
     with_whole_headers,
     without_footer,
     without_spaces_before_quotes,
 )
-from eightpost.signals.text_layout import Block, Layout, cells_of, find_blocks, find_layout, split_cells
+from eightpost.signals.text_layout import (
+    Block,
+    Layout,
+    cells_of,
+    find_blocks,
+    find_layout,
+    first_row_of_channels,
+    split_cells,
+    with_upright_table,
+)
 from eightpost.units import convert
 
 if TYPE_CHECKING:
@@ -45,29 +57,16 @@ _REMARKS = 0.5
 _LONGEST_LINE = 2**18
 
 
-def read_csv(path: str | Path) -> RawRecord:
-    """Read a delimited text file with one table.
+def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read a delimited text file with one or several tables, each with its own header and preamble.
 
     Supported are preamble lines and footers; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row
     under it; the delimiters `,`, `;`, tab and spaces; decimal points and commas, thousands separators; times of day;
-    UTF-8, UTF-16, Shift-JIS and Latin-1.
+    UTF-8, UTF-16, Shift-JIS and Latin-1. Without a header, the columns are named by their numbers. A table whose rows
+    are channels is turned upright.
 
     Raises:
-        FileFormatError: There is no table or more than one, no header, or a line with another number of columns.
-    """
-    records = read_csv_blocks(path)
-    if len(records) > 1:
-        places = ", ".join(str(record.origin.header_line) for record in records)
-        what = f"the file has {len(records)} tables (headers in lines {places}); keep one, or read all of them"
-        raise FileFormatError(what, path=path, line=records[1].origin.header_line)
-    return records[0]
-
-
-def read_csv_blocks(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read a delimited text file that may contain several tables, each with its own header and preamble.
-
-    Raises:
-        FileFormatError: A table cannot be read; see read_csv.
+        FileFormatError: There is no table, or a line has another number of columns.
     """
     path = Path(path)
     with reading(path):
@@ -94,17 +93,26 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
         may_be_cut: Whether the last line may have been cut off, as in a text file that was not copied completely.
 
     Raises:
-        FileFormatError: A table cannot be read; see read_csv.
+        FileFormatError: A table cannot be read; see read_delimited.
     """
+    lines, signs = with_minus_signs(lines)
     plain, comments = without_comments(lines, cells_of)
     notes = (comment_note(lines, comments),) if comments else ()
+    if (first := first_row_of_channels(plain)) is not None:
+        (block,) = find_blocks(upright := with_upright_table(plain, first))
+        record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
+        rows = np.full(record.columns[0].size, first + 1)
+        return (replace(record, origin=Origin(path, rows, first + 1)),)
     blocks = find_blocks(plain)
     return tuple(
-        _record(plain, block, path, notes=notes, may_be_cut=may_be_cut and block is blocks[-1]) for block in blocks
+        _record(plain, block, path, notes=notes, steps=signs, may_be_cut=may_be_cut and block is blocks[-1])
+        for block in blocks
     )
 
 
-def _record(lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], may_be_cut: bool) -> RawRecord:
+def _record(
+    lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], steps: tuple[str, ...], may_be_cut: bool
+) -> RawRecord:
     """Parse one block of the file's lines."""
     layout = find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
@@ -119,13 +127,16 @@ def _record(lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...
         if is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]
-    columns = _columns("\n".join(lines[i - 1] for i in numbers), layout, numbers, path)
+    rows = (layout.filled(lines[i - 1]) for i in numbers)
+    columns, more = _columns("\n".join(rows), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes)
+    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes, (*steps, *more))
 
 
-def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> tuple[NDArray[Any], ...]:
-    """Return one vector (N,) for each named column of the table; of type object if a cell is not a number."""
+def _columns(
+    body: str, layout: Layout, numbers: NDArray[np.int64], path: Path
+) -> tuple[tuple[NDArray[Any], ...], tuple[str, ...]]:
+    """Return one vector (N,) for each named column, of type object if a cell is not a number, and notes."""
     width = len(layout.names) + layout.padding
     decimal = decimal_mark(body, layout.delimiter)
     content = body.encode()
@@ -144,7 +155,13 @@ def _columns(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) 
     if any(_filled(column) > _REMARKS for column in table.columns[named:]):
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
-    return tuple(_vector(column, decimal) for column in table.columns[:named])
+    columns = [_vector(column, decimal) for column in table.columns[:named]]
+    unclear = [i for i, one in enumerate(columns) if one.dtype == object and decimal == "." and has_three_decimals(one)]
+    for i in unclear:
+        columns[i] = np.array([float(str(cell).replace(",", ".")) for cell in columns[i]])
+    listed = ", ".join(repr(layout.names[i]) for i in unclear)
+    note = f"the commas in the column {listed} are decimal: every number has three digits behind one"
+    return tuple(columns), (note,) if unclear else ()
 
 
 def _filled(column: Any) -> float:
@@ -161,7 +178,7 @@ def _vector(column: Any, decimal: str) -> NDArray[Any]:
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return to_numpy(column)
     texts = np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
-    grouped = numbers_with_groups(texts, decimal)
+    grouped = None if decimal == "." and has_three_decimals(texts) else numbers_with_groups(texts, decimal)
     return texts if grouped is None else grouped
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
-from eightpost.signals.csv_file import read_csv, read_csv_blocks, write_csv
+from eightpost.signals.csv_file import read_delimited, write_csv
 from eightpost.signals.lvm_file import read_lvm
-from eightpost.signals.mat_file import read_mat, write_mat
+from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 # ---- Reading --------------------------------------------------------------------------------------------------------
 
-_READERS = {
-    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".parquet": read_parquet, ".mat": read_mat,
+#: Reader of the tables of a file, by its suffix.
+_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_delimited),
+    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), read_spreadsheet),
+    ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": read_tdms,
+    ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf, ".pvp": read_delimited,
 }  # fmt: skip
-#: Readers of formats that may contain several tables.
-_TABLE_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
-    ".csv": read_csv_blocks, ".txt": read_csv_blocks, ".tsv": read_csv_blocks, ".dat": read_csv_blocks,
-    ".xlsx": read_spreadsheet, ".xlsm": read_spreadsheet, ".xls": read_spreadsheet, ".ods": read_spreadsheet,
-    ".tdms": read_tdms, ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf,
-}  # fmt: skip
+#: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
+_CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
 #: Suffixes of files that can be read.
-SUFFIXES = tuple(dict.fromkeys((*_READERS, *_TABLE_READERS)))
+SUFFIXES = tuple(_READERS)
 
 
 def read_record(path: str | Path) -> RawRecord:
@@ -47,27 +47,17 @@ def read_record(path: str | Path) -> RawRecord:
     Raises:
         FileFormatError: The file is missing, its format is unknown, it cannot be read, or it has several tables.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        raise FileFormatError("is a folder, not a file; name the files in it", path=path)
-    if suffix not in SUFFIXES:
-        what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
-        raise FileFormatError(what, path=path)
-    _check_size(path)
-    return _READERS[suffix](path) if suffix in _READERS else _only_table(_TABLE_READERS[suffix](path), path)
-
-
-def _only_table(records: tuple[RawRecord, ...], path: Path) -> RawRecord:
-    if len(records) > 1:
+    first, *others = records = read_records(path)
+    if others:
+        line = others[0].origin.header_line
         lengths = "; ".join(f"{', '.join(each.names[:8])}: {each.columns[0].size} rows" for each in records[:4])
         what = f"the file has {len(records)} tables, but one is needed ({lengths}); export all channels with one time"
-        raise FileFormatError(what, path=path)
-    return records[0]
+        raise FileFormatError(what, path=path, line=line)
+    return first
 
 
 def read_records(path: str | Path) -> tuple[RawRecord, ...]:
-    """Read all tables of a text, spreadsheet, LabVIEW or MDF file without conversion; other formats have one.
+    """Read all tables of a file without conversion; text, spreadsheets, LabVIEW, MDF and .mat may have several.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
@@ -76,11 +66,17 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
         FileFormatError: The file is missing, its format is unknown, or it cannot be read.
     """
     path = Path(path)
-    reader = _TABLE_READERS.get(path.suffix.lower())
-    if not (reader and path.is_file()):
-        return (read_record(path),)
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        raise FileFormatError("is a folder, not a file; name the files in it", path=path)
+    if suffix not in (*_READERS, *_CLOSED):
+        what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
+        raise FileFormatError(what, path=path)
     _check_size(path)
-    return reader(path)
+    if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
+        what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
+        raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
+    return _READERS[suffix](path)
 
 
 def _check_size(path: Path) -> None:

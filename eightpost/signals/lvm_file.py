@@ -15,7 +15,7 @@ from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import reading
 from eightpost.signals.column_headers import split_header
-from eightpost.signals.csv_file import read_csv_blocks
+from eightpost.signals.csv_file import read_delimited
 from eightpost.signals.faults import Origin
 from eightpost.signals.lvm_text import has_header, readable_lines, separator_of
 from eightpost.signals.raw_record import RawRecord
@@ -64,7 +64,7 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
         text = decoded(path.read_bytes())
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not has_header(lines):
-        return read_csv_blocks(path)
+        return read_delimited(path)
     if not is_installed("lvm_read"):
         raise FileFormatError(requirement("reading LabVIEW measurements (.lvm)", "lvm_read", "files"), path=path)
     clean, notes = readable_lines(lines, path)

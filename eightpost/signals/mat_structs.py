@@ -128,4 +128,13 @@ def _is_vector(value: Any) -> bool:
 
 
 def _has_vector(struct: Mapping[str, Any]) -> bool:
-    return any(_is_vector(one) or (isinstance(one, Mapping) and _has_vector(one)) for one in struct.values())
+    inner = map(_as_struct, struct.values())
+    return any(_is_vector(one) or (isinstance(one, Mapping) and _has_vector(one)) for one in inner)
+
+
+def runs_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the structs of the only array of structs if each is a recording, as in CTW's files; else the variables."""
+    arrays = [rows for value in content.values() if len(rows := _rows(value)) > 1]
+    if len(arrays) != 1 or any(_is_vector(_field(row, _SAMPLES)) or not _has_vector(row) for row in arrays[0]):
+        return [content]
+    return arrays[0]

@@ -131,7 +131,7 @@ def _refusing(path: Path, advice: str) -> Iterator[None]:
 _KEY = b"eightpost"
 
 
-def read_parquet(path: str | Path) -> RawRecord:
+def read_parquet(path: str | Path) -> tuple[RawRecord, ...]:
     """Read a Parquet file written by eightpost, or any other whose numeric columns are named like CSV headers.
 
     Raises:
@@ -145,7 +145,7 @@ def read_parquet(path: str | Path) -> RawRecord:
         for name, column in zip(table.column_names, table.columns, strict=True)
     ]
     names, units = tuple(name for name, _ in split), tuple(unit for _, unit in split)
-    return RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns))
+    return (RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns)),)
 
 
 def parquet_header(path: str | Path) -> dict[str, Any]:

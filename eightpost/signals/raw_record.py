@@ -25,7 +25,7 @@ from eightpost.signals.column_headers import is_number, split_header
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.signals.text_cleaning import seconds_of, times_of
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.units import SI_UNITS, compatible, convert, si_unit
+from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, si_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.faults import Origin
@@ -47,6 +47,7 @@ class RawRecord:
         columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
         preamble: Lines above the table, one tuple of cells per line.
         notes: Sentences on what was left out while reading.
+        steps: Sentences on how cells were understood that could be understood otherwise.
     """
 
     origin: Origin
@@ -55,6 +56,7 @@ class RawRecord:
     columns: tuple[NDArray[Any], ...]
     preamble: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Number repeated names and convert columns of times of day to seconds."""
@@ -71,8 +73,19 @@ class RawRecord:
 
     def log_notes(self) -> None:
         """Log what was left out, for readers whose result has no notes."""
-        for note in self.notes:
+        for note in (*self.notes, *self.steps):
             _LOG.warning("%s: %s", self.origin.path, note)
+
+    @property
+    def listed(self) -> str:
+        """Names of the columns in a message, with advice if they have none."""
+        names = ", ".join(self.names)
+        if not all(name.isdigit() for name in self.names):
+            return names
+        return (
+            f"{names}, as it has no header line; add one such as `time [s],velocity [m/s],force [N]`, or name the "
+            "columns by number, --channel force=3, and their units, --units force=N"
+        )
 
     def twins(self, source: str) -> tuple[str, ...]:
         """Return the names of further columns that had the same name in the file."""
@@ -91,7 +104,7 @@ class RawRecord:
         name, unit = split_header(source)  # a channel map may have the whole header, with its unit
         if name in self.names and self.units[self.names.index(name)] == unit:
             return self.names.index(name)
-        what = f"there is no column {source!r}; the file has: {', '.join(self.names)}"
+        what = f"there is no column {source!r}; the file has: {self.listed}"
         raise self.origin.header_fault(MissingChannelError, what, channel=channel)
 
     def unit(self, index: int, *, channel: str, given: Mapping[str, str], mapped: str | None) -> str:
@@ -104,11 +117,11 @@ class RawRecord:
         """
         source, stated = self.names[index], self.units[index]
         given_unit = given.get(channel) or given.get(source)
-        if given_unit and stated and not mapped and given_unit != stated:
+        if given_unit and stated and not mapped and not _is_same(given_unit, stated):
             raise self.origin.header_fault(
                 UnknownUnitError,
-                f"the unit of the column {source!r} is [{stated}] in the file, but {given_unit!r} was given; leave "
-                "that out, or set the unit in a channel map if the file is wrong",
+                f"the unit of the column {source!r} is [{stated}] in its header, but {given_unit!r} was given or "
+                "stands above the table; leave that out, or set the unit in a channel map if the header is wrong",
                 channel=channel,
             )
         unit = mapped or given_unit or stated
@@ -143,6 +156,12 @@ class RawRecord:
             return column.astype(np.float64, copy=False)
         return np.array([self._number(cell, row, channel) for row, cell in enumerate(column)])
 
+    def si(self, index: int, si: str) -> NDArray[np.float64]:
+        """Return a column (N,) in SI; a MissingUnitError or an UnknownUnitError if its unit is not one of `si`."""
+        name = self.names[index]
+        unit = self.unit(index, channel=name, given={}, mapped=None)
+        return convert(self.numbers(index, channel=name), unit, _target_unit(self, name, unit, si))
+
     def _number(self, cell: object, row: int, channel: str) -> float:
         try:
             return float(str(cell).replace(",", "."))
@@ -150,6 +169,11 @@ class RawRecord:
             what = "the cell is empty" if cell == "" else f"{cell!r} is not a number"
             advice = "correct the cell or delete these lines"
             raise self.origin.fault(NotANumberError, f"{what}; {advice}", channel=channel, sample=row) from None
+
+
+def _is_same(unit: str, other: str) -> bool:
+    known = is_unit(unit) and is_unit(other) and compatible(unit, other)
+    return unit == other or (known and conversion(unit, other) == (1.0, 0.0))
 
 
 # ---- Conversion of a raw record into a time series in SI ------------------------------------------------------------
@@ -187,6 +211,7 @@ def mapped_series(
     labels = {name: _label(name, channel_map) for name in picks}
     columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
+    _check_units(record, picks, columns, units or {})
     plans = {}
     for name, pick in picks.items():
         unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
@@ -223,6 +248,23 @@ def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], r
         if name not in known:
             what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
             raise record.origin.header_fault(MissingChannelError, what, channel=name)
+
+
+def _check_units(
+    record: RawRecord, picks: Mapping[str, MappedChannel], columns: Mapping[str, int], units: Mapping[str, str]
+) -> None:
+    """Raise a MissingUnitError that names all channels without a unit if there are several."""
+    missing = [
+        name
+        for name, pick in picks.items()
+        if not (pick.unit or units.get(name) or units.get(pick.source) or record.units[columns[name]])
+        and (name != "time" or record.columns[columns[name]].dtype != object)
+    ]
+    if len(missing) > 1:
+        sources = ", ".join(repr(picks[name].source) for name in missing)
+        advice = " ".join(f"--units {name}=unit" for name in missing)
+        what = f"the columns {sources} have no unit; add it to each name as `name [unit]`, or pass `{advice}`"
+        raise record.origin.header_fault(MissingUnitError, what, channel=missing[0])
 
 
 def _label(name: str, channel_map: ChannelMap) -> str:

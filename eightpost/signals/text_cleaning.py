@@ -57,6 +57,32 @@ def _in_shift_jis(content: bytes) -> str:
     return text if re.search(r"[\u3040-\u30ff\u4e00-\u9fff]{2}", text) else ""
 
 
+# ---- Negative numbers -----------------------------------------------------------------------------------------------
+
+#: A dash of a typesetter in place of the minus of a number.
+_DASH = re.compile(r"(?:(?<![\w.])|(?<=[eE]))[\u2010-\u2015\u2212\ufe63](?=[\d.,])")
+#: A number in parentheses, as accountants write a negative one, in a cell of its own or in a line without words.
+_NEGATIVE = r"\(\s*(\d[\d.,]*(?:[eE][+-]?\d+)?)\s*\)"
+_NEGATIVE_CELL = re.compile(rf"((?:^|[,;\t])\s*\"?\s*){_NEGATIVE}(?=\s*\"?\s*(?:[,;\t]|$))")
+_NEGATIVE_IN_LINE = re.compile(rf"(){_NEGATIVE}")
+_WORD = re.compile(r"[^\W\d_eE]")
+
+
+def with_minus_signs(lines: list[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return lines in which negative numbers have a minus, and a note if some were in parentheses.
+
+    >>> with_minus_signs(["Force (2),x", "(1.5),\u22122"])[0]
+    ['Force (2),x', '-1.5,-2']
+    """
+    lines = [line if line.isascii() else _DASH.sub("-", line) for line in lines]
+    kept = [
+        (_NEGATIVE_CELL if _WORD.search(line) else _NEGATIVE_IN_LINE).sub(r"\1-\2", line) if "(" in line else line
+        for line in lines
+    ]
+    first = next((i for i, (old, new) in enumerate(zip(lines, kept, strict=True)) if old != new), None)
+    return kept, () if first is None else (f"numbers in parentheses are negative, the first in line {first + 1}",)
+
+
 # ---- Headers over several lines -------------------------------------------------------------------------------------
 
 _OPEN = re.compile(r'(?:^|[;,\t])\s*"[^"]*$')
@@ -173,11 +199,7 @@ _NUMBER_LIKE = re.compile(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", 
 def _kind(cell: str) -> str:
     if seconds_of(cell) is not None:
         return "time"
-    return (
-        "number"
-        if not cell or re.fullmatch(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", cell, re.I)
-        else "word"
-    )
+    return "number" if not cell or _NUMBER_LIKE.fullmatch(cell) else "word"
 
 
 # ---- Thousands ------------------------------------------------------------------------------------------------------
@@ -202,6 +224,14 @@ def decimal_mark(body: str, delimiter: str) -> str:
     if "," not in body:
         return "."
     return "." if _DECIMAL_POINT.search(body) else ","
+
+
+_THREE_DECIMALS = re.compile(r"[+-]?\d{1,3},\d{3}")
+
+
+def has_three_decimals(cells: NDArray[Any]) -> bool:
+    """Return whether every text (N,) is a number such as `12,573`: of thousands, small ones would have no comma."""
+    return cells.size > 1 and all(_THREE_DECIMALS.fullmatch(str(cell).strip()) for cell in cells)
 
 
 def numbers_with_groups(cells: NDArray[Any], decimal: str) -> NDArray[np.float64] | None:

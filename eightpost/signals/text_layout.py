@@ -26,19 +26,27 @@ class Layout:
         delimiter: Delimiter: `,`, `;` or a tab.
         names: Column names without units.
         units: Units of the columns as written in the file, None for columns without a unit.
-        header_line: One-based line number of the header.
+        header_line: One-based line number of the header; None without one, when names are numbers from 1.
         unit_line: One-based line number of the units: a separate row, or the header.
         first_line: One-based line number of the first sample.
         padding: Number of columns without a name at the end of each line (a trailing delimiter).
+        short: Number of cells of lines without the last columns, which only some lines have; 0 if all have them.
     """
 
     delimiter: str
     names: tuple[str, ...]
     units: tuple[str | None, ...]
-    header_line: int
-    unit_line: int
+    header_line: int | None
+    unit_line: int | None
     first_line: int
     padding: int
+    short: int = 0
+
+    def filled(self, line: str) -> str:
+        """Return a line with empty cells for the last columns if it has none."""
+        if not self.short or len(split_cells(line, self.delimiter)) != self.short:
+            return line
+        return line + self.delimiter * (len(self.names) - self.short)
 
 
 def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
@@ -53,7 +61,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
         offset: Number of lines of the file above the first of `lines`.
 
     Raises:
-        FileFormatError: There is no table of numbers, or no header above it.
+        FileFormatError: There is no table of numbers, or its header has another number of columns.
     """
     delimiter, rows = _delimiter(lines[:_LAYOUT_LINES], path)
     first = rows[-1]
@@ -62,14 +70,19 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     top = first
     first = _without_column_numbers(lines, first, delimiter)
     above = [i for i in range(top - 1, -1, -1) if lines[i].strip()]
-    if not above:
-        what = "there is no header line above the numbers; add one such as `time [s],velocity [m/s],force [N]`"
-        raise FileFormatError(what, path=path, line=offset + first + 1)
     width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
+    if not above or all(len(cells_of(lines[i])) < 2 for i in above):
+        numbers = tuple(map(str, range(1, width + 1)))
+        return Layout(delimiter, numbers, (None,) * width, None, None, offset + first + 1, 0)
     header, unit_row, units = above[0], above[0], None
     if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
         units = units_row(split_cells(lines[header], delimiter))
         header = above[1] if units else header
+    full = len(split_cells(lines[header], delimiter))
+    last = [cell for i in rows if i >= first and len(row := split_cells(lines[i], delimiter)) == full
+            for cell in row[width:]]  # fmt: skip
+    short = width if last and not any(map(is_number, last)) else 0  # marks of events in some lines only
+    width = full if short else width
     names = _header_cells(lines[header], delimiter, width, offset + header + 1, path)
     split = [(cell, None) if units else split_header(cell) for cell in names]
     stated = [*units, *[""] * len(names)][: len(names)] if units else [unit for _, unit in split]
@@ -81,6 +94,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
         unit_line=offset + unit_row + 1,
         first_line=offset + first + 1,
         padding=width - len(names),
+        short=short,
     )
 
 
@@ -135,6 +149,34 @@ def cells_of(line: str) -> list[str]:
 def _numbers_in(line: str, delimiter: str) -> int:
     """Return the number of cells in a line that are numbers."""
     return sum(is_number(cell) for cell in split_cells(line, delimiter))
+
+
+# ---- Tables whose rows are channels ---------------------------------------------------------------------------------
+
+#: Largest number of channels of such a table.
+_MOST_CHANNELS = 60
+
+
+def first_row_of_channels(lines: list[str]) -> int | None:
+    """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
+
+    Every line with numbers begins with a name, and all its other cells are numbers. Long files have no such table.
+    """
+    if len(lines) > _LAYOUT_LINES:
+        return None
+    rows = [i for i, line in enumerate(lines) if sum(map(is_number, cells_of(line))) > 1]
+    if not 2 <= len(rows) <= _MOST_CHANNELS or rows[-1] - rows[0] >= len(rows):
+        return None
+    table = [cells_of(lines[i]) for i in rows]
+    named = all(not is_number(name) and name and all(map(is_number, cells)) for name, *cells in table)
+    has_header = rows[0] > 0 and len(cells_of(lines[rows[0] - 1])) == len(table[0])
+    return rows[0] if named and not has_header and len({len(cells) for cells in table}) == 1 else None
+
+
+def with_upright_table(lines: list[str], first: int) -> list[str]:
+    """Return lines in which the channels of the table from the line `first` on are columns, separated by tabs."""
+    table = [cells_of(line) for line in lines[first:] if len(cells_of(line)) > 1]
+    return [*lines[:first], *("\t".join(column) for column in zip(*table, strict=False))]
 
 
 # ---- Blocks of a text file that contains several tables, one below the other, each with its own preamble ------------

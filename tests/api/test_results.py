@@ -200,7 +200,7 @@ MISTAKES = {
     "a kind that does not exist": (
         lambda: ep.read("run7.csv", "dynamometer"), r"kind is 'dynamometer'; there are: dyno"),
     "a record of another kind": (
-        lambda: ep.read(DATA / "track.parquet", "dyno"), r"channel 'force': the channel is miss"),
+        lambda: ep.read(DATA / "track.parquet", "dyno"), r"channel 'force': no column has a usual name"),
     "a study that is read": (lambda: ep.read(ep.examples() / "study.toml"), r"defines a study; run it: study\("),
     "units of a shock": (lambda: ep.read(BANK / "B_B.json", units={"force": "N"}), r"belong to records"),
     "a law that does not exist": (

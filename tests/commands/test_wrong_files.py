@@ -21,7 +21,7 @@ WRONG = {
     "fit shocks/dyno_a.csv": "there is no such file; did you mean dyno_A.csv?",
     "fit shoks/dyno_A.csv": "there is no folder shoks; the current folder is",
     "fit shocks": "shocks: is a folder, not a file; name the files in it",
-    "fit B_B.json": "files with the suffix '.json' cannot be read as records; supported: .csv",
+    "fit B_B.json": "is a shock file, not a record; give the record",
     "fit shocks/dyno_A.csv --law lpnl3": "'lpnl3' is not one of 'polylinear'",
     "fit shocks/dyno_A.csv --lew lpnl2": "No such option '--lew'. Did you mean '--law'?",
     "fit shocks/dyno_A.csv --law lpf1 -o car.toml": "a shock file ends in .json; write -o car.json",

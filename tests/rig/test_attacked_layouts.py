@@ -83,15 +83,17 @@ READ = {
 
 REFUSED = {
     "a tenth of the force": (text("t [s],x [mm],v [mm/s],Force/10 [N]", [*CHANNELS[:3], shown(F / 10)]), "Force/10"),
-    "a multiple of the force": (text("t [s],x [mm],v [mm/s],F*10 [N]", [*CHANNELS[:3], shown(10 * F)]), "channel map"),
+    "a multiple of the force": (
+        text("t [s],x [mm],v [mm/s],F*10 [N]", [*CHANNELS[:3], shown(10 * F)]), "--channel force=",
+    ),
     "tens of newtons": (text("t [s],x [mm],v [mm/s],F [10 N]", [*CHANNELS[:3], shown(F / 10)]), "unknown unit '10 N'"),
     "time of the cycle": (text("t [s],x [mm],v [mm/s],F [N]", [CYCLE, *CHANNELS[1:]]), "time decreases"),
     "shocks of two corners": (
         text("t [s],LF Disp [mm],LF Force [N],RF Disp [mm],RF Force [N]", [TIME, DISP, FORCE, DISP, FORCE]),
-        "channel map",
+        "--channel force=",
     ),
     "least and largest force": (
-        text("t [s],x [mm],v [mm/s],Force max [N],Force min [N]", [*CHANNELS, FORCE]), "channel map",
+        text("t [s],x [mm],v [mm/s],Force max [N],Force min [N]", [*CHANNELS, FORCE]), "--channel force=",
     ),
     "counts": (text("t [s],x [mm],v [mm/s],F [counts]", CHANNELS, above="Scale: 0.1 N/count\n"), "'counts' cannot be"),
     "rate of the force": (text("t [s],x [mm],v [mm/s],F [N/s]", CHANNELS), "'N/s' cannot be converted"),
@@ -99,7 +101,7 @@ REFUSED = {
         text("t [s],x [mm],v [mm/s],F [N]", [c[:240] + c[240::2] for c in CHANNELS]), "gap",
     ),
     "extension for compression": (
-        text("t [s],Extension [mm],Extension velocity [mm/s],Tension [N]", CHANNELS), "channel map",
+        text("t [s],Extension [mm],Extension velocity [mm/s],Tension [N]", CHANNELS), "--channel force=",
     ),
 }  # fmt: skip
 

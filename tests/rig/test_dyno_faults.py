@@ -203,7 +203,7 @@ FOUND = {
     "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
     "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
     "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),
-    "a load cell far off zero": (offset(F, 0.7, 3.0), "the force at standstill is large.*load cell"),
+    "a load cell far off zero": (offset(F, 0.7, 3.0), "the force at standstill is (large|negative).*load cell"),
     "a force shifted in time": (shifted(F, 7, 16), "the force is (later|earlier) than a shock makes it"),
     "a displacement shifted in time": (shifted(X, 3, 16), "velocity (follows|leads) the slope of displacement"),
     "samples held": (sampled_and_held, "samples repeat the one before"),

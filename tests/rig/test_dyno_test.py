@@ -110,7 +110,7 @@ def one_changed(values: np.ndarray, value: float) -> np.ndarray:
 
 FAULTS = {
     "no force": ("t [s],v [m/s],P [bar]", (TIME, V, F), errors.MissingChannelError, "line 1, channel 'force'"),
-    "no motion": ("t [s],F [N]", (TIME, F), errors.MissingChannelError, "channel 'velocity'.*neither.*t, F"),
+    "no motion": ("t [s],F [N]", (TIME, F), errors.MissingChannelError, "--channel displacement=COLUMN.*t, F"),
     "no time": ("a [s],v [m/s],F [N]", (TIME, V, F), errors.MissingChannelError, "line 1, channel 'time'"),
     "no unit": ("t [s],v,F [N]", (TIME, V, F), errors.MissingUnitError, "'velocity'.*--units velocity=unit"),
     "force in mm": ("t [s],v [m/s],F [mm]", (TIME, V, F), errors.UnknownUnitError, "'force'.*'mm' cannot.*'N'"),

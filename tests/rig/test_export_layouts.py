@@ -94,6 +94,10 @@ def speeds(count):
 
 MOTEC = '"Format","MoTeC CSV File",,,"Workbook",""\n"Sample Rate","400.000","Hz",,"Segment","",\n\n\n'
 READ = {
+    "negative numbers in brackets": text(
+        H, [SI[0], *([re.sub(r"^-(.*)", r"(\1)", c) for c in cells(*one)] for one in SI[1:])]
+    ),
+    "channels in rows": raw("\n".join(",".join([n, *cells(*one)]) for n, one in zip(NAMES, SI, strict=True)) + "\n"),
     "everything in quotes, words above": quoted(
         [["Time (sec)", "Position (in)", "Velocity (in/sec)", "Force (lbs)", "Temp (F)"]], US,
         above='"Shock 6.3"\n"Shock: LF-22"\n"Test: PVP 10 ips"\n\n'),
@@ -204,14 +208,10 @@ REFUSED = {
     "decimal commas beside commas": (text(H, COMMAS), "columns"),
     "a minus behind the number": (
         text(H, [SI[0], *([re.sub(r"^-(.*)", r"\1-", c) for c in cells(*one)] for one in SI[1:])]), "not a number"),
-    "negative numbers in brackets": (
-        text(H, [SI[0], *([re.sub(r"^-(.*)", r"(\1)", c) for c in cells(*one)] for one in SI[1:])]), "not a number"),
     "two load cells": (text("t [s],x [mm],v [mm/s],Force upper [N],Force lower [N]", [*SI, SI[3]]), "Force upper"),
     "a line for each channel and time": (
         raw("time,channel,value\n" + "".join(f"{t:.6g},{n},{1.0:g}\n" for t in T for n in ("disp", "force"))),
         "channel 'force'"),
-    "channels in rows": (
-        raw("\n".join(",".join([n, *cells(*one)]) for n, one in zip(NAMES, SI, strict=True)) + "\n"), "no header"),
     "numbers that touch": (raw("   t[s]   x[mm]  v[mm/s]     F[N]\n" + fixed("%8.3f", ""), "run.txt"), "columns"),
     "least and largest values under the units": (
         raw("Time,Disp,Vel,Force\ns,mm,mm/s,N\nMin,-20,-314,-1400\nMax,20,314,1700\n" + lines(SI)), "'Min'"),

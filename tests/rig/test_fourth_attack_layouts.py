@@ -143,7 +143,7 @@ REFUSED = {
     "a unit of another quantity behind a blank": (text("Time s,Disp N,Vel mm/s,Force mm"), "Force mm"),
     "a number behind a blank": (text("Time s,Disp mm,Vel mm/s,Force 2"), "has no unit"),
     "a factor before the unit": (text("Time s,Disp mm,Vel mm/s,Force 10 N"), "has no unit|Force 10 N"),
-    "an unknown unit behind a blank": (text("Time s,Disp mm,Vel mm/s,Force Nm"), "Force Nm; name the column"),
+    "an unknown unit behind a blank": (text("Time s,Disp mm,Vel mm/s,Force Nm"), "--channel force=COLUMN.*Force Nm"),
     "a word in a row of numbers": (
         blanks("t[s] x[mm] v[mm/s] F[N]", [*SI[:3], ["x" if i == 300 else c for i, c in enumerate(cells("F", "N"))]]),
         "not a number"),
@@ -160,7 +160,7 @@ REFUSED = {
     "a month above twelve is a word": (dated("%d-Mon-%y %H:%M:%S.%f"), "neither a number nor a time"),
     "a recording without a unit of time": (controldesk(unit=""), "'time' has no unit"),
     "a recording without names": (controldesk(["a", "b", "c"]), "force"),
-    "a recording without the axis of time of a signal": (controldesk(axes=2, has_index=False), "no numeric vector"),
+    "a recording without the axis of time of a signal": (controldesk(axes=2, has_index=False), "--channel time=COLUMN"),
     "a recording with equal names": (controldesk(["Rig/Force/Out1", "Rig2/Force/Out1", "x"]), "force|Force"),
 }  # fmt: skip
 

@@ -126,7 +126,7 @@ MAPPED = {"mat with a matrix": matlab(MATRIX), "mat 7.3 with a matrix": matlab73
 
 REFUSED = {
     "no header": (text("", SI), "no header line"),
-    "no units": (text("t,x,v,F"), "has no unit"),
+    "no units": (text("t,x,v,F"), "have no unit"),
     "unknown unit of force": (text("t [s],x [mm],v [mm/s],F [flurb]"), "unknown unit 'flurb'"),
     "force in volts only": (text("t [s],x [mm],v [mm/s],F [V]"), "cannot be converted to 'N'"),
     "no force": (text("t [s],x [mm],v [mm/s]", SI[:3]), "channel 'force'"),
@@ -175,7 +175,7 @@ def test_columns_of_a_matrix_are_addressed_by_a_channel_map(layout, tmp_path):
     mapping = ChannelMap(channels, MappedChannel("data(:,1)", "s"))
     path = MAPPED[layout](tmp_path)
     check(read_dyno_test(path, channel_map=mapping).series)
-    with pytest.raises(InputError, match=r"data\(:,1\), data\(:,2\).*channel map"):
+    with pytest.raises(InputError, match=r"--channel time=COLUMN.*data\(:,1\), data\(:,2\)"):
         read_dyno_test(path)
 
 

@@ -17,7 +17,7 @@ from eightpost.rig.cycles import run_down
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
-from eightpost.rig.sign_convention import stated_convention
+from eightpost.rig.stated_conventions import reversed_channels
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -244,7 +244,7 @@ def test_a_stated_sign_convention_is_obeyed(tmp_path, statement, change):
     assert test.reasons == ()
     for name, column, unit in (("velocity", "v", 1e-3), ("displacement", "x", 1e-3), ("force", "F", 1.0)):
         assert test.series[name] == pytest.approx(unit * sine()[column])
-    assert ("negated, because the file states" in str(test.derived)) == (statement[-1] != "+")
+    assert ("reversed, because the file states" in str(test.derived)) == (statement[-1] != "+")
 
 
 def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):
@@ -260,7 +260,7 @@ def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):
 
 @pytest.mark.parametrize("line", ["Rebound: 3 clicks", "Rebound +2", "Compression adjuster: 3", "Test at +20 degC"])
 def test_a_setting_is_no_sign_convention(line):
-    assert stated_convention([line], ("velocity", "force")) == ("", ())
+    assert reversed_channels([(line,)], Path()) == ({}, "")
 
 
 def test_another_column_is_named_with_the_times_at_which_it_changes(tmp_path):

@@ -10,8 +10,8 @@ import xlsxwriter
 from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError, UnknownUnitError
-from eightpost.ident.shock.peak_velocity import is_table
 from eightpost.rig import read_dyno_test, read_dyno_tests, read_peak_velocity
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.post.rig_units import check_rig_units
 from eightpost.signals import TimeSeries, read_record, read_series
 from eightpost.signals.faults import IN_MEMORY
@@ -235,7 +235,7 @@ TABLES = {
 @pytest.mark.parametrize("layout", TABLES)
 def test_peak_velocity_table_with_more_columns_is_one_setting(layout, tmp_path):
     path = peak_velocity_file(tmp_path, *TABLES[layout])
-    assert is_table(path)
+    assert peak_velocity_tables(path)
     (found,) = read_peak_velocity(path)
     np.testing.assert_allclose(found.speed, 1e-3 * SPEED)
     np.testing.assert_allclose(found.compression, BUMP)
@@ -252,7 +252,7 @@ def test_second_column_of_speeds_belongs_to_the_forces_behind_it(tmp_path):
 def test_file_with_a_table_and_a_record_is_read_as_the_record(tmp_path):
     peaks = [["Speed [mm/s]", "Comp [N]", "Reb [N]"], *np.column_stack([SPEED, BUMP, DROOP]).tolist()]
     path = sheets({"PVP": peaks, "Data": [NAMES, *grid()]})(tmp_path)
-    assert not is_table(path)
+    assert not peak_velocity_tables(path)
     (test,) = read_dyno_tests(path)
     check(test.series)
 

@@ -57,5 +57,5 @@ def test_text_among_the_numbers_does_not_begin_a_table(tmp_path):
 
 
 def test_several_tables_are_refused_if_one_is_expected(tmp_path):
-    with pytest.raises(errors.FileFormatError, match=r"line 5: the file has 2 tables \(headers in lines 1, 5\)"):
+    with pytest.raises(errors.FileFormatError, match=r"line 5: the file has 2 tables, but one is needed"):
         read_record(written(tmp_path, TABLE + TABLE))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost import errors
-from eightpost.signals import TimeSeries, read_series, write_csv
+from eightpost.signals import TimeSeries, read_records, read_series, write_csv
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -61,7 +61,7 @@ BROKEN = {
     "unknown in a row": ("t,F\ns,blub\n0,1\n1,2\n", errors.UnknownUnitError, "line 2, channel 'F'.*blub"),
     "time in metres": ("t [m],F [N]\n0,1\n1,2\n", errors.UnknownUnitError, "channel 'time'.*'m' cannot"),
     "no time": ("a [s],F [N]\n0,1\n1,2\n", errors.MissingChannelError, "line 1, channel 'time'.*has: a, F"),
-    "no header": ("0,1\n1,2\n", errors.FileFormatError, "line 1: there is no header"),
+    "no header": ("0,1\n1,2\n", errors.MissingChannelError, "channel 'time'.*no header line.*--channel force=3"),
     "unnamed column": ("t [s],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*2 columns.*have 3"),
     "a name twice": ("t [s],F [N],F [N]\n0,1,5\n1,2,6\n", errors.FileFormatError, "line 1: .*'F' is not unique"),
     "no numbers": ("hello\nworld\n", errors.FileFormatError, "no table"),
@@ -105,3 +105,13 @@ def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row
     path.write_text(f"time [s],force [N]\n0,1\n{row}\n2,3\n")
     with pytest.raises(errors.FileFormatError, match=rf"run\.csv, line 3: .*{message}"):
         read_series(path)
+
+
+def test_quoted_numbers_that_all_have_three_digits_behind_a_comma_have_decimals_and_a_note(tmp_path):
+    (record,) = read_records(written(tmp_path, 't [s],x [mm],n\n0,"12,573","1,250"\n1,"-13,210",950\n2,"0,500",1\n'))
+    np.testing.assert_array_equal(record.columns[1], [12.573, -13.21, 0.5])
+    assert record.steps == ()  # the leading zero shows it
+    (record,) = read_records(written(tmp_path, 't [s],x [mm],n\n0,"12,573","1,250"\n1,"-13,210",950\n'))
+    np.testing.assert_array_equal(record.columns[1], [12.573, -13.21])
+    np.testing.assert_array_equal(record.columns[2], [1250.0, 950.0])
+    assert record.steps == ("the commas in the column 'x' are decimal: every number has three digits behind one",)

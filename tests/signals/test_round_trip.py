@@ -130,7 +130,7 @@ def test_mat_vectors_of_another_length_than_the_time_are_not_read(tmp_path):
 def test_without_a_time_the_vectors_of_the_usual_length_are_read_and_an_empty_one_is_no_vector(tmp_path):
     content = {"x": [1.0, 2.0], "F": [1.0, 2.0, 3.0], "v": [4.0, 5.0, 6.0], "none": [], "rate": 2.0}
     savemat(tmp_path / "a.mat", content)
-    assert read_mat(tmp_path / "a.mat").names == ("F", "v")
+    assert read_mat(tmp_path / "a.mat")[0].names == ("F", "v")
     savemat(tmp_path / "b.mat", {"none": [], "rate": 2.0})
     with pytest.raises(FileFormatError, match=r"b\.mat: it contains no numeric vector"):
         read_mat(tmp_path / "b.mat")
@@ -149,9 +149,9 @@ def test_units_of_a_mat_file_that_are_no_texts_are_refused(tmp_path, units, mess
 
 def test_empty_units_of_a_mat_file_are_not_stated(tmp_path):
     savemat(tmp_path / "a.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": {"t": "ms", "v": []}})
-    assert read_mat(tmp_path / "a.mat").units == ("ms", None)
+    assert read_mat(tmp_path / "a.mat")[0].units == ("ms", None)
     savemat(tmp_path / "b.mat", {"t": [0.0, 1.0], "v": [1.0, 2.0], "units": []})
-    assert read_mat(tmp_path / "b.mat").units == (None, None)
+    assert read_mat(tmp_path / "b.mat")[0].units == (None, None)
 
 
 def test_a_mat_file_keeps_the_original_channel_names(tmp_path):

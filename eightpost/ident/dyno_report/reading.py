@@ -9,7 +9,7 @@ from typing import Any
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.files import sha256_of
+from eightpost.files import document_kind, sha256_of
 from eightpost.ident.dyno_report.builds import short_names
 from eightpost.ident.dyno_report.entry import (
     Entry,
@@ -19,15 +19,12 @@ from eightpost.ident.dyno_report.entry import (
     with_gas_of_slow_runs,
 )
 from eightpost.ident.dyno_report.limits import Limits, limits_of
-from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
+from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.peak_velocity_columns import holds_peak_velocities
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.shock import read_shock
 from eightpost.signals import read_records, read_series
 from eightpost.signals.filters import velocity_from_displacement
-
-#: Suffixes of files that may be a peak-velocity table.
-_TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +85,7 @@ def read_entries(
     entries: list[Entry] = []
     shocks: list[Path] = []
     for done, path in enumerate(paths, 1):
-        if path.suffix.lower() == ".json":
+        if path.suffix.lower() == ".json" and document_kind(path) is not None:
             shocks.append(path)
         else:
             entries += _dynamometer_entries(path, reading)
@@ -110,8 +107,7 @@ def read_entries(
 
 def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:
     build, clicks = _chosen(reading.builds, path), _chosen(reading.clicks, path)
-    if path.suffix.lower() in _TABLES and holds_peak_velocities(read_records(path)):
-        tables = read_peak_velocity(path, units=reading.options.get("units"))
+    if tables := peak_velocity_tables(path, **reading.options):
         if clicks and len(tables) == 1:
             tables = (replace(tables[0], clicks=clicks),)
         for number, table in enumerate(tables, 1):
@@ -157,7 +153,7 @@ def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, 
     entries = read_entries([path], reading)
     if len(entries) > 1:
         raise InputError(f"--limits {path.name} has {len(entries)} curves; give a file with one")
-    records = read_records(path) if path.suffix.lower() in _TABLES else ()
+    records = () if entries[0].shock else read_records(path)
     return limits_of(entries[0], records, tolerances)
 
 

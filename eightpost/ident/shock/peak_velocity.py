@@ -17,16 +17,12 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through, held
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.rig.peak_velocity import GAS_SHARE, read_peak_velocity
-from eightpost.rig.peak_velocity_columns import holds_peak_velocities
+from eightpost.rig.peak_velocity import GAS_SHARE, peak_velocity_tables
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS
-from eightpost.signals import read_records
+from eightpost.signals import ChannelMap
 from eightpost.validity import judged
-
-#: Suffixes of files that may be a peak-velocity table.
-_TEXT = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
 
 #: Number of velocities at which the curve is compared with the interpolant of all points.
 _PLACES = 801
@@ -83,7 +79,7 @@ def fit_peak_velocity(table: PeakVelocityTable, *, name: str | None = None, gas:
         "standard_deviation [N]": float(np.std(force)),
         "seconds": time.perf_counter() - started,
         "gas_force [N]": table.gas_force,
-        "changes": [_why(table), *_gas_note(table, gas)],
+        "changes": [*table.notes, _why(table), *_gas_note(table, gas)],
         "warnings": _warnings(table, gas, at_points, force, rising, _share(between, force)),
     }
     conditions = {
@@ -129,22 +125,19 @@ class _FittedTable:
         )
 
 
-def tables_in(files: Sequence[Path], units: Mapping[str, str]) -> tuple[PeakVelocityTable, ...]:
+def tables_in(
+    files: Sequence[Path], units: Mapping[str, str], channel_map: ChannelMap | None = None
+) -> tuple[PeakVelocityTable, ...]:
     """Return the tables of a peak-velocity file; empty if the files are records over time.
 
     Raises:
         InputError: A peak-velocity file is given together with other files.
     """
-    tables = [path for path in files if is_table(path)]
-    if tables and len(files) > 1:
+    found = [tables for path in files if (tables := peak_velocity_tables(path, units=units, channel_map=channel_map))]
+    if found and len(files) > 1:
         what = "fit it alone, or give each table its build (--build FILE=NAME)"
-        raise InputError(f"{tables[0]} is a peak-velocity table: {what}")
-    return read_peak_velocity(tables[0], units=units) if tables else ()
-
-
-def is_table(path: Path) -> bool:
-    """Return whether a file is a peak-velocity table."""
-    return path.suffix.lower() in _TEXT and holds_peak_velocities(read_records(path))
+        raise InputError(f"{found[0][0].source} is a peak-velocity table: {what}")
+    return found[0] if found else ()
 
 
 def fit_tables(

@@ -13,15 +13,16 @@ from eightpost.errors import InputError
 from eightpost.ident.shock.between_builds import POINTS, BuildSpread, side_scales
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.gas import GasTreatment
-from eightpost.ident.shock.peak_velocity import fit_peak_velocity, is_table
-from eightpost.rig.peak_velocity import read_peak_velocity
+from eightpost.ident.shock.peak_velocity import fit_peak_velocity
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
 from eightpost.shock import Shock
+from eightpost.signals import ChannelMap
 from eightpost.validity import judged
 
 
 def builds_in(
-    files: Sequence[Path], units: Mapping[str, str], builds: Mapping[Path, str]
+    files: Sequence[Path], units: Mapping[str, str], builds: Mapping[Path, str], channel_map: ChannelMap | None = None
 ) -> dict[str, tuple[PeakVelocityTable, ...]]:
     """Return the tables of each build if the files are peak-velocity tables of several builds; else nothing.
 
@@ -29,19 +30,22 @@ def builds_in(
         files: Files.
         units: Units by column, for columns without a unit in the file.
         builds: Name of the build of each file.
+        channel_map: Columns with unusual names.
 
     Raises:
         InputError: A file has no build, is no table, or has several settings of the adjusters.
     """
-    if len(set(builds.values())) < 2 or not any(is_table(file) for file in files):
+    if len(set(builds.values())) < 2:
+        return {}
+    tables_of = {file: peak_velocity_tables(file, units=units, channel_map=channel_map) for file in files}
+    if not any(tables_of.values()):
         return {}
     found: dict[str, tuple[PeakVelocityTable, ...]] = {}
     for file in files:
         if file not in builds:
             raise InputError(f"{file} has no build, but other tables have one: add --build {file.name}=NAME")
-        if not is_table(file):
+        if not (tables := tables_of[file]):
             raise InputError(f"{file} is not a peak-velocity table, but others are: fit records and tables separately")
-        tables = read_peak_velocity(file, units=units)
         if len(tables) > 1:
             settings = ", ".join(table.clicks or "unnamed" for table in tables)
             raise InputError(f"{file} has {len(tables)} settings ({settings}): give one setting of each build")

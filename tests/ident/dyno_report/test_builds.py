@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +99,17 @@ def test_one_file_can_be_flipped_and_clicks_be_given(tmp_path):
     forces = [one.curve.force_at(0.1, "compression") for one in found]
     assert forces == pytest.approx([200.0, 200.0], rel=0.01)
     assert found[1].setting.clicks == "5"
+
+
+def test_the_name_of_a_record_states_its_clicks_and_a_record_may_be_json(tmp_path):
+    record = written(tmp_path / "front_12clicks.csv")
+    columns = np.loadtxt(record, delimiter=",", skiprows=1).T.tolist()
+    names = ("Time [s]", "Displacement [m]", "Force [N]")
+    path = tmp_path / "front_3clicks.json"
+    path.write_text(json.dumps(dict(zip(names, columns, strict=True))))
+    found = read_entries([record, path], Reading())
+    assert [one.setting.clicks for one in found] == ["12 clicks", "3 clicks"]
+    assert found[1].curve.force_at(0.1, "rebound") == pytest.approx(found[0].curve.force_at(0.1, "rebound"))
 
 
 def test_names_of_entries_are_unique(tmp_path):

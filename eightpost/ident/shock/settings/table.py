@@ -13,10 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.files import read_text
-from eightpost.ident.shock.peak_velocity import is_table
 from eightpost.rig.dyno_columns import with_channels
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_tests
+from eightpost.rig.file_name import UNITS, numbers_in, setting_in
+from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.shock import Axis
 from eightpost.shock.settings import TEMPERATURE
 from eightpost.toml_document import parse_model
@@ -78,6 +79,7 @@ class SettingsTable:
         settings: Setting of each file, a value per axis.
         tests: Records of each file.
         files: Path of each file.
+        notes: Sentences on settings that were taken from the names of the files.
     """
 
     name: str
@@ -87,6 +89,7 @@ class SettingsTable:
     settings: tuple[tuple[float, ...], ...]
     tests: tuple[tuple[DynoTest, ...], ...]
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     def without(self, number: int) -> SettingsTable:
         """Return the table without a file; if its setting was a reference, the nearest measured one becomes it."""
@@ -119,8 +122,29 @@ def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> Set
         InputError: A file cannot be read, or its setting is not given.
     """
     path = Path(path)
-    table = parse_model(_Table, read_text(path), path, SCHEMA, _WORDS)
+    return _read(parse_model(_Table, read_text(path), path, SCHEMA, _WORDS), path, cutoff)
+
+
+def settings_of_names(paths: Sequence[Path], *, cutoff: float | None = None) -> SettingsTable:
+    """Read dynamometer files whose names contain their settings: `damper_2clicks.csv`, `1.5A.csv`.
+
+    Raises:
+        InputError: The names do not contain one number of clicks, amperes or volts each, or a file cannot be read.
+    """
+    found = {unit: [numbers_in(path.stem, unit) for path in paths] for unit in UNITS}
+    units = [unit for unit, numbers in found.items() if all(len(one) == 1 for one in numbers)]
+    if len(units) != 1 or len(paths) < 2:
+        names = ", ".join(path.name for path in paths)
+        what = "their names do not state one setting each, such as 2clicks or 1.5A; list them in a table"
+        raise InputError(f"{names}: {what} (docs/how_to/settings.md)")
+    adjuster = {UNITS[units[0]]: _Adjuster(unit=units[0])}
+    table = _Table(schema=SCHEMA, adjuster=adjuster, file=[_File(path=str(path.absolute())) for path in paths])
+    return _read(table, paths[0], cutoff)
+
+
+def _read(table: _Table, path: Path, cutoff: float | None) -> SettingsTable:
     _check(table, path)
+    table, notes = _with_settings_of_names(table)
     files = tuple(path.parent / entry.path for entry in table.file)
     reading: dict[str, Any] = {"units": table.units, "flip": table.flip, "cutoff": cutoff}
     reading["channel_map"] = with_channels(None, table.channel)
@@ -138,14 +162,32 @@ def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> Set
     axes = tuple(
         _axis(name, adjuster, column, path) for (name, adjuster), column in zip(_axes_of(table), columns, strict=True)
     )
-    return SettingsTable(table.name or path.stem, table.law, table.gas, axes, settings, tests, files)
+    return SettingsTable(table.name or path.stem, table.law, table.gas, axes, settings, tests, files, notes)
+
+
+def _with_settings_of_names(table: _Table) -> tuple[_Table, tuple[str, ...]]:
+    """Return a table whose files have the settings in their names where it states none, and a note on them."""
+    files, found = [], []
+    units = [adjuster.unit for adjuster in table.adjuster.values()]
+    for entry in table.file:
+        stem = Path(entry.path).stem
+        more = {
+            name: value
+            for name, adjuster in table.adjuster.items()
+            if name not in entry.clicks
+            and (value := setting_in(stem, name, adjuster.unit if units.count(adjuster.unit) == 1 else "")) is not None
+        }
+        found += [f"{Path(entry.path).name} {name} {value:g}" for name, value in more.items()]
+        files.append(entry.model_copy(update={"clicks": {**entry.clicks, **more}}))
+    note = (f"settings from the names of the files: {', '.join(found)}",) if found else ()
+    return table.model_copy(update={"file": files}), note
 
 
 def _tests_of(file: Path, **reading: Any) -> tuple[DynoTest, ...]:
     try:
         return tuple(read_dyno_tests(file, **reading))
     except MissingChannelError as error:
-        if not is_table(file):
+        if not peak_velocity_tables(file, units=reading["units"], channel_map=reading["channel_map"]):
             raise
         what = "is a peak-velocity table, without time; `eightpost fit` makes a shock of each of its settings"
         raise FileFormatError(

@@ -22,7 +22,7 @@ from cosim.study.report.write import sheet_of
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Constraint, Term
 from cosim.study.verdict import study_verdict
-from eightpost.signals.csv_file import read_csv
+from eightpost.signals import read_record
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Verdict
 
@@ -220,7 +220,7 @@ def test_traces_in_csv_are_read_back_in_si(sheet, lap, tmp_path):
     series = lap(1)
     path = write_traces(sheet, 12, series, tmp_path / "setup.csv")
     assert path.read_text(encoding="utf-8").startswith('"Format","MoTeC CSV File"')
-    record = read_csv(path)
+    record = read_record(path)
     assert record.names == ("Time", *series.names) and record.units == ("s", *series.units)
     np.testing.assert_array_equal(np.array(record.columns, dtype=float), np.vstack([series.time, series.values]))
 
