@@ -264,6 +264,8 @@ def _refusing(what: str) -> Iterator[None]:
 
 def is_unit(text: str) -> bool:
     """Return whether `text` can be read as a unit."""
+    if "[" in text or "]" in text:  # known without the library of units, which takes long to load
+        return False
     try:
         _known(text)
     except UnknownUnitError:

@@ -23,7 +23,6 @@ from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.ident import fit_shock
 from eightpost.rig import DynoTest, read_dyno_test
-from eightpost.rig.dyno_notes import notes_of
 from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.signals import TimeSeries, read_series, write_series
 from eightpost.validity import MEMBER, Range, Validity
@@ -64,7 +63,7 @@ def late_and_slow(delay: float, size: float) -> DynoTest:
     values = size * series.values
     values[2] = np.roll(values[2], late)
     moved = TimeSeries(series.time, values, series.names, series.units).window(1.0, 12.0)
-    return replace(test, series=moved, notes=notes_of(moved))
+    return replace(test, series=moved)
 
 
 @pytest.fixture(scope="module")

@@ -76,7 +76,7 @@ _KEY = re.compile(r"(.*?) \[(.+)\]")
 
 #: Entries of a fit that a confidential page shows: the ranges of validity and the error of the fit. Numbers only.
 _OPEN_CONDITIONS = ("velocity_range [m/s]", "frequency_range [Hz]", "displacement_range [m]", "temperature_range [K]")
-_OPEN_FIT = ("rms [N]", "percent")
+_OPEN_FIT = ("rms [N]", "percent", "held_out")
 
 _QUANTITIES = (Column("quantity", "tight"), Column("value"), Column("SI"))
 _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
@@ -141,6 +141,10 @@ def _row(key: str, value: Any) -> tuple[str, str, str]:
         return (name, us or shown, shown if us else "")
     if name == "percent" and _numeric(value):
         return ("rms, share of the force's standard deviation", quantity(value, "%"), "")
+    if name == "held out" and isinstance(value, Mapping) and type(own := value.get("percent")) is float:
+        other = value.get("lpnl2_percent")
+        beside = f" (LPNL2: {quantity(other, '%')})" if type(other) is float else ""
+        return ("rms of what was left out of the fit, share as above", quantity(own, "%") + beside, "")
     return (name, value if isinstance(value, str) else json.dumps(value), "")
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 from rich.console import Console
 from rich.markup import escape
 
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.options import RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.shock import Shock
     from eightpost.signals import ChannelMap
 
 RECIPES = ("joint", "boggs")
@@ -71,8 +68,7 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "in the file.")  # fmt: skip
 @click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
               help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
-@click.option("--plot", type=OutputFile(PICTURE, default=lambda given: given["output"].with_suffix(".png")),
-              help="Force-velocity picture; default: the output file with the suffix .png.")  # fmt: skip
+@click.option("--plot", type=OutputFile(PICTURE), help="Force-velocity picture; default: none.")
 @click.pass_context
 def fit(  # one parameter per option
     ctx: click.Context,
@@ -93,7 +89,7 @@ def fit(  # one parameter per option
     builds: tuple[str, ...],
     clicks: str | None,
     gas_pressure: float | None,
-    plot: Path,
+    plot: Path | None,
 ) -> None:
     """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
 
@@ -111,7 +107,6 @@ def fit(  # one parameter per option
       eightpost fit peak_velocities.csv -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
-    from eightpost.app.show import draw_if_possible
     from eightpost.ident import fit_shock
     from eightpost.ident.shock.peak_velocity import tables_in
     from eightpost.ident.shock.peak_velocity_builds import builds_in
@@ -119,8 +114,8 @@ def fit(  # one parameter per option
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.shock import write_shock
 
-    if ctx.get_parameter_source("plot") is ParameterSource.COMMANDLINE:
-        import eightpost.report.pictures  # noqa: F401 -- a picture that was asked for and cannot be drawn
+    if plot is not None:
+        import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the fit
     console = Console()
     build, of_files = _builds(builds, dyno_files)
     given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
@@ -145,21 +140,14 @@ def fit(  # one parameter per option
     )
     show_fit(console, shock_fit)
     write_shock(shock_fit.shock, output)
-    pictures = draw_if_possible(console, partial(_draw, shock_fit), plot)
-    console.print(f"wrote {', '.join(map(str, (output, *pictures)))}", soft_wrap=True, highlight=False)
+    written = [output]
+    if plot is not None:
+        from eightpost.ident import plot_force_velocity
+
+        plot_force_velocity(shock_fit, plot)
+        written.append(plot)
+    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
-
-
-def _draw(shock_fit: ShockFit, path: Path) -> None:
-    from eightpost.ident import plot_force_velocity
-
-    plot_force_velocity(shock_fit, path)
-
-
-def _draw_tables(fitted: Sequence[tuple[PeakVelocityTable, Shock]], path: Path) -> None:
-    from eightpost.ident import plot_peak_velocity
-
-    plot_peak_velocity(fitted, path)
 
 
 def _check_law_of_tables(law: str | None) -> None:
@@ -237,14 +225,14 @@ def _fit_tables(
     console: Console,
     tables: Sequence[PeakVelocityTable],
     output: Path,
-    plot: Path,
+    plot: Path | None,
     *,
     name: str | None,
     build: str | None,
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the tables of a peak-velocity file and draw their curves."""
-    from eightpost.app.show import draw_if_possible, show_verdict
+    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.peak_velocity import fit_tables
 
     fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
@@ -254,16 +242,18 @@ def _fit_tables(
             console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
         if one.shock.validity:
             show_verdict(console, one.shock.validity.verdict)
-    pairs = [(one.table, one.shock) for one in fitted]
-    pictures = draw_if_possible(console, partial(_draw_tables, pairs), plot)
-    written = [*(one.path for one in fitted), *pictures]
+    written = [one.path for one in fitted]
+    if plot is not None:
+        from eightpost.ident import plot_peak_velocity
+
+        plot_peak_velocity([(one.table, one.shock) for one in fitted], plot)
+        written.append(plot)
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
 
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a record, its length, scale and lag, and its notes."""
-    from eightpost.rig.force_scale import scale_statement
     from eightpost.rig.lag import lag_statement
 
     series = test.series
@@ -273,9 +263,8 @@ def show_test(console: Console, test: DynoTest) -> None:
         soft_wrap=True,
         highlight=False,
     )
-    for statement in (scale_statement(series), lag_statement(series)):
-        console.print(f"  {escape(statement)}", soft_wrap=True, highlight=False)
-    for note in test.derived:
+    console.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
+    for note in (*test.derived, *test.remarks):
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
 
 

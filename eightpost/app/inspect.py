@@ -105,15 +105,14 @@ def _named(record: RawRecord) -> list[tuple[str, str | None]]:
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a test with their ranges, its scale and lag, its conditions and its notes."""
-    from eightpost.rig.force_scale import scale_statement
     from eightpost.rig.lag import lag_statement
 
     series = test.series
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
     console.print(_channel_table(series, ("minimum", "maximum", "mean")))
-    for statement in (scale_statement(series), lag_statement(series), *_conditions(test)):
+    for statement in (lag_statement(series), *_conditions(test)):
         console.print(escape(statement))
-    for note in test.derived:
+    for note in (*test.derived, *test.remarks):
         console.print(f"[yellow]note[/] {escape(note)}")
     for warning in test.warnings:
         console.print(f"[red]warning[/] {escape(warning)}")

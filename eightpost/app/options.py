@@ -93,9 +93,7 @@ class LawName(click.Choice):  # type: ignore[type-arg]
 
         known = ", ".join(map(str, self.choices))
         if value == "auto":
-            self.fail(
-                f"the choice among laws was removed; omit --law for the default, or name one: {known}", param, ctx
-            )
+            self.fail(f"the choice among laws was removed; omit --law, or choose from {known}", param, ctx)
         if value in FORMER:
             self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
         return super().convert(value, param, ctx)
@@ -293,7 +291,10 @@ COLUMNS = click.option("--channel", "columns", multiple=True, type=Assignment("C
 
 def flip_option(example: str) -> Callable[[Function], Function]:
     """Return the option --flip, with an example of a channel."""
-    help_text = f"Reverse the sign of a channel, e.g. {example}; may be repeated."
+    help_text = (
+        f"Reverse the sign of a channel, e.g. {example}; may be repeated. It replaces the signs that a file states; "
+        "`none` reverses no channel."
+    )
     return click.option("--flip", multiple=True, metavar="CHANNEL", help=help_text)
 
 

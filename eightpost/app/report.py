@@ -15,7 +15,8 @@ from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
-    from eightpost.ident.dyno_report.corner import CarCorner
+    from eightpost.array_types import Array
+    from eightpost.ident.dyno_report.builds import CarCorner
     from eightpost.ident.dyno_report.entry import Entry
     from eightpost.ident.dyno_report.reading import Reading
     from eightpost.signals import ChannelMap
@@ -33,8 +34,17 @@ if TYPE_CHECKING:
 @click.option("--clicks", type=Assignment("FILE=TEXT"), metavar="FILE=TEXT", multiple=True,
               help="Settings of the adjusters of a file, e.g. run7.csv='14 from closed'; may be repeated. Default: "
               "those in the file.")  # fmt: skip
-@click.option("--reference", metavar="BUILD",
-              help="Build that the others are compared with; default: the first one.")  # fmt: skip
+@click.option("--limits", type=FilePath(), metavar="MASTER",
+              help="Master curve, for pass or fail: a table of speed, compression, rebound and tolerance, in N or %, "
+              "or another dynamometer or shock file with --tolerance. Default: no limits.")  # fmt: skip
+@click.option("--tolerance", "tolerances", metavar="'5 %'|'20 N'", multiple=True,
+              help="Tolerance of a --limits file without one, in percent of its force or as a force; given twice, the "
+              "larger one counts.")  # fmt: skip
+@click.option("--cycle", metavar="last|mean|N", default="mean", show_default=True,
+              help="Cycle of a steady sine to show: the last, the mean of all, or a number from 1.")  # fmt: skip
+@click.option("--track", metavar="FILE[=COLUMN]", multiple=True,
+              help="Record of a track with the velocity or displacement of the shaft, for a histogram of shaft speed "
+              "beside the curve; may be repeated.")  # fmt: skip
 @click.option("--speed", "speeds", type=Quantity("m/s"), metavar="SPEED", multiple=True,
               help="Speed of the tables, e.g. '5 in/s'; may be repeated. Default: 1, 2, 3, 5, 10, 15 and 20 in/s, as "
               "far as a curve goes.")  # fmt: skip
@@ -68,7 +78,10 @@ def report(  # one parameter per option
     title: str,
     builds: tuple[tuple[str, str], ...],
     clicks: tuple[tuple[str, str], ...],
-    reference: str | None,
+    limits: Path | None,
+    tolerances: tuple[str, ...],
+    cycle: str,
+    track: tuple[str, ...],
     speeds: tuple[float, ...],
     corner_mass: float | None,
     wheel_rate: float | None,
@@ -86,21 +99,22 @@ def report(  # one parameter per option
     DYNO is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/reference/dyno_files.md).
     SHOCK is a shock file that `fit` wrote. The page shows force over velocity, displacement and time, knees and slopes,
     the ratio of rebound to compression, damping ratios, hysteresis, lag, gas force, friction, energy, warming,
-    repeatability, and the differences between builds (docs/how_to/dyno_report.md). It is one file that needs no network
-    and can be printed. A figure that a file does not support is unknown, with the reason. The exit code is 1 if the
-    verdict on a record or a shock is "not usable" (docs/reference/verdict.md); the page is written nevertheless.
+    repeatability, and the differences from the build of the first file (docs/how_to/dyno_report.md). It is one file
+    that needs no network and can be printed. The exit code is 1 if the verdict on a record or a shock is "not usable"
+    (docs/reference/verdict.md), or if a run or table is outside the --limits; the page is written nevertheless.
 
     \b
     Examples:
       eightpost report run1.csv run2.csv shock.json -o report.html
-      eightpost report A.csv A.json B.csv B.json --reference A --corner-mass '306 kg' --wheel-rate '40 N/mm'
+      eightpost report A.csv A.json B.csv B.json --corner-mass '306 kg' --wheel-rate '40 N/mm'
+      eightpost report run1.csv --limits dyno.csv --tolerance '5 %' --tolerance '10 N' --cycle last
       eightpost report bank/*.json --car car.toml --corner lf=A --corner rf=A --corner lr=B --corner rr=B
       eightpost report day.csv --split --build day.csv='front 3' --speed '5 in/s' --speed '10 in/s'
     """
     from eightpost.app.show import show_verdict
     from eightpost.ident.dyno_report.builds import dyno_report
     from eightpost.ident.dyno_report.page import write_report
-    from eightpost.ident.dyno_report.reading import Reading
+    from eightpost.ident.dyno_report.reading import Reading, read_limits
     from eightpost.ident.dyno_report.verdict import report_verdict
     from eightpost.rig.dyno_columns import with_channels
 
@@ -111,10 +125,12 @@ def report(  # one parameter per option
         name, _, channel = word.rpartition("=")
         flips[name] = (*flips.get(name, ()), channel)
     options = {"channel_map": with_channels(channel_map, dict(columns)), "units": dict(units)}
-    reading = Reading(options, flips, dict(builds), dict(clicks), split)
+    reading = Reading(options, flips, dict(builds), dict(clicks), split, _cycle(cycle))
     reading.check(files)
+    wanted = _tolerances(tolerances, limits)
+    master = None if limits is None else read_limits(limits, Reading(options, flips), wanted)
     entries = _read(console, files, reading)
-    made = dyno_report(entries, reference=reference, speeds=speeds, corners=corners, fitted_to=dict(at))
+    made = dyno_report(entries, speeds=speeds, corners=corners, fitted_to=dict(at), limits=master, track=_tracks(track))
     with console.status("drawing"):
         write_report(output, made, title=title)
     for variant in made.variants:
@@ -122,14 +138,49 @@ def report(  # one parameter per option
         console.print(f"{escape(variant.label)}: {escape(names)}")
     verdict = report_verdict(made.entries)
     show_verdict(console, verdict)
+    failed = [one for one in made.judgements if not one.passed]
+    for one in failed:
+        console.print(f"FAIL: {escape(one.entry.name)}, {one.stroke}: {one.text}")
+    if made.judgements and not failed:
+        console.print(f"pass: all curves are within the limits of {escape(str(limits))}")
     console.print(f"wrote {escape(str(output))}")
-    ctx.exit(0 if verdict.is_acceptable else 1)
+    ctx.exit(0 if verdict.is_acceptable and not failed else 1)
+
+
+def _cycle(text: str) -> str | int:
+    """Return the cycle to show: `last`, `mean`, or a number from 1."""
+    if text in ("last", "mean"):
+        return text
+    if not (text.isdecimal() and int(text)):
+        raise InputError(f"--cycle {text!r}: write last, mean, or the number of a cycle from 1")
+    return int(text)
+
+
+def _tolerances(texts: Sequence[str], limits: Path | None) -> list[tuple[float, str]]:
+    """Return tolerances in percent or N."""
+    from eightpost.units import convert, quantity
+
+    if texts and limits is None:
+        raise InputError("--tolerance is that of a master curve; add --limits FILE")
+    found = [quantity(text) for text in texts]
+    return [(value, "%") if unit == "%" else (float(convert(value, unit, "N")), "N") for value, unit in found]
+
+
+def _tracks(words: Sequence[str]) -> dict[str, Array]:
+    """Return the velocities of the shaft [m/s] of track files, by name."""
+    from eightpost.ident.dyno_report.reading import read_track
+
+    found = {}
+    for word in words:
+        name, _, column = word.partition("=")
+        found[f"{Path(name).stem} {column}".strip()] = read_track(Path(name), column or None)
+    return found
 
 
 def _corners(
     car: Path | None, mass: float | None, rate: float | None, motion_ratio: float
 ) -> tuple[CarCorner, ...]:  # fmt: skip
-    from eightpost.ident.dyno_report.corner import CarCorner, corners_of_car
+    from eightpost.ident.dyno_report.builds import CarCorner, corners_of_car
 
     if car is not None:
         if mass is not None or rate is not None:

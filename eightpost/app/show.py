@@ -2,41 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 
-import cosim
 from eightpost import units
-from eightpost.extras import MissingExtraError
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.verdict import Grade, Reason, Verdict
 
 if TYPE_CHECKING:
+    import cosim
     from cosim.study.result import StudyResult
-
-# ---- Pictures, which need an extra -----------------------------------------------------------------------------------
-
-
-def draw_if_possible(console: Console, draw: Callable[[Path], object], path: Path) -> tuple[Path, ...]:
-    """Draw a picture and return its path; if the packages for it are missing, print how to get them instead.
-
-    Args:
-        console: Console for the message.
-        draw: Function that writes the picture to a path.
-        path: Path of the picture; an older picture there is deleted.
-    """
-    try:
-        draw(path)
-    except MissingExtraError as error:
-        path.unlink(missing_ok=True)
-        console.print(escape(f"There is no picture: {error}"), highlight=False, soft_wrap=True)
-        return ()
-    return (path,)
-
 
 # ---- Output of a verdict, the same for every command ----------------------------------------------------------------
 

@@ -124,7 +124,7 @@ def document(
     sections: Sequence[Section],
     *,
     lead: str = "",
-    fold: int = 0,
+    fold: int | None = None,
     links: Mapping[str, str] | None = None,
 ) -> str:
     """Return the HTML of a document; all texts are escaped, except for Markup.

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.display import Summary
-from eightpost.errors import MissingChannelError
+from eightpost.errors import MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
 from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels
 from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
-from eightpost.rig.dyno_notes import notes_of
 from eightpost.rig.optional_columns import check_one_time, with_readable_columns
-from eightpost.rig.other_columns import column_reasons, mixed_units
+from eightpost.rig.other_columns import column_reasons
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
-from eightpost.rig.plausibility_rules import PART_RULES
+from eightpost.rig.plausibility_rules import NEGATIVE_REST, PART_RULES
+from eightpost.rig.sign_convention import stated_convention
 from eightpost.signals import faults
 from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin
@@ -26,7 +26,7 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
 from eightpost.signals.raw_record import mapped_series
 from eightpost.signals.recording import Recording
-from eightpost.verdict import Reason
+from eightpost.verdict import Grade, Reason
 
 if TYPE_CHECKING:
     from eightpost.report.pictures import Picture
@@ -54,8 +54,8 @@ class DynoTest(Recording):
         source: Path of the file, None for a record created in memory.
         sha256: SHA-256 digest of the file, empty without a file.
         derived: Descriptions of channels that were computed, not measured.
-        notes: Notes on suspicious features of the record (`eightpost.rig.dyno_notes`); a fit repeats them.
-        reasons: Findings that make the record implausible (`eightpost.rig.plausibility`), as reasons of a verdict.
+        notes: Notes of the reader: what it left out or could not read.
+        reasons: Findings about the record and notes (`eightpost.rig.plausibility`), as reasons of a verdict.
     """
 
     series: TimeSeries
@@ -78,9 +78,20 @@ class DynoTest(Recording):
         return f"record {self.source.name}" if self.source else "a record in memory"
 
     @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the channels that were measured, not derived."""
+        is_derived = any(what.startswith("velocity from") for what in self.derived)
+        return tuple(name for name in self.series.names if not (is_derived and name == "velocity"))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Notes, those of the reader first: what asks for attention and leaves the record usable."""
+        return (*self.notes, *_sentences(reason for reason in self.reasons if reason.grade is Grade.USABLE))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """Notes, then the reasons as sentences."""
-        return (*self.notes, *(f"{reason.statement}: {reason.figure}; {reason.remedy}" for reason in self.reasons))
+        """Findings that limit the use of the record."""
+        return _sentences(reason for reason in self.reasons if reason.grade is not Grade.USABLE)
 
     def _summary(self) -> Summary:
         known = self.conditions
@@ -91,6 +102,7 @@ class DynoTest(Recording):
             ("conditions", ", ".join(stated)),
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),
+            ("notes", "; ".join(self.remarks)),
             ("warnings", "; ".join(self.warnings)),
         )
 
@@ -108,13 +120,14 @@ class DynoTest(Recording):
         return loop(self.series, "velocity", "force", title=self.label)
 
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
-        """Return the test with the reasons about a change of the shock or of the motion that this series has.
+        """Return the test with the reasons about samples and changes (`PART_RULES`) that this series has.
 
         Args:
             until: End of the fitted seconds, from the start of the series [s].
         """
         kept = tuple(reason for reason in self.reasons if reason.rule not in PART_RULES)
-        return replace(self, reasons=(*kept, *part_reasons(self.series, origin=self.label, until=until)))
+        found = part_reasons(self.series, measured=self.measured, origin=self.label, until=until)
+        return replace(self, reasons=(*kept, *found))
 
     @property
     def stroke(self) -> float | None:
@@ -135,14 +148,14 @@ def read_dyno_test(
 
     Columns are recognised by their usual names (t, x, disp, v, vel, F, load, temp, ...); a channel map takes
     precedence. A missing velocity is derived from the displacement with a low-pass and central differences (6.1.2). An
-    offset of the force (static gas force, rod weight) is not removed. Suspicious features that leave the record usable
-    are described in the test's notes.
+    offset of the force (static gas force, rod weight) is not removed. Findings that leave the record usable are the
+    test's reasons.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
         channel_map: Columns by channel, for columns with unusual names.
         units: Units by channel name, for columns without a unit in the header.
-        flip: Names of the channels whose sign is changed.
+        flip: Names of the channels whose sign is changed; they replace the signs that the file states. `none`: none.
         conditions: Known conditions of the test, which take precedence over the file's preamble.
         cutoff: Low-pass cut-off for a derived velocity [Hz]; default 50 Hz, at most 0.4 of the sample rate.
 
@@ -191,6 +204,10 @@ def read_dyno_tests(
     return tuple(tests)
 
 
+def _sentences(reasons: Iterable[Reason]) -> tuple[str, ...]:
+    return tuple(f"{reason.statement}: {reason.figure}; {reason.remedy}" for reason in reasons)
+
+
 @dataclass(frozen=True, slots=True)
 class _Reading:
     """Options for reading the tables of a file."""
@@ -205,7 +222,8 @@ class _Reading:
         """Return the checked test of a table."""
         label = f"record {self.path.name}"
         record, mapping, left_out = with_readable_columns(record, self.channel_map, self.units, label)
-        mapping = mapping.flipped(self.flip)
+        stated, outward = self._convention(record, mapping)
+        mapping = mapping.flipped(self.flip or outward)
         _check_channels(record, mapping)
         check_one_time(record, mapping, self.channel_map)
         series = mapped_series(record, mapping, units=self.units, expected=DYNO_UNITS)
@@ -216,19 +234,36 @@ class _Reading:
             series, derived = _with_velocity(series, self.cutoff)
             origin = origin if len(derived) == 1 else Origin(origin.path, None, origin.header_line)
         elif "displacement" in series:
-            _check_displacement_sign(series, origin)
-        _check_force(series, origin, derived)
-        stated, notes = conditions_from(record.preamble)
-        notes = (*record.notes, *notes, *notes_of(series, measured=measured, origin=origin))
-        test = DynoTest(series, conditions.over(stated), self.path, sha256_of(self.path), derived, notes)
-        units = mixed_units(record, mapping, self.units)
+            _check_displacement_sign(series, origin, stated)
+        _check_force(series, origin, derived, stated)
+        if outward:
+            derived = (*derived, f"{', '.join(outward)} negated, because the file states {stated!r}")
+        written, notes = conditions_from(record.preamble)
+        notes = (*record.notes, *notes)
+        test = DynoTest(series, conditions.over(written), self.path, sha256_of(self.path), derived, notes)
         reasons = (
             *left_out,
-            *record_reasons(series, measured=measured, origin=test.label, units=units, conditions=test.conditions),
+            *record_reasons(series, measured=measured, origin=test.label, conditions=test.conditions),
             *column_reasons(record, mapping, series, test.label),
             *choice_reasons(record, mapping, self.channel_map, test.label),
         )
+        turned = next((reason for reason in reasons if reason.rule == NEGATIVE_REST.name), None)
+        if stated and turned is not None:
+            what = (
+                f"the file states {stated!r}, but then {turned.statement} ({turned.figure}); name the channels to "
+                "negate with --flip, which replaces the statement, or confirm it with "
+                + (" ".join(f"--flip {name}" for name in outward) or "--flip none")
+            )
+            raise record.origin.header_fault(WrongSignError, what, channel="force")
         return replace(test, reasons=reasons).judged()
+
+    def _convention(self, record: RawRecord, mapping: ChannelMap) -> tuple[str, tuple[str, ...]]:
+        """Return what a file states about its signs, and the channels to negate; empty if the caller named some."""
+        if self.flip:
+            return "", ()
+        columns = (f"{name} {pick.source}" for name, pick in mapping.channels.items())
+        lines = [*(" ".join(cells) for cells in record.preamble), *columns]
+        return stated_convention(lines, (name for name in mapping.channels if name != "temperature"))
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
@@ -253,21 +288,22 @@ def _check_record(series: TimeSeries, origin: Origin) -> None:
             faults.check_moves(series[name], channel=name, origin=origin)
 
 
-def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...]) -> None:
+def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], stated: str) -> None:
     """Check the force for clipping, and its sign by its correlation with the velocity."""
     velocity, force = series["velocity"], series["force"]
     faults.check_not_clipped(force, channel="force", origin=origin, against=velocity)
     if rectified_force(series):  # a reason of the verdict; the correlation with velocity says nothing
         return
     against = "the velocity derived from displacement" if derived else "velocity"
-    faults.check_sign(force, velocity, channel="force", against=against, origin=origin)
+    faults.check_sign(force, velocity, channel="force", against=against, origin=origin, stated=stated)
 
 
-def _check_displacement_sign(series: TimeSeries, origin: Origin) -> None:
+def _check_displacement_sign(series: TimeSeries, origin: Origin, stated: str) -> None:
     """Check the displacement's sign by comparison with the measured velocity."""
     rate = series.sample_rate
     slope = velocity_from_displacement(series["displacement"], rate, _default_cutoff(rate))
-    faults.check_sign(slope, series["velocity"], channel="displacement", against="velocity", origin=origin)
+    against = "velocity"
+    faults.check_sign(slope, series[against], channel="displacement", against=against, origin=origin, stated=stated)
 
 
 def _default_cutoff(rate: float) -> float:

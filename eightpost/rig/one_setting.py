@@ -37,9 +37,11 @@ STEP_SHARE = 0.3
 SETTLING = (0.05, 0.1, 0.2, 0.4, 0.8)
 #: Ratio of the sizes of the motion before and after a step above which the motion changed, and the shock perhaps did
 #: not: the force at a velocity depends on frequency and stroke.
-MOTION = 1.5
+MOTION = 1.3
 #: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
 FADE = 0.5
+#: Smallest number of other cycles on each side of a step.
+FEWEST_MOVING = 2
 #: Minimum share of the record on each side of a step: a shock that cavitates needs some cycles to reach its state.
 FEWEST_SHARE = 0.15
 
@@ -52,7 +54,7 @@ def setting_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
         origin: Name of the record.
     """
     velocity, force = series["velocity"], series["force"]
-    block = _cycle_blocks(velocity)
+    block = cycle_blocks(velocity)
     count = int(block.max()) + 1
     rest = rest_force(velocity, force)
     if count < FEWEST_BLOCKS or rest is None:
@@ -91,13 +93,13 @@ def _has_one_motion(phase: Array, velocity: Array, block: NDArray[np.intp], firs
     squares = np.stack([np.bincount(block, weights=(row - row.mean()) ** 2) / count for row in (velocity, *phase)])
     moving = squares[0] > np.median(squares[0]) * FADE**2
     before = np.arange(count.size) < first
-    if not (before & moving).any() or not (~before & moving).any():
+    if min(np.count_nonzero(side & moving) for side in (before, ~before)) < FEWEST_MOVING:
         return False
     sizes = squares[:, before & moving].mean(axis=1), squares[:, ~before & moving].mean(axis=1)
     return bool((np.abs(np.log(sizes[0] / sizes[1])) <= 2.0 * np.log(MOTION)).all())
 
 
-def _cycle_blocks(velocity: Array) -> NDArray[np.intp]:
+def cycle_blocks(velocity: Array) -> NDArray[np.intp]:
     """Return the number of the block (N,) that each sample belongs to; a block is one or more whole cycles."""
     fast = np.flatnonzero(np.abs(velocity) > MOVING * float(np.abs(velocity).max()))
     signs = velocity[fast] > 0.0

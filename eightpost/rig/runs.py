@@ -12,7 +12,6 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
 from eightpost.rig.cycles import turning_points
-from eightpost.rig.dyno_notes import notes_of
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, DynoTest
 from eightpost.signals.filters import lowpass
 
@@ -161,11 +160,4 @@ def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
     start, stop = piece
     series = test.series.window(test.series.time[start], test.series.time[stop - 1])
     section = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
-    measured = None if not _derives_velocity(test) else tuple(n for n in series.names if n != "velocity")
-    run = replace(test, series=series, derived=(*test.derived, section), notes=notes_of(series, measured=measured))
-    return run.judged()
-
-
-def _derives_velocity(test: DynoTest) -> bool:
-    """Return whether the velocity was derived from the displacement."""
-    return any(what.startswith("velocity from") for what in test.derived)
+    return replace(test, series=series, derived=(*test.derived, section), notes=()).judged()

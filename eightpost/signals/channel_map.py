@@ -82,13 +82,15 @@ class ChannelMap:
         return cls(mapped, time, path)
 
     def flipped(self, names: Iterable[str]) -> ChannelMap:
-        """Return the map with the opposite sign for the channels `names`.
+        """Return the map with the opposite sign for the channels `names`; the name `none` stands for no channel.
 
         Raises:
             MissingChannelError: The map has no channel of a name.
         """
         channels = dict(self.channels)
         for name in names:
+            if name == "none":
+                continue
             if name not in channels:
                 known = ", ".join(channels)
                 what = f"cannot change its sign: there is no such channel; there are: {known}"

@@ -213,18 +213,29 @@ def _in_long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return kept
 
 
-def check_sign(values: Array, reference: Array, *, channel: str, against: str, origin: Origin = IN_MEMORY) -> None:
+def check_sign(
+    values: Array, reference: Array, *, channel: str, against: str, origin: Origin = IN_MEMORY, stated: str = ""
+) -> None:
     """Raise WrongSignError if `values` (N,) correlate negatively with `reference` (N,).
 
     A damper's force opposes its motion, so with the project's signs (both positive in compression) force and velocity
     correlate positively.
+
+    Args:
+        values: Samples of the channel (N,).
+        reference: Samples of the other channel (N,).
+        channel: Name of the channel.
+        against: Name of the other channel.
+        origin: Origin of the record.
+        stated: Statement of the file on its signs, according to which the channels were read; empty without one.
     """
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
         raise origin.header_fault(
             WrongSignError,
-            f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must be "
-            f"positive in compression); change the sign of the wrong one with gain = -1 in the channel map or with "
+            (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
+            + f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must "
+            f"be positive in compression); change the sign of the wrong one with gain = -1 in the channel map or with "
             f"--flip: `--flip {channel}` if {against} is right, otherwise flip {against}. A wrong choice swaps "
             "compression and rebound; check that the gas force is positive",
             channel=channel,

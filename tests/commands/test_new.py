@@ -47,14 +47,14 @@ def test_the_commands_up_to_the_coupled_run_succeed(folder, monkeypatch):
     *first, study = commands((folder / "README.md").read_text(encoding="utf-8"))
     assert len(first) == 4 and study == "eightpost study study.toml -o study"
     run(first, folder, monkeypatch)
-    for product in ("shocks/dyno_A.png", "fmus/car.fmu", "run/report.html"):
+    for product in ("shocks/dyno_A.json", "fmus/car.fmu", "run/report.html"):
         assert (folder / product).is_file()
 
 
 @pytest.mark.nightly
 def test_the_five_commands_of_the_readme_succeed(folder, monkeypatch):
     run(commands((folder / "README.md").read_text(encoding="utf-8")), folder, monkeypatch)
-    for product in ("shocks/dyno_A.png", "fmus/car.fmu", "run/report.html", "study/report.html"):
+    for product in ("shocks/dyno_A.json", "fmus/car.fmu", "run/report.html", "study/report.html"):
         assert (folder / product).is_file()
 
 

@@ -199,7 +199,6 @@ def test_a_folder_to_write_is_no_file_and_keeps_files_of_another_kind(
 #: Command line without an output, and the output that it writes.
 DEFAULTS = {
     "fit a/d.csv": "d.json",
-    "fit a/d.csv -o e.json": "e.png",
     "settings a/t.toml": "t.json",
     "settings a/t.toml -o e.json": "e.png",
     "page a/shock.json": "shock.html",

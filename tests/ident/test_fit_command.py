@@ -28,9 +28,7 @@ def record(curve, law_record):
 
 
 @pytest.fixture
-def fit(tmp_path, monkeypatch):
-    monkeypatch.setattr("eightpost.ident.plot_force_velocity", lambda *_: None)
-
+def fit(tmp_path):
     def call(text, *words):
         (tmp_path / "dyno.csv").write_text(text)
         output = tmp_path / "shock.json"
@@ -77,3 +75,19 @@ def test_a_record_is_split_into_its_runs_only_on_request(fit):
     text = header + "".join(",".join(f"{value:.7g}" for value in row) + "\n" for row in rows)
     assert fit(text)[1]["fit"]["runs"] == 1
     assert fit(text, "--split")[1]["fit"]["runs"] == 2
+
+
+def test_the_held_out_error_is_a_line_on_the_screen_and_a_picture_is_drawn_on_request_only(fit, record, tmp_path):
+    shown, shock = fit(table(record, duration=3.0))
+    (line,) = [line for line in shown.splitlines() if line.startswith("held-out error")]
+    assert f"{shock['fit']['held_out']['percent']:.3g} % of the force's standard deviation (LPNL2: " in line
+    assert not list(tmp_path.glob("*.png"))
+    fit(table(record, duration=3.0), "--plot", str(tmp_path / "curve.png"))
+    assert (tmp_path / "curve.png").stat().st_size > 10_000
+
+
+def test_the_removed_choice_is_named_with_the_way_out(tmp_path, record):
+    (tmp_path / "dyno.csv").write_text(table(record, duration=3.0))
+    shown = CliRunner().invoke(main, ["fit", str(tmp_path / "dyno.csv"), "--law", "auto"])
+    assert shown.exit_code == 2
+    assert "the choice among laws was removed; omit --law, or choose from polylinear" in shown.output

@@ -86,7 +86,7 @@ def test_of_two_columns_for_one_channel_the_first_is_read_and_named(tmp_path):
     path = dyno_file(tmp_path, "t [s],v [m/s],Force [N],Load [N]", TIME, V, F, 2.0 * F)
     test = read_dyno_test(path)
     np.testing.assert_allclose(test.series["force"], F, rtol=1e-7)
-    assert any("'Force' was read, and not 'Load'" in warning for warning in test.warnings)
+    assert any("'Force' was read, and not 'Load'" in note for note in test.remarks)
 
 
 def test_a_channel_with_the_wrong_sign_is_refused_and_accepted_if_flipped(tmp_path):

@@ -261,8 +261,8 @@ def test_comments_among_the_samples_are_a_note_because_they_may_state_a_change(t
 
 
 def test_tables_side_by_side_are_reported(tmp_path):
-    warnings = read_dyno_test(READ["two tables side by side"](tmp_path)).warnings
-    assert any("'F' was read, and not 'F (2)'" in warning for warning in warnings)
+    notes = read_dyno_test(READ["two tables side by side"](tmp_path)).remarks
+    assert any("'F' was read, and not 'F (2)'" in note for note in notes)
 
 
 def test_slow_temperatures_are_interpolated_and_missing_ones_left_out(tmp_path):
@@ -270,7 +270,7 @@ def test_slow_temperatures_are_interpolated_and_missing_ones_left_out(tmp_path):
     assert slow.series["temperature"] == pytest.approx(np.full(COUNT, 300.15))
     none = read_dyno_test(READ["no temperature in its column"](tmp_path))
     assert "temperature" not in none.series
-    assert any("'Temp' was not read" in note for note in none.warnings)
+    assert any("'Temp' was not read" in note for note in none.remarks)
 
 
 # ---- Files that were cut off ----------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from eightpost.rig.lag import (
     lag_reasons,
     lag_statement,
 )
-from eightpost.rig.plausibility import MixedUnits, record_reasons
+from eightpost.rig.plausibility import record_reasons
 from eightpost.signals import TimeSeries
 
 SPEEDS = (0.0254, 0.0508, 0.0762, 0.127, 0.2032, 0.254)
@@ -278,7 +278,6 @@ def test_a_velocity_that_is_a_difference_of_positions_makes_no_early_force():
 
 def test_the_reasons_of_a_record_have_the_lag():
     series = record(sines(), lag=20e-3)
-    known = {"measured": series.names, "origin": "run", "units": MixedUnits()}
-    (reason,) = record_reasons(series, **known)
+    (reason,) = record_reasons(series, measured=series.names, origin="run")
     assert reason.rule == "late force"
     assert reason.figure == f"by {force_lag(series)}"

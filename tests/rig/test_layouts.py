@@ -188,10 +188,10 @@ def test_a_layout_that_cannot_be_read_is_refused_with_advice(layout, tmp_path):
 
 def test_the_column_that_was_chosen_is_named_and_another_can_be_given(tmp_path):
     path = READ["filtered and raw force"](tmp_path)
-    warnings = read_dyno_test(path).warnings
-    assert any("'Force raw' was read, and not 'Force filtered'" in warning for warning in warnings)
+    notes = read_dyno_test(path).remarks
+    assert any("'Force raw' was read, and not 'Force filtered'" in note for note in notes)
     mapping = with_channels(None, {"force": "Force raw"})
-    assert not any("was read" in warning for warning in read_dyno_test(path, channel_map=mapping).warnings)
+    assert not any("was read" in note for note in read_dyno_test(path, channel_map=mapping).remarks)
 
 
 def test_there_are_sixty_layouts():

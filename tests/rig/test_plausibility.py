@@ -5,18 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from eightpost.__main__ import main
+from eightpost.errors import WrongSignError
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.cycles import run_down
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
+from eightpost.rig.sign_convention import stated_convention
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -88,11 +89,7 @@ FAULTS = {
     "time in ms labelled s": ("contradictory units", times("t", 1e3), "unlikely units"),
     "time in ms labelled s, velocity derived": ("unlikely units", both(without("v"), times("t", 1e3)), None),
     "inches labelled mm, velocity measured": ("contradictory units", times("x", 1.0 / 25.4), None),
-    "inches labelled mm, velocity derived": ("unlikely units", both(without("v"), times("x", 1.0 / 25.4)), None),
-    "inches and inches per second labelled mm": ("unlikely units", both(times("x", 1 / 25.4), times("v", 1 / 25.4)),
-                                                 None),
     "velocity in in/s labelled mm/s": ("contradictory units", times("v", 1 / 25.4), None),
-    "force in lbf labelled N, of a shock below 4400 N.s/m": ("unlikely units", times("F", 0.9 * 0.2248), None),
     "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
     "rectified force of which 7 % of the range were negative": (
         "rectified force", lambda c: c | {"F": np.abs(c["F"] - c["F"].min() - 0.07 * np.ptp(c["F"]))}, None),
@@ -104,6 +101,11 @@ FAULTS = {
     "a voltage that steps": ("another column changes", lambda c: c | {"volt": np.where(c["t"] > 5.0, 2.0, 1.0)}, None),
     "clicks that step": ("another column changes", lambda c: c | {"clicks": np.where(c["t"] > 5.0, 6.0, 3.0)}, None),
     "run-down": ("run-down of the machine", stopping, None),
+    "a force that drifts": ("drift", lambda c: c | {"F": c["F"] * (1.0 - 0.01 * c["t"])}, None),
+    "a displacement that drifts": ("drift", lambda c: c | {"x": c["x"] * (1.0 - 0.01 * c["t"])}, None),
+    "hum": ("hum", lambda c: c | {"F": c["F"] + 15.0 * np.sin(100.0 * np.pi * c["t"])}, None),
+    "a force averaged over 50 ms": ("smoothed force", lambda c: c | {"F": uniform_filter1d(c["F"], 25)}, None),
+    "velocity 10 % too large": ("velocity and displacement disagree", times("v", 1.1), None),
 }  # fmt: skip
 
 
@@ -147,13 +149,6 @@ def test_a_shock_that_hardly_damps_in_rebound_is_not_rectified_although_no_mean_
     assert force.min() < -0.1 * force.max()
     assert rectified_force(signed) == ""
     assert rectified_force(rectified)
-
-
-def test_newtons_beside_inches_narrow_the_usual_damping_rates(tmp_path):
-    soft = sine() | {"F": 0.3 * sine()["F"]}  # 1.5 kN.s/m
-    assert rules(tmp_path, soft) == []
-    inches = soft | {"x": soft["x"] / 25.4, "v": soft["v"] / 25.4}
-    assert rules(tmp_path, inches, units=UNITS | {"x": "in", "v": "in/s"}) == ["unlikely units"]
 
 
 @pytest.mark.nightly
@@ -214,53 +209,75 @@ def test_a_second_sine_of_another_frequency_is_no_change_of_the_shock(tmp_path):
     assert not {"the shock changed", "the shock changed a little"} & set(rules(tmp_path, columns))
 
 
-# ---- Scale of the force ---------------------------------------------------------------------------------------------
-
-POUNDS = times("F", 1.0 / 4.448)
+# ---- Statements of the file -----------------------------------------------------------------------------------------
 
 
-def stiff(*, gas, warming=None):
-    """Return a shock whose damping rate is plausible even if its pounds are labelled N."""
-    columns = sine()
-    columns["F"] = gas + 3.0 * (columns["F"] - 150.0)
-    if warming is not None:
-        columns["T"] = 40.0 + warming * columns["t"] / columns["t"][-1]
-    return columns
-
-
-def force_rules(folder, columns, preamble):
-    names = {"t": "Time", "x": "Displacement", "v": "Velocity", "F": "Force", "T": "Temperature"}
-    units = UNITS | {"T": "degC"}
-    header = f"{preamble}\n" + ",".join(f"{names[name]} [{units[name]}]" for name in columns)
+def written(folder, columns, preamble):
+    names = {"t": "Time", "x": "Displacement", "v": "Velocity", "F": "Force"}
+    header = f"{preamble}\n" + ",".join(f"{names[name]} [{UNITS[name]}]" for name in columns)
     np.savetxt(folder / "r.csv", np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
-    reasons = read_dyno_test(folder / "r.csv").reasons
-    return [reason.figure for reason in reasons if reason.rule == "unlikely units"]
+    return folder / "r.csv"
 
 
-@pytest.mark.repeated
+def test_a_stated_gas_force_shows_that_pounds_are_labelled_newtons(tmp_path):
+    gas = sine() | {"F": sine()["F"] + 50.0}
+    assert read_dyno_test(written(tmp_path, gas, "Gas force: 200 N")).reasons == ()
+    pounds = times("F", 1.0 / 4.448)(gas)
+    (reason,) = read_dyno_test(written(tmp_path, pounds, "Gas force: 200 N")).reasons
+    assert reason.rule == "contradictory units" and reason.figure.endswith("lbf labelled N")
+
+
+TURNED = both(times("F", -1.0), times("v", -1.0), times("x", -1.0))
+
+
 @pytest.mark.parametrize(
-    ("columns", "preamble", "words"),
+    ("statement", "change"),
     [
-        (stiff(gas=200.0), "Gas pressure: 10 bar", "rod of 7.48 mm"),
-        (stiff(gas=200.0), "Gas force: 200 N", "4.55 times as much"),
-        (stiff(gas=200.0, warming=4.0), "Shock: A", "heat capacity of 251 J/K"),
+        ("Sign convention: extension positive, rebound force positive", TURNED),
+        ("Force: tension positive", times("F", -1.0)),
+        ("motion positive in droop", both(times("v", -1.0), times("x", -1.0))),
+        ("All channels: bump +", lambda columns: columns),
     ],
 )
-def test_gas_pressure_gas_force_and_warming_show_that_pounds_are_labelled_newtons(tmp_path, columns, preamble, words):
-    assert force_rules(tmp_path, columns, preamble) == []
-    found = force_rules(tmp_path, POUNDS(columns), preamble)
-    assert len(found) == 1 and words in found[0]
+def test_a_stated_sign_convention_is_obeyed(tmp_path, statement, change):
+    test = read_dyno_test(written(tmp_path, change(sine()), statement))
+    assert test.reasons == ()
+    for name, column, unit in (("velocity", "v", 1e-3), ("displacement", "x", 1e-3), ("force", "F", 1.0)):
+        assert test.series[name] == pytest.approx(unit * sine()[column])
+    assert ("negated, because the file states" in str(test.derived)) == (statement[-1] != "+")
 
 
-def test_a_zeroed_load_cell_says_nothing_about_the_rod(tmp_path):
-    assert force_rules(tmp_path, stiff(gas=2.0), "Gas pressure: 10 bar") == []
+def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):
+    with pytest.raises(WrongSignError, match=r"states 'compression positive', but then .* or confirm .*--flip none"):
+        read_dyno_test(written(tmp_path, TURNED(sine()), "compression positive"))
+    with pytest.raises(WrongSignError, match=r"states 'extension positive' \(--flip replaces it\), but its"):
+        read_dyno_test(written(tmp_path, times("F", -1.0)(sine()), "extension positive"))
+    known = read_dyno_test(written(tmp_path, TURNED(sine()), "compression positive"), flip=["none"])
+    assert [reason.rule for reason in known.reasons] == ["negative force at standstill"]
+    flipped = read_dyno_test(written(tmp_path, TURNED(sine()), "x"), flip=["force", "velocity", "displacement"])
+    assert flipped.reasons == ()
 
 
-def test_without_such_a_quantity_the_peak_is_stated_for_comparison(tmp_path):
-    assert force_rules(tmp_path, POUNDS(stiff(gas=200.0)), "Shock: A") == []
-    result = CliRunner().invoke(main, ["inspect", str(tmp_path / "r.csv")])
-    assert "peak force" in result.output
-    assert "does not show whether its units are right" in result.output
+@pytest.mark.parametrize("line", ["Rebound: 3 clicks", "Rebound +2", "Compression adjuster: 3", "Test at +20 degC"])
+def test_a_setting_is_no_sign_convention(line):
+    assert stated_convention([line], ("velocity", "force")) == ("", ())
+
+
+def test_another_column_is_named_with_the_times_at_which_it_changes(tmp_path):
+    def figures(values, name="valve [V]"):
+        rules(tmp_path, sine() | {name: values}, units=UNITS)
+        return [reason.figure for reason in read_dyno_test(tmp_path / "run.csv").reasons]
+
+    t = sine()["t"]
+    assert figures(np.where(t > 5.0, 2.0, 1.0)) == ["between 1 and 2 at 5.002 s [V]"]
+    pulses = np.where((t % 2.0) > 1.0, 2.0, 1.0)
+    assert figures(pulses) == ["between 1 and 2 at 1.002 s, 2 s, 3.002 s, 4 s and 5 more times [V]"]
+    assert figures(1.0 + t) == []  # a straight line counts samples
+    assert "from 1." in figures(1.0 + t**2)[0]
+    random = np.convolve(np.random.default_rng(5).standard_normal(t.size), np.ones(50) / 7.0, "same")
+    assert "all the time between" in figures(random)[0]
+    assert figures(random, "other") == []
+    assert figures(1e-3 * sine()["F"]) == []  # the voltage of the load cell
 
 
 def test_a_shock_with_stiff_rebound_and_a_lag_does_not_look_reversed():

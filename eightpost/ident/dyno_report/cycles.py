@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
+from eightpost.errors import InputError
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.rig.cycles import SMALLEST, turning_points
 from eightpost.signals import TimeSeries
@@ -33,87 +34,120 @@ UNLIKE = Unknown("the motion is not one steady cycle; split a record of several 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A change of direction.
+    """A change of direction."""
 
-    Attributes:
-        time: Time at which the velocity is zero [s].
-        force: Force at that time [N].
-        start: Last sample before it beyond the threshold of velocity.
-        stop: First sample after it beyond the threshold.
-        upward: Whether compression follows.
-        acceleration: Acceleration at that time [m/s2].
-        displacement: Displacement at that time [m]; 0 if it was not measured.
-    """
-
+    #: Time at which the velocity is zero [s].
     time: float
+    #: Force at that time [N].
     force: float
+    #: Last sample before it, and first sample after it, beyond the threshold of velocity.
     start: int
     stop: int
+    #: Whether compression follows.
     upward: bool
+    #: Acceleration at that time [m/s2].
     acceleration: float
+    #: Displacement at that time [m]; 0 if it was not measured.
     displacement: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Peaks of successive half cycles with the same speed: force at the centre of the stroke (PVP)."""
+
+    #: Mean speed [m/s] and mean force magnitude [N], gas included.
+    speed: float
+    force: float
+    #: Standard deviation of the forces [N]; None of a single one.
+    scatter: float | None
+    #: Number of half cycles.
+    count: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cycles:
-    """Cycles of a run.
+    """Cycles of a run."""
 
-    Attributes:
-        peak_velocity: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
-        peak_force: Force there (H,) [N].
-        count: Number of whole cycles; of steady ones, those that are alike.
-        is_steady: Whether the cycles have the same stroke and duration.
-        frequency: Mean frequency [Hz].
-        stroke: Mean stroke from one end to the other [m].
-        offset: Mean of the forces at zero velocity at both ends of the stroke [N].
-        width: Force at zero velocity at the compressed end minus that at the extended end [N].
-        energy: Energy dissipated per cycle [J].
-        energy_scatter: Standard deviation of the energy between cycles [J].
-    """
-
+    #: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
     peak_velocity: Array
+    #: Force there (H,) [N].
     peak_force: Array
+    #: Number of whole cycles; of steady ones, those that are alike.
     count: int
+    #: Whether the cycles have the same stroke and duration.
     is_steady: bool
+    #: Mean frequency [Hz].
     frequency: Found
-    stroke: Found
-    offset: Found
+    #: Force at zero velocity at the compressed end minus that at the extended end [N].
     width: Found
+    #: Energy dissipated per cycle [J], and its standard deviation between cycles [J].
     energy: Found
     energy_scatter: Found
+    #: Start and end of the chosen cycle [s]; None if all cycles count.
+    span: tuple[float, float] | None = None
 
-    def peaks(self, sign: float) -> tuple[Array, Array]:
-        """Return peak speeds (J,) [m/s] and force magnitudes (J,) [N], gas included, of one direction.
-
-        Of a steady run, the half cycles in which the machine starts and stops are left out.
-        """
+    def peaks(self, sign: float) -> tuple[Peaks, ...]:
+        """Return the peaks of one direction at each speed that is repeated; nothing for a random motion."""
         chosen = sign * self.peak_velocity > 0.0
-        if self.is_steady and chosen.any():
-            chosen &= np.abs(sign * self.peak_velocity / np.median(sign * self.peak_velocity[chosen]) - 1.0) <= ALIKE
-        return sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
+        speeds, forces = sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
+        groups: list[list[int]] = []
+        for k, speed in enumerate(speeds.tolist()):
+            if groups and abs(speed / speeds[groups[-1][0]] - 1.0) <= ALIKE:
+                groups[-1].append(k)
+            else:
+                groups.append([k])
+        repeated = [k for group in groups if len(group) >= FEWEST_CYCLES or self.span for k in group]
+        if len(repeated) < STEADY * speeds.size:
+            return ()
+        same: list[list[int]] = []
+        for k in sorted(repeated, key=lambda k: float(speeds[k])):
+            if same and speeds[k] <= (1.0 + ALIKE) * speeds[same[-1][0]]:
+                same[-1].append(k)
+            else:
+                same.append([k])
+        return tuple(
+            Peaks(float(speeds[group].mean()), float(forces[group].mean()),
+                  float(forces[group].std(ddof=1)) if len(group) > 1 else None, len(group))
+            for group in same
+        )  # fmt: skip
 
 
-def cycles_of(series: TimeSeries) -> Cycles:
-    """Return the cycles of a record with `velocity` [m/s] and `force` [N]."""
+def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
+    """Return the cycles of a record.
+
+    Args:
+        series: Record with `velocity` [m/s] and `force` [N].
+        cycle: `mean` of all cycles that are alike, the `last` of them, or its number from 1; of a steady sine only.
+
+    Raises:
+        InputError: There are fewer cycles than this number.
+    """
     crossings = crossings_of(series)
-    peaks = np.array(
-        [_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]
-    ).reshape(-1, 2)  # fmt: skip
-    offset, width = _at_zero(crossings)
+    peaks = np.array([_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]).reshape(-1, 2)
     times = np.array([crossing.time for crossing in crossings if crossing.upward])
-    if times.size < FEWEST_CYCLES + 1:
-        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, NO_CYCLE, NO_CYCLE, offset, width,
-                      NO_CYCLE, NO_CYCLE)  # fmt: skip
-    duration, stroke = np.diff(times), _strokes(series, crossings)
-    alike = (np.abs(stroke / np.median(stroke) - 1.0) <= ALIKE) & (
-        np.abs(duration / np.median(duration) - 1.0) <= ALIKE
-    )
+    none = NO_CYCLE if times.size < FEWEST_CYCLES + 1 else UNLIKE
+    duration, stroke = np.diff(times), _strokes(series, times)
+    alike = np.zeros(0, dtype=bool)
+    if none is UNLIKE:
+        usual = (np.median(stroke), np.median(duration))
+        alike = (np.abs(stroke / usual[0] - 1.0) <= ALIKE) & (np.abs(duration / usual[1] - 1.0) <= ALIKE)
     if np.count_nonzero(alike) < max(FEWEST_CYCLES, STEADY * alike.size):
-        return Cycles(peaks[:, 0], peaks[:, 1], times.size - 1, False, UNLIKE, UNLIKE, offset, UNLIKE, UNLIKE, UNLIKE)
-    energy = np.diff(np.interp(times, series.time, energy_over_time(series)))[alike]
+        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, none,
+                      none if none is UNLIKE else _width(crossings), none, none)  # fmt: skip
+    energy = np.diff(np.interp(times, series.time, energy_over_time(series)))
+    used, span = np.flatnonzero(alike), None
+    if cycle != "mean":
+        number = used.size if cycle == "last" else int(cycle)
+        if not 1 <= number <= used.size:
+            raise InputError(f"--cycle {cycle}: the run has {used.size} whole cycles that are alike")
+        used = used[number - 1 : number]
+        span = (float(times[used[0]]), float(times[used[0] + 1]))
+        middles = np.array([0.5 * (a.time + b.time) for a, b in pairwise(crossings)])
+        peaks = peaks[(middles > span[0]) & (middles < span[1])]
+    scatter: Found = float(energy[used].std(ddof=1)) if used.size > 1 else Unknown("one cycle has no scatter")
     return Cycles(
-        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[alike].mean()),
-        float(stroke[alike].mean()), offset, width, float(energy.mean()), float(energy.std(ddof=1)),
+        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[used].mean()),
+        _width(crossings), float(energy[used].mean()), scatter, span,
     )  # fmt: skip
 
 
@@ -149,14 +183,9 @@ def path_of(series: TimeSeries) -> Array:
 def _crossing(
     series: TimeSeries, beyond: NDArray[np.bool_], turn: int, first: int, last: int
 ) -> Crossing | None:  # fmt: skip
-    """Return the crossing of zero near a turning point: lines of time and force over the velocities around it.
+    """Return the crossing of zero near a turning point, from the samples `first` to `last`.
 
-    Args:
-        series: Record.
-        beyond: Samples (N,) whose speed is beyond the threshold.
-        turn: Sample of the turning point.
-        first: First sample to use.
-        last: Last sample to use.
+    Time and force are lines over the velocities between the samples (N,) whose speed is `beyond` the threshold.
     """
     before, after = np.flatnonzero(beyond[first:turn]), np.flatnonzero(beyond[turn : last + 1])
     start = first + int(before[-1]) if before.size else first
@@ -218,19 +247,17 @@ def force_at_rest(series: TimeSeries) -> Found:
     return float(found[0])
 
 
-def _at_zero(crossings: list[Crossing]) -> tuple[Found, Found]:
-    """Return the offset and the width of the loop at zero velocity [N]."""
+def _width(crossings: list[Crossing]) -> Found:
+    """Return the width of the loop at zero velocity [N]."""
     extended = [crossing.force for crossing in crossings if crossing.upward]
     compressed = [crossing.force for crossing in crossings if not crossing.upward]
     if not (extended and compressed):
-        none = Unknown("the velocity does not change its sign in both directions")
-        return none, none
-    low, high = float(np.mean(extended)), float(np.mean(compressed))
-    return 0.5 * (low + high), high - low
+        return Unknown("the velocity does not change its sign in both directions")
+    return float(np.mean(compressed)) - float(np.mean(extended))
 
 
-def _strokes(series: TimeSeries, crossings: list[Crossing]) -> Array:
-    """Return the stroke of each whole cycle (C,) [m]: the range of the integral of velocity within it."""
+def _strokes(series: TimeSeries, times: Array) -> Array:
+    """Return the stroke between successive times (C + 1,) [s]: the range of the integral of velocity (C,) [m]."""
     path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
-    bounds = np.searchsorted(series.time, [crossing.time for crossing in crossings if crossing.upward])
+    bounds = np.searchsorted(series.time, times)
     return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
-from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.ident.dyno_report.slow import SlowFigures, slow_figures
-from eightpost.ident.dyno_report.velocity_curve import (
+from eightpost.ident.dyno_report.curve import (
     STROKES,
+    Branches,
     Stroke,
     StrokeFigures,
     VelocityCurve,
+    branches_of,
+    closed_loop,
     curve_of_law,
     curve_of_series,
     curve_of_table,
+    force_at_zero,
     stroke_figures,
 )
+from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
+from eightpost.ident.dyno_report.found import Found, Unknown
+from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.lag import force_lag
 from eightpost.rig.peak_velocity_table import PeakVelocityTable
@@ -32,44 +36,40 @@ from eightpost.signals import TimeSeries
 
 Kind = Literal["run", "table", "law"]
 
+#: Correlation of force and velocity below which a closed loop has no meaning.
+CORRELATED = 0.3
+
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Build and conditions of an entry; unknown conditions are None.
+    """Build and conditions of an entry; unknown conditions are None."""
 
-    Attributes:
-        build: Name of the build.
-        clicks: Settings of the adjusters, in the team's words.
-        gas_pressure: Gas pressure [Pa].
-        temperature: Mean temperature [K].
-    """
-
+    #: Name of the build.
     build: str
+    #: Settings of the adjusters, in the team's words.
     clicks: str | None = None
+    #: Gas pressure [Pa].
     gas_pressure: float | None = None
+    #: Mean temperature [K].
     temperature: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Warming:
-    """Temperature and energy of a run.
+    """Temperature and energy of a run."""
 
-    Attributes:
-        start: Mean temperature of the first tenth [K].
-        drift: Mean temperature of the last tenth minus that of the first [K].
-        energy: Energy from the first to the last sample [J].
-        power: Mean power [W].
-    """
-
+    #: Mean temperature of the first tenth [K].
     start: Found
+    #: Mean temperature of the last tenth minus that of the first [K].
     drift: Found
+    #: Energy from the first to the last sample [J], and mean power [W].
     energy: Found
     power: Found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """The 95 % band of a fitted static curve: velocities (M,) [m/s], lower and upper forces (M,) [N]."""
+    """A band about a curve: velocities (M,) [m/s], lower and upper forces (M,) [N]."""
 
     velocity: Array
     low: Array
@@ -78,50 +78,39 @@ class Band:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A run, a table or a law, with its figures.
-
-    Attributes:
-        kind: Kind of the entry.
-        name: Unique display name.
-        setting: Build and conditions.
-        source: Path of the file; None for data in memory.
-        sha256: Digest of the file; empty without a file.
-        curve: Mean force over velocity, without `level` and, of a run, without its lag.
-        strokes: Knee and slopes of each stroke.
-        offset: Force at zero velocity [N], of a run after its lag is removed.
-        cycles: Cycles of a run, or the reason why they are unknown.
-        lag: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
-        slow: Gas force and friction.
-        warming: Temperature and energy.
-        test: Record of a run.
-        shock: Shock of a law.
-        band: Band of a law's curve.
-        notes: Notes on the file.
-        shared_gas: Gas force in the middle of the stroke [N] that was taken from a slow run; None if it was not.
-    """
+    """A run, a table or a law, with its figures."""
 
     kind: Kind
+    #: Unique display name.
     name: str
     setting: Setting
+    #: Path of the file, None for data in memory, and its digest, empty without a file.
     source: Path | None
     sha256: str
+    #: Mean force over velocity, without `level` and, of a run, without its lag.
     curve: VelocityCurve | Unknown
+    #: Knee and slopes of each stroke.
     strokes: Mapping[Stroke, StrokeFigures]
+    #: Force at zero velocity [N], of a run after its lag is removed.
     offset: Found
+    #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
+    level: Found
+    #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
     cycles: Cycles | Unknown
+    #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
     lag: Found
+    #: Gas force and friction.
     slow: SlowFigures
     warming: Warming
+    #: Measured branches of a run, without `level`.
+    branches: Branches | None = None
+    #: Record of a run with an even time step.
     test: DynoTest | None = None
+    #: Shock of a law, and the 95 % band of its static curve.
     shock: Shock | None = None
     band: Band | None = None
+    #: Notes on the file.
     notes: tuple[str, ...] = field(default=())
-    shared_gas: float | None = None
-
-    @property
-    def level(self) -> Found:
-        """Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`."""
-        return self.offset if self.shared_gas is None else self.shared_gas
 
     @property
     def highest(self) -> float:
@@ -129,52 +118,58 @@ class Entry:
         return max(figures.highest for figures in self.strokes.values())
 
     @property
-    def series(self) -> TimeSeries | None:
-        """Record of a run, None for tables and laws."""
-        return self.test.series if self.test else None
+    def title(self) -> str:
+        """Kind of the entry as text."""
+        return law_title(self.shock.law_name) if self.shock else {"run": "run", "table": "PVP table"}[self.kind]
 
 
-def strokes_of(curve: VelocityCurve | Unknown) -> dict[Stroke, StrokeFigures]:
-    """Return knee and slopes of each stroke of a curve."""
+def _strokes_of(curve: VelocityCurve | Unknown) -> dict[Stroke, StrokeFigures]:
     return {stroke: stroke_figures(curve, stroke) for stroke in STROKES}
 
 
 # ---- Runs -----------------------------------------------------------------------------------------------------------
 
 
-def entry_of_test(test: DynoTest, name: str, build: str) -> Entry:
+def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "mean") -> Entry:
     """Return the entry of a run.
 
     Args:
         test: Run; its record is resampled if its time steps are uneven.
         name: Unique display name.
         build: Name of the build.
+        cycle: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
+
+    Raises:
+        InputError: The run has fewer cycles.
     """
     series = test.series if test.series.is_uniform else test.series.resample(test.series.sample_rate)
-    cycles, lag = cycles_of(series), _lag(series)
-    static = series if isinstance(lag, Unknown) else advanced(series, lag)
-    at_rest = force_at_rest(series)
-    offset = cycles_of(static).offset if isinstance(at_rest, Unknown) else at_rest
-    curve = offset if isinstance(offset, Unknown) else curve_of_series(static, cycles, offset)
+    closed = _closed(series)
+    static = cycles_of(closed, cycle)
+    cycles = replace(cycles_of(series, cycle), peak_velocity=static.peak_velocity, peak_force=static.peak_force)
+    at_rest = force_at_rest(closed)
+    offset = force_at_zero(curve_of_series(closed, static)) if isinstance(at_rest, Unknown) else at_rest
+    curve: VelocityCurve | Unknown
+    if isinstance(offset, Unknown):
+        curve, branches = offset, None
+    else:
+        steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
+        curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, strokes_of(curve), offset, cycles, lag, slow_figures(series), _warming(series, test),
-        test=test, notes=(*test.derived, *test.notes),
+        curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
+        branches, test=replace(test, series=series), notes=(*test.derived, *test.notes),
     )  # fmt: skip
 
 
-def advanced(series: TimeSeries, lag: float) -> TimeSeries:
-    """Return a record whose force is advanced by its lag [s], without the samples at the end that have no force.
-
-    A lag adds its product with acceleration and damping rate to the force at zero velocity. If the rates of both
-    strokes differ, the mean of both ends of the stroke is not the gas force.
-    """
-    inside = (series.time + lag >= series.time[0]) & (series.time + lag <= series.time[-1])
-    force = np.interp(series.time + lag, series.time, series["force"])
-    names = [name for name in series.names if name != "force"]
-    return series.select(names).with_channel("force", "N", force).at(inside)
+def _closed(series: TimeSeries) -> TimeSeries:
+    """Return the closed loop of a record; a motion that is slow, or has no damping, keeps its loop."""
+    if float(np.abs(series["velocity"]).max()) <= SLOW:
+        return series
+    closed = closed_loop(series)
+    damped = float(np.corrcoef(closed["force"], closed["velocity"])[0, 1]) >= CORRELATED
+    return closed if damped else series
 
 
 def _lag(series: TimeSeries) -> Found:
@@ -193,6 +188,49 @@ def _warming(series: TimeSeries, test: DynoTest) -> Warming:
     return Warming(float(series["temperature"][:tenth].mean()), temperature_drift(series), energy, power)
 
 
+def with_gas_of_slow_runs(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Return the entries; fast runs have the gas force of a slow run of their setting subtracted, if there is one.
+
+    The force of a fast sine at zero velocity is not its gas force, because it contains what the shock does not release
+    at the ends of the stroke. A slow run of the same build, clicks and gas pressure shows the gas force.
+    """
+    slow = [entry for entry in entries if entry.kind == "run" and isinstance(entry.slow.gas_force, float)]
+    found = []
+    for entry in entries:
+        same = [one for one in slow if _condition(one) == _condition(entry)]
+        is_fast = entry.kind == "run" and isinstance(entry.slow.gas_force, Unknown)
+        found.append(_without_gas(entry, same[0]) if is_fast and same else entry)
+    return tuple(found)
+
+
+def _condition(entry: Entry) -> tuple[object, ...]:
+    return entry.setting.build, entry.setting.clicks, entry.setting.gas_pressure
+
+
+def _without_gas(entry: Entry, slow: Entry) -> Entry:
+    """Return a fast run without the gas force of a slow one, in the middle of its stroke, instead of its own offset."""
+    gas, stiffness, own = slow.slow.gas_force, slow.slow.stiffness, entry.offset
+    if not isinstance(own, float) or not isinstance(gas, float) or not isinstance(stiffness, float):
+        return entry
+    if isinstance(entry.curve, Unknown) or entry.branches is None:
+        return entry
+    assert entry.test is not None and slow.test is not None  # both are runs
+    if "displacement" not in entry.test.series:
+        return entry
+    ends = [0.5 * float(one.series["displacement"].max() + one.series["displacement"].min())
+            for one in (entry.test, slow.test)]  # fmt: skip
+    level = gas + stiffness * (ends[0] - ends[1])
+    curve = replace(entry.curve, force=entry.curve.force + own - level)
+    branches = replace(entry.branches, opening=entry.branches.opening + own - level,
+                       closing=entry.branches.closing + own - level)  # fmt: skip
+    note = (
+        f"gas: {level:.4g} N in the middle of the stroke, from the slow run {slow.name}, is subtracted; the force of "
+        f"this run at zero velocity is {own:.4g} N"
+    )
+    return replace(entry, curve=curve, branches=branches, strokes=_strokes_of(curve), level=level,
+                   notes=(*entry.notes, note))  # fmt: skip
+
+
 # ---- Tables ---------------------------------------------------------------------------------------------------------
 
 _NO_TIME = Unknown("a peak-velocity table has no time")
@@ -203,11 +241,11 @@ def entry_of_table(table: PeakVelocityTable, name: str, build: str) -> Entry:
     curve = curve_of_table(table)
     no_gas = Unknown("the table shows no gas force: it has no points at zero speed and none near it, or no gas")
     gas: Found = table.gas_force if table.gas_source else no_gas
-    no_time = SlowFigures(gas, _NO_TIME, _NO_TIME, 0.0, _NO_TIME)
+    no_time = SlowFigures(gas, _NO_TIME, _NO_TIME, _NO_TIME)
     notes = (f"the gas force was found from {table.gas_source}",) if table.gas_source else ()
     return Entry(
-        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, strokes_of(curve), gas,
-        _NO_TIME, _NO_TIME, no_time, Warming(_NO_TIME, _NO_TIME, _NO_TIME, _NO_TIME), notes=notes,
+        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve), gas, gas,
+        _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
     )  # fmt: skip
 
 
@@ -238,11 +276,11 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
     lag = _time_constant(shock)
     estimates = (_estimate(known, "gas_preload_estimate [N]"), _estimate(known, "gas_stiffness_estimate [N/m]"))
     gas = SlowFigures(*estimates, port.seal_friction if port.seal_friction else Unknown("the law has no seal friction"),
-                      0.0, _NO_RECORD)  # fmt: skip
+                      _NO_RECORD)  # fmt: skip
     changes = tuple(str(change) for change in shock.fit.get("changes", ()) if isinstance(change, str))
     return Entry(
-        "law", name, setting, source, sha256, curve, strokes_of(curve), port.gas_preload, _NO_RECORD, lag, gas,
-        Warming(_NO_RECORD, _NO_RECORD, _NO_RECORD, _NO_RECORD), shock=shock, band=_band(shock), notes=changes,
+        "law", name, setting, source, sha256, curve, _strokes_of(curve), port.gas_preload, port.gas_preload, _NO_RECORD,
+        lag, gas, Warming(*(_NO_RECORD,) * 4), shock=shock, band=_band(shock), notes=changes,
     )  # fmt: skip
 
 

@@ -7,15 +7,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.files import sha256_of
-from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
+from eightpost.ident.dyno_report.builds import short_names
+from eightpost.ident.dyno_report.entry import (
+    Entry,
+    entry_of_shock,
+    entry_of_table,
+    entry_of_test,
+    with_gas_of_slow_runs,
+)
+from eightpost.ident.dyno_report.limits import Limits, limits_of
 from eightpost.rig import read_dyno_tests, read_peak_velocity, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.peak_velocity_columns import holds_peak_velocities
 from eightpost.shock import read_shock
-from eightpost.signals import read_records
+from eightpost.signals import read_records, read_series
+from eightpost.signals.filters import velocity_from_displacement
 
 #: Suffixes of files that may be a peak-velocity table.
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
@@ -23,21 +32,19 @@ _TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xls", ".ods")
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Options of reading the files of a report.
+    """Options of reading the files of a report."""
 
-    Attributes:
-        options: Options of `eightpost.rig.read_dyno_tests` for all records: channel map, units and so on.
-        flip: Channels to reverse, for all files (empty name) or by name of a file.
-        builds: Build of files, by name of the file.
-        clicks: Settings of the adjusters of files, by name of the file.
-        split: Whether to split records into runs.
-    """
-
+    #: Options of `eightpost.rig.read_dyno_tests` for all records: channel map, units and so on.
     options: Mapping[str, Any] = field(default_factory=dict)
+    #: Channels to reverse, for all files (empty name) or by name of a file.
     flip: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: Build, and settings of the adjusters, of files, by name of the file.
     builds: Mapping[str, str] = field(default_factory=dict)
     clicks: Mapping[str, str] = field(default_factory=dict)
+    #: Whether to split records into runs.
     split: bool = False
+    #: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
+    cycle: str | int = "mean"
 
     def check(self, paths: Sequence[Path]) -> None:
         """Check that every file that an option names is given.
@@ -117,19 +124,63 @@ def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:
     runs = [run for test in tests for run in (split_runs(test) if reading.split else (test,))]
     for number, run in enumerate(runs, 1):
         name = path.stem if len(runs) == 1 else f"{path.stem} {run.conditions.run or 'run'} {number}"
-        yield entry_of_test(run, name, run.conditions.build or path.stem)
+        yield entry_of_test(run, name, run.conditions.build or path.stem, cycle=reading.cycle)
 
 
 def _with_unique_names(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return the entries with the law's name, or a number, after names that occur several times."""
+    """Return the entries in short, with the law's name, or a number, after names that occur several times."""
     found: list[Entry] = []
     taken: set[str] = set()
+    short = short_names(entry.name for entry in entries)
     for entry in entries:
-        name, number = entry.name, 2
+        name, number = short[entry.name], 2
         if name in taken and entry.shock:
-            name = f"{entry.name} {entry.shock.law_name}"
+            name = f"{short[entry.name]} {entry.shock.law_name}"
         while name in taken:
-            name, number = f"{entry.name} ({number})", number + 1
+            name, number = f"{short[entry.name]} ({number})", number + 1
         taken.add(name)
         found.append(replace(entry, name=name))
     return tuple(found)
+
+
+def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> Limits:
+    """Return the limits of a master curve: of a dynamometer file or a shock file with one curve.
+
+    Args:
+        path: File; a table of peak velocities may have a column of tolerances.
+        reading: Options, without builds and cycles.
+        tolerances: Values with the unit `%` or `N` for a file without tolerances; the largest one counts.
+
+    Raises:
+        InputError: The file has several curves, or there is no tolerance.
+    """
+    entries = read_entries([path], reading)
+    if len(entries) > 1:
+        raise InputError(f"--limits {path.name} has {len(entries)} curves; give a file with one")
+    records = read_records(path) if path.suffix.lower() in _TABLES else ()
+    return limits_of(entries[0], records, tolerances)
+
+
+def read_track(path: Path, column: str | None = None) -> Array:
+    """Return the velocity of the shaft (N,) [m/s] in a record of a track.
+
+    Args:
+        path: File with an even time step.
+        column: Column with the velocity, or with the displacement, of which the derivative is taken; default: the
+            first one that is a velocity, else the first one that is a displacement.
+
+    Raises:
+        InputError: There is no such column.
+    """
+    series = read_series(path)
+    units = {name: series.unit(name) for name in series.names}
+    fitting = [name for unit in ("m/s", "m") for name in units if units[name] == unit and column in (None, name)]
+    if not fitting:
+        listed = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
+        wanted = f"the column {column!r} is missing or" if column else "no column"
+        raise InputError(f"--track {path.name}: {wanted} is a velocity or a displacement; the file has: {listed}")
+    values = series[fitting[0]]
+    if units[fitting[0]] == "m/s":
+        return values
+    even = series if series.is_uniform else series.resample(series.sample_rate)
+    return velocity_from_displacement(even[fitting[0]], even.sample_rate, min(50.0, 0.2 * even.sample_rate))

@@ -30,20 +30,15 @@ CUTOFF = 10.0
 
 @dataclass(frozen=True, slots=True)
 class SlowFigures:
-    """Figures of the slow parts: F = gas force + stiffness (x - middle) + friction sign(v) + viscous rate v.
+    """Figures of the slow parts: F = gas force + stiffness (x - middle) + friction sign(v) + viscous rate v."""
 
-    Attributes:
-        gas_force: Gas force in the middle of the stroke [N].
-        stiffness: Gas stiffness [N/m].
-        friction: Friction force in either direction [N].
-        duration: Duration of the slow parts that were used [s].
-        residual: RMS of the forces about this equation [N].
-    """
-
+    #: Gas force in the middle of the stroke [N].
     gas_force: Found
+    #: Gas stiffness [N/m].
     stiffness: Found
+    #: Friction force in either direction [N].
     friction: Found
-    duration: float
+    #: RMS of the forces about this equation [N].
     residual: Found
 
 
@@ -61,12 +56,12 @@ def slow_figures(series: TimeSeries) -> SlowFigures:
     duration = float(np.count_nonzero(used)) / rate
     if duration < ENOUGH:
         none = Unknown(f"less than {ENOUGH:g} s of the record is slower than {1e3 * SLOW:.0f} mm/s and {GENTLE:g} m/s2")
-        return SlowFigures(none, none, none, duration, none)
+        return SlowFigures(none, none, none, none)
     share = float(np.mean(direction[used] > 0.0))
     if not EACH_WAY <= share <= 1.0 - EACH_WAY:
         none = Unknown("the slow parts are in one direction only, so friction and gas force cannot be distinguished")
-        return SlowFigures(none, none, none, duration, none)
-    return _fitted(series, velocity, direction, used, duration)
+        return SlowFigures(none, none, none, none)
+    return _fitted(series, velocity, direction, used)
 
 
 def _direction(velocity: Array, rate: float) -> Array:
@@ -94,9 +89,7 @@ def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 
 
-def _fitted(
-    series: TimeSeries, velocity: Array, direction: Array, used: NDArray[np.bool_], duration: float
-) -> SlowFigures:
+def _fitted(series: TimeSeries, velocity: Array, direction: Array, used: NDArray[np.bool_]) -> SlowFigures:
     force = series["force"][used]
     columns = [np.ones_like(force), direction[used]]
     position = _position(series, used)
@@ -112,18 +105,18 @@ def _fitted(
     found, _, rank, _ = np.linalg.lstsq(design / scale, force, rcond=1e-6)
     if rank < design.shape[1]:
         none = Unknown("the slow parts do not distinguish gas force, friction and valves")
-        return SlowFigures(none, none, none, duration, none)
+        return SlowFigures(none, none, none, none)
     values = found / scale
     residual = float(np.sqrt(np.mean((design @ values - force) ** 2)))
     if values[1] < -residual:
         none = Unknown("the slow parts give a negative friction, so the shock is not at rest in them")
-        return SlowFigures(none, none, none, duration, residual)
+        return SlowFigures(none, none, none, residual)
     friction: Found = float(values[1])
     if has_one_speed:
         friction = Unknown("the slow parts have one speed, at which friction and valves cannot be distinguished")
     if isinstance(position, Unknown):
-        return SlowFigures(position, position, friction, duration, residual)
-    return SlowFigures(float(values[0]), float(values[2]), friction, duration, residual)
+        return SlowFigures(position, position, friction, residual)
+    return SlowFigures(float(values[0]), float(values[2]), friction, residual)
 
 
 def _position(series: TimeSeries, used: NDArray[np.bool_]) -> Array | Unknown:

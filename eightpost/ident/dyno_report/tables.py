@@ -1,113 +1,118 @@
-"""Tables of a report; the reasons of unknown figures are numbered below each table."""
+"""Tables of a report; an unknown figure is a dash with the number of its reason below the table."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 
-from eightpost.ident.dyno_report.builds import DynoReport, Variant
-from eightpost.ident.dyno_report.comparison import differences, heat_effect, mean_force, repeats, representatives
-from eightpost.ident.dyno_report.corner import CarCorner
+import numpy as np
+from markupsafe import Markup
+
+from eightpost.ident.dyno_report.builds import (
+    CarCorner,
+    DynoReport,
+    Variant,
+    deviation_of,
+    heat_effect,
+    mean_force,
+    repeated_runs,
+)
+from eightpost.ident.dyno_report.curve import STROKES, Branches, Stroke, ratio_at
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.found import Found, Unknown, mean_of
-from eightpost.ident.dyno_report.velocity_curve import STROKES, Stroke, forces_at, ratio_at
-from eightpost.report.page import Block
-from eightpost.report.tables import NONE, Cell, ResultTable
-from eightpost.shock import law_title
+from eightpost.report.numbers import plain
+from eightpost.report.page import Block, digest
+from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
 
 Row = Sequence[Cell | Found | None]
 
+BASES = ("measured", "law")
+#: Columns that are left out if all rows have the usual text.
+_USUAL = {"basis": "measured", "kind": "run"}
+#: Peaks of both strokes belong together if their speeds agree within this share.
+SAME_SPEED = 0.1
 
-@dataclass
-class Reasons:
-    """Reasons of the unknown figures of a table, numbered in the order in which they occur."""
 
-    _numbers: dict[str, int] = field(default_factory=dict)
+def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:
+    """Return a table without its empty columns and the reasons below it; nothing if there is no row.
 
-    def cell(self, value: Cell | Found | None) -> Cell | float | None:
-        """Return the content of a cell: an unknown figure becomes `unknown` with the number of its reason."""
+    A column without any figure is left out; one line names it with its reason. A column may be a speed, of figures in
+    a unit.
+    """
+    rows = [tuple(row) for row in rows]
+    empty = [
+        k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)
+    ]
+    same = [k for k in range(len(columns)) if all(row[k] == _USUAL.get(str(columns[k])) for row in rows)]
+    kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
+    if not rows or not kept:
+        return []
+    reasons: dict[str, int] = {}
+
+    def shown(value: Cell | Found | None) -> Cell | float | None:
         if not isinstance(value, Unknown):
             return value
-        number = self._numbers.setdefault(value.reason, len(self._numbers) + 1)
-        return f"unknown\N{NO-BREAK SPACE}[{number}]"
+        return f"{NONE}\N{NO-BREAK SPACE}[{reasons.setdefault(value.reason, len(reasons) + 1)}]"
 
-    def lines(self) -> tuple[str, ...]:
-        """Return the reasons with their numbers."""
-        return tuple(f"[{number}] {reason}." for reason, number in self._numbers.items())
+    cells = [[shown(row[k]) for k in kept] for row in rows]
+    names = [f"at [{unit}]" if isinstance(column, Amount) else column for column in columns]
+    table = ResultTable.of(title, [names[k] for k in kept], cells)
+    heads = [
+        (Markup("{} {}").format(cell_html(speed), unit_html(speed.unit)), head[1])
+        if isinstance(speed, Amount)
+        else head
+        for head, speed in zip(table.heads, (columns[k] for k in kept), strict=True)
+    ]
+    causes: dict[str, list[str]] = {}
+    for k in empty:
+        for reason in dict.fromkeys(cell.reason for row in rows if isinstance(cell := row[k], Unknown)):
+            causes.setdefault(reason, []).append(names[k].partition(" [")[0])
+    lines = [f"[{number}] {reason}." for reason, number in reasons.items()]
+    lines += [f"Not known: {', '.join(found)}; {reason}." for reason, found in causes.items()]
+    return [replace(table, heads=tuple(heads)), *([tuple(lines)] if lines else [])]
 
 
-def explained(title: str, columns: Sequence[str], rows: Iterable[Row]) -> list[Block]:
-    """Return a table without its empty columns and the reasons below it; nothing if there is no row."""
-    reasons = Reasons()
-    cells = [tuple(reasons.cell(value) for value in row) for row in rows]
-    kept = [k for k in range(len(columns)) if any(row[k] not in (None, NONE) for row in cells)]
-    if not kept:
-        return []
-    shown = ([row[k] for k in kept] for row in cells)
-    table = ResultTable.of(title, [columns[k] for k in kept], shown)
-    return [table, *([reasons.lines()] if reasons.lines() else [])]
-
-
-def kind_of(entry: Entry) -> str:
-    """Return the kind of an entry as text."""
-    return law_title(entry.shock.law_name) if entry.shock else {"run": "run", "table": "PVP table"}[entry.kind]
+def at_speeds(
+    report: DynoReport,
+    heads: Sequence[str],
+    rows: Iterable[tuple[Sequence[Cell], Sequence[Found | Cell]]],
+    *,
+    title: str = "",
+    unit: str = "N",
+) -> list[Block]:
+    """Return a table with a column for each speed; figures at speeds that a curve does not reach are dashes."""
+    columns: list[str | Amount] = [*heads, *(Amount(speed, "m/s") for speed in report.speeds)]
+    shown = ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows)
+    return explained(title, columns, shown, unit)
 
 
 def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
     return ((variant, entry) for variant in report.variants for entry in variant.entries)
 
 
-# ---- Overview -------------------------------------------------------------------------------------------------------
+# ---- Forces ---------------------------------------------------------------------------------------------------------
 
 
-def entry_table(report: DynoReport) -> list[Block]:
-    """Return the table of what is in the report."""
-    rows = [
-        (variant.build, entry.name, kind_of(entry), entry.setting.clicks or NONE, entry.setting.gas_pressure,
-         _celsius(entry.setting.temperature), entry.highest or None, _stroke(entry))
-        for variant, entry in _labelled(report)
-    ]  # fmt: skip
-    columns = ("build", "entry", "kind", "clicks", "gas pressure [Pa]", "temperature", "highest speed [m/s]",
-               "stroke [m]")  # fmt: skip
-    return explained("", columns, rows)
-
-
-def _celsius(temperature: Found | None) -> str | Unknown:
-    if temperature is None:
-        return NONE
-    if isinstance(temperature, Unknown):
-        return temperature
-    celsius = temperature - 273.15
-    return f"{celsius:.1f} °C ({1.8 * celsius + 32.0:.0f} °F)"
-
-
-def _stroke(entry: Entry) -> float | None:
-    return entry.test.stroke if entry.test else None
-
-
-def overview_table(report: DynoReport) -> list[Block]:
-    """Return the main figures of every build, measured and of laws: forces, slopes, ratio, gas, friction, energy."""
-    middle = report.speeds[len(report.speeds) // 2]
-    rows = []
+def force_table(report: DynoReport) -> list[Block]:
+    """Return the forces of every build at the report's speeds, and the ratio of rebound to compression."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for variant in report.variants:
-        for basis, entries in (("measured", variant.measured), ("law", variant.of_kind("law"))):
-            if entries:
-                fastest = representatives(variant, basis)
-                cycles = [entry.cycles for entry in fastest]
-                low = [mean_of(entry.strokes[stroke].low for entry in fastest) for stroke in STROKES]
-                forces = [mean_force(fastest, middle, stroke) for stroke in STROKES]
-                rows.append((
-                    *_fitted(report, variant), variant.label, basis, *forces,
-                    mean_of(ratio_at(entry.curve, middle) for entry in fastest), *low,
-                    mean_of(entry.slow.gas_force for entry in entries),
-                    mean_of(entry.slow.friction for entry in entries),
-                    mean_of(one.energy if isinstance(one, Cycles) else one for one in cycles),
-                ))  # fmt: skip
+        for basis in BASES:
+            if entries := variant.representatives(basis):
+                label = (*_fitted(report, variant), variant.label, basis)
+                rows += [
+                    ((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES
+                ]
+                ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
+                rows.append(((*label, "reb/comp"), [_plain(ratio) for ratio in ratios]))
     corner = ("corner",) if report.fitted_to else ()
-    columns = (*corner, "build", "basis", "compression [N]", "rebound [N]", "reb/comp", "low slope comp. [N.s/m]",
-               "low slope reb. [N.s/m]", "gas force [N]", "friction [N]", "energy per cycle [J]")  # fmt: skip
-    return explained("", columns, rows)
+    return at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
+
+
+def _plain(value: Found) -> Found | Cell:
+    """Return a plain number in a column of forces."""
+    return value if isinstance(value, Unknown) else Amount(value, "1")
 
 
 def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
@@ -117,185 +122,55 @@ def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
     return (", ".join(names) or NONE,)
 
 
-# ---- Curves ---------------------------------------------------------------------------------------------------------
+def difference_table(report: DynoReport) -> list[Block]:
+    """Return the forces of every build relative to the first one: means of measured curves, and of laws."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for variant in report.variants[1:]:
+        for basis in BASES:
+            ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
+            for stroke in STROKES if ours and base else ():
+                pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
+                rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
+    return at_speeds(report, ("build", "basis", "stroke"), rows)
 
 
-def force_table(report: DynoReport) -> list[Block]:
-    """Return forces, secant rates and the ratio of rebound to compression at the report's speeds."""
-    rows = []
-    for _, entry in _labelled(report):
-        for speed in report.speeds_of(entry):
-            compression, rebound = (forces_at(entry.curve, speed, stroke) for stroke in STROKES)
-            secants = [force if isinstance(force, Unknown) else force / speed for force in (compression, rebound)]
-            rows.append((entry.name, kind_of(entry), speed, compression, rebound, ratio_at(entry.curve, speed),
-                         *secants))  # fmt: skip
-    columns = ("entry", "kind", "speed [m/s]", "compression [N]", "rebound [N]", "reb/comp", "comp. per speed [N.s/m]",
-               "reb. per speed [N.s/m]")  # fmt: skip
-    return explained("", columns, rows)
+def _minus(first: Found, second: Found) -> Found:
+    if isinstance(first, Unknown):
+        return first
+    return second if isinstance(second, Unknown) else first - second
 
 
-def knee_table(report: DynoReport) -> list[Block]:
-    """Return knees and slopes of every entry."""
-    rows = []
-    for _, entry in _labelled(report):
-        for stroke in STROKES:
-            one = entry.strokes[stroke]
-            rows.append((entry.name, kind_of(entry), stroke, one.knee, one.knee_force, one.low, one.high,
-                         one.highest or None))  # fmt: skip
-    columns = ("entry", "kind", "stroke", "knee at [m/s]", "force there [N]", "slope below [N.s/m]",
-               "slope above [N.s/m]", "highest speed [m/s]")  # fmt: skip
-    return explained("", columns, rows)
+def _with_share(value: Found, whole: Found) -> Found | Cell:
+    """Return a force and its share of another one, as a cell."""
+    if isinstance(value, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
+        return value
+    share = plain(100.0 * value / abs(whole), 2).replace("-", "−")
+    return Markup("{} ({}\N{NO-BREAK SPACE}%)").format(cell_html(Amount(value, "N")), share)
 
 
-def peak_table(report: DynoReport) -> list[Block]:
-    """Return mean peak velocities and forces of the runs, with their scatter from cycle to cycle."""
-    rows: list[Row] = []
-    for entry in report.runs:
-        cycles = entry.cycles
-        if isinstance(cycles, Unknown):
-            continue
-        for stroke, sign in (("compression", 1.0), ("rebound", -1.0)):
-            speeds, forces = cycles.peaks(sign)
-            if not cycles.is_steady or speeds.size < 2:
-                none = Unknown("the peaks are not repeated: the cycles differ or are fewer than two")
-                rows.append((entry.name, stroke, str(speeds.size), none, none, none, none))
-            else:
-                middle = sign * entry.level if not isinstance(entry.level, Unknown) else 0.0
-                mean, scatter = float(forces.mean()) - middle, float(forces.std(ddof=1))
-                rows.append((entry.name, stroke, str(speeds.size), float(speeds.mean()), mean, scatter,
-                             100.0 * scatter / abs(mean) if mean else None))  # fmt: skip
-    columns = ("run", "stroke", "peaks", "peak speed [m/s]", "peak force [N]", "standard deviation [N]",
-               "deviation / force [%] .2")  # fmt: skip
-    return explained("", columns, rows)
-
-
-# ---- Damping ratio --------------------------------------------------------------------------------------------------
-
-
-def damping_tables(report: DynoReport) -> list[Block]:
-    """Return the damping ratio of every build at every corner: below and above the knee, and of both strokes."""
-    rows = []
-    for corner in report.corners:
-        for variant in report.variants:
-            if not _belongs(report, corner, variant):
-                continue
-            for entry in variant.entries:
-                slopes = [entry.strokes[stroke] for stroke in STROKES]
-                low, high = [one.low for one in slopes], [one.high for one in slopes]
-                ratios = [corner.damping_ratio(rate) for rate in (*low, _both(low), *high, _both(high))]
-                rows.append((corner.name, variant.label, entry.name, kind_of(entry), *map(_percent, ratios)))
-    columns = ("corner", "build", "entry", "kind", "comp. below knee [%]", "reb. below knee [%]", "mean below knee [%]",
-               "comp. above knee [%]", "reb. above knee [%]", "mean above knee [%]")  # fmt: skip
-    return explained("", columns, rows)
-
-
-def corner_table(report: DynoReport) -> list[Block]:
-    """Return masses and rates of the corners."""
-    rows = [(corner.name, corner.mass, corner.wheel_rate, corner.motion_ratio) for corner in report.corners]
-    return explained("", ("corner", "sprung mass [kg]", "wheel rate [N/m]", "motion ratio"), rows)
-
-
-def _belongs(report: DynoReport, corner: CarCorner, variant: Variant) -> bool:
-    build = report.fitted_to.get(corner.name)
-    return build is None or build in (variant.label, variant.build)
-
-
-def _both(rates: Sequence[Found]) -> Found:
-    """Return the mean of both strokes; unknown if either is unknown."""
-    return next((rate for rate in rates if isinstance(rate, Unknown)), None) or mean_of(rates)
-
-
-def _percent(ratio: Found) -> Found:
-    return ratio if isinstance(ratio, Unknown) else 100.0 * ratio
-
-
-# ---- Loops, gas, warming --------------------------------------------------------------------------------------------
-
-
-def loop_table(report: DynoReport) -> list[Block]:
-    """Return frequency, stroke, energy, width and lag of the runs."""
-    rows = []
-    for entry in report.runs:
-        cycles = entry.cycles
-        if not isinstance(cycles, Unknown):
-            rows.append((entry.name, str(cycles.count), cycles.frequency, cycles.stroke, cycles.energy,
-                         cycles.energy_scatter, cycles.width, entry.offset, _milliseconds(entry.lag)))  # fmt: skip
-    columns = ("run", "cycles", "frequency [Hz]", "stroke [m]", "energy per cycle [J]", "its standard deviation [J]",
-               "width at zero velocity [N]", "force at zero velocity [N]", "lag of force (ms)")  # fmt: skip
-    return explained("", columns, rows)
-
-
-def _milliseconds(lag: Found) -> Found:
-    return lag if isinstance(lag, Unknown) else 1e3 * lag
-
-
-def lag_table(report: DynoReport) -> list[Block]:
-    """Return the lag time constants of the laws."""
+def limit_table(report: DynoReport) -> list[Block]:
+    """Return whether each run and table is within the limits, at the speed at which it is farthest from the master."""
     rows = [
-        (entry.name, kind_of(entry), *_time_constants(entry), _fit_error(entry))
-        for entry in report.entries if entry.kind == "law"
+        ("pass" if one.passed else Markup('<strong class="fail">FAIL</strong>'), one.entry.name, one.stroke,
+         str(one.count), one.speed, one.force, one.master, one.deviation, one.tolerance)
+        for one in report.judgements
     ]  # fmt: skip
-    columns = (
-        "law",
-        "kind",
-        "lag time constant (ms)",
-        "in rebound (ms)",
-        "in compression (ms)",
-        "error of the fit [%]",
-    )
+    columns = ("result", "entry", "stroke", "speeds", "farthest at [m/s]", "force [N]", "master [N]", "deviation [N]",
+               "tolerance [N]")  # fmt: skip
     return explained("", columns, rows)
 
 
-def _time_constants(entry: Entry) -> tuple[Found, Found | None, Found | None]:
-    """Return the time constant of a law [ms], and those in rebound and compression of a law with several ones."""
-    known = getattr(entry.shock.law, "time_constant", None) if entry.shock else None
-    if not isinstance(known, tuple):
-        return _milliseconds(entry.lag), None, None
-    return _milliseconds(entry.lag), 1e3 * known[0], 1e3 * known[-1]
-
-
-def _fit_error(entry: Entry) -> Found:
-    value = entry.shock.fit.get("percent") if entry.shock else None
-    if isinstance(value, int | float):
-        return float(value)
-    return Unknown("the shock file states no error in percent of the force's standard deviation")
-
-
-def gas_table(report: DynoReport) -> list[Block]:
-    """Return gas force, gas stiffness and friction of every entry."""
-    rows = [
-        (entry.name, kind_of(entry), entry.slow.gas_force, entry.slow.stiffness, entry.slow.friction,
-         entry.slow.residual if entry.kind == "run" else None,
-         entry.slow.duration if entry.kind == "run" else None)
-        for _, entry in _labelled(report)
-    ]  # fmt: skip
-    columns = ("entry", "kind", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "RMS about the equation [N]",
-               "slow parts [s] .2")  # fmt: skip
-    return explained("", columns, rows)
-
-
-def warming_table(report: DynoReport) -> list[Block]:
-    """Return temperature, energy and power of the runs."""
-    rows = [
-        (entry.name, _celsius(entry.warming.start), _kelvin(entry.warming.drift), entry.warming.energy,
-         entry.warming.power, _per_kilojoule(entry))
-        for entry in report.runs
-    ]  # fmt: skip
-    columns = ("run", "start", "warming", "energy [J]", "mean power [W]", "warming per energy (K/kJ)")
-    return explained("", columns, rows)
-
-
-def _kelvin(drift: Found) -> Cell | Unknown:
-    return drift if isinstance(drift, Unknown) else f"{drift:+.2f} K ({1.8 * drift:+.1f} °F)".replace("-", "−")
-
-
-def _per_kilojoule(entry: Entry) -> Found:
-    drift, energy = entry.warming.drift, entry.warming.energy
-    if isinstance(drift, Unknown):
-        return drift
-    if isinstance(energy, Unknown) or energy <= 0.0:
-        return Unknown("the record dissipates no energy")
-    return 1e3 * drift / energy
+def repeat_table(report: DynoReport) -> list[Block]:
+    """Return the standard deviation of the forces of repeated runs."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for variant in report.variants:
+        for group in repeated_runs(variant):
+            for stroke in STROKES:
+                found = [
+                    _with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds
+                ]
+                rows.append(((variant.label, str(len(group)), stroke), found))
+    return at_speeds(report, ("build", "runs", "stroke"), rows)
 
 
 def heat_lines(report: DynoReport) -> tuple[str, ...]:
@@ -304,64 +179,159 @@ def heat_lines(report: DynoReport) -> tuple[str, ...]:
     return tuple(f"{label}: {effect}." for label, effect in found if effect)
 
 
-# ---- Comparisons ----------------------------------------------------------------------------------------------------
+def track_table(report: DynoReport) -> list[Block]:
+    """Return the share of time of each track that the shaft spends in each stroke below the report's speeds."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for name, velocity in report.track.items():
+        for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
+            speed = sign * velocity[sign * velocity > 0.0]
+            rows.append(((name, stroke), [100.0 * float(np.mean(speed <= v)) for v in report.speeds]))
+    return at_speeds(report, ("track", "time in the stroke below"), rows, unit="%")
 
 
-def repeat_table(report: DynoReport) -> list[Block]:
-    """Return mean and scatter of repeated runs."""
+# ---- Knees and damping ----------------------------------------------------------------------------------------------
+
+
+def knee_table(report: DynoReport) -> list[Block]:
+    """Return knees and slopes of every entry."""
     rows = [
-        (one.variant, str(len(one.runs)), one.stroke, one.speed, one.mean, one.deviation, one.spread,
-         _share(one.deviation, one.mean))
-        for one in repeats(report)
+        (entry.name, entry.title, stroke, one.knee, one.knee_force, one.low, one.high, one.highest or None)
+        for _, entry in _labelled(report) for stroke, one in entry.strokes.items()
     ]  # fmt: skip
-    columns = ("build", "runs", "stroke", "speed [m/s]", "mean force [N]", "standard deviation [N]",
-               "largest minus smallest [N]", "deviation / mean [%] .2")  # fmt: skip
+    columns = ("entry", "kind", "stroke", "knee at [m/s]", "force there [N]", "slope below [N.s/m]",
+               "slope above [N.s/m]", "highest speed [m/s]")  # fmt: skip
     return explained("", columns, rows)
 
 
-def _share(part: Found, whole: Found) -> Found:
-    if isinstance(part, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
-        return Unknown("the mean force is 0")
-    return 100.0 * part / abs(whole)
-
-
-def difference_table(report: DynoReport) -> list[Block]:
-    """Return the forces of every build relative to the reference."""
-    rows = [
-        (one.variant, one.basis, one.stroke, one.speed, one.reference, one.force, one.change, one.percent)
-        for one in differences(report)
-    ]  # fmt: skip
-    columns = (
-        "build",
-        "basis",
-        "stroke",
-        "speed [m/s]",
-        "reference [N]",
-        "force [N]",
-        "difference [N]",
-        "difference [%]",
-    )
-    return explained("", columns, rows)
-
-
-def slope_differences(report: DynoReport) -> list[Block]:
-    """Return the knees and slopes of every build relative to the reference."""
+def damping_tables(report: DynoReport) -> list[Block]:
+    """Return the damping ratio of every build at every corner: below and above the knee, and of both strokes."""
     rows = []
-    base = report.reference
-    for variant in report.variants[1:]:
-        for basis in ("measured", "law"):
-            entries, base_entries = representatives(variant, basis), representatives(base, basis)
-            for stroke in STROKES if entries and base_entries else ():
-                changes = [_change(entries, base_entries, stroke, name) for name in ("knee", "low", "high")]
-                rows.append((variant.label, basis, stroke, *changes))
-    columns = ("build", "basis", "stroke", "knee [m/s]", "slope below [N.s/m]", "slope above [N.s/m]")
+    for corner in report.corners:
+        for variant in report.variants:
+            if report.fitted_to.get(corner.name) in (None, variant.label, variant.build):
+                rows += [(corner.name, entry.name, entry.title, *_ratios(corner, entry)) for entry in variant.entries]
+    columns = ("corner", "entry", "kind", "comp. below knee [%]", "reb. below knee [%]", "mean below knee [%]",
+               "comp. above knee [%]", "reb. above knee [%]", "mean above knee [%]")  # fmt: skip
+    corners = [(corner.name, corner.mass, corner.wheel_rate, corner.motion_ratio) for corner in report.corners]
+    heads = ("corner", "sprung mass [kg]", "wheel rate [N/m]", "motion ratio")
+    return [*explained("", heads, corners), *explained("", columns, rows)]
+
+
+def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
+    """Yield the damping ratios [%] of compression, rebound and their mean, below and then above the knee."""
+    for side in ("low", "high"):
+        rates: list[Found] = [getattr(entry.strokes[stroke], side) for stroke in STROKES]
+        unknown = next((rate for rate in rates if isinstance(rate, Unknown)), None)
+        for rate in (*rates, unknown or mean_of(rates)):
+            ratio = corner.damping_ratio(rate)
+            yield ratio if isinstance(ratio, Unknown) else 100.0 * ratio
+
+
+# ---- Runs -----------------------------------------------------------------------------------------------------------
+
+
+def run_table(report: DynoReport) -> list[Block]:
+    """Return conditions and motion of the runs and tables, and the temperature and power of the runs."""
+    rows: list[Row] = []
+    for variant, entry in _labelled(report):
+        test, cycles, warming = entry.test, entry.cycles, entry.warming
+        build = None if entry.name == variant.label else variant.label
+        first = (
+            entry.name,
+            build,
+            entry.title,
+            entry.setting.clicks,
+            entry.setting.gas_pressure,
+            entry.highest or None,
+        )
+        if test is not None and isinstance(cycles, Cycles):
+            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start),
+                         _kelvin(warming.drift), warming.power))  # fmt: skip
+        elif entry.kind == "table":
+            rows.append((*first, *(None,) * 6))
+    columns = ("entry", "build", "kind", "clicks", "gas pressure [Pa]", "highest speed [m/s]", "stroke [m]",
+               "frequency [Hz]", "cycles", "temperature", "warming", "mean power [W]")  # fmt: skip
     return explained("", columns, rows)
 
 
-def _change(entries: Sequence[Entry], base_entries: Sequence[Entry], stroke: Stroke, name: str) -> Found:
-    groups = (entries, base_entries)
-    means = [mean_of(getattr(entry.strokes[stroke], name) for entry in group) for group in groups]
-    for mean in means:
-        if isinstance(mean, Unknown):
-            return mean
-    return float(means[0]) - float(means[1])  # type: ignore[arg-type]
+def _celsius(temperature: Found) -> Cell | Unknown:
+    if isinstance(temperature, Unknown):
+        return temperature
+    celsius = temperature - 273.15
+    return _both(f"{1.8 * celsius + 32.0:.0f} °F", f"{celsius:.1f} °C")
+
+
+def _kelvin(drift: Found) -> Cell | Unknown:
+    if isinstance(drift, Unknown):
+        return drift
+    return _both(*(text.replace("-", "−") for text in (f"{1.8 * drift:+.1f} °F", f"{drift:+.2f} K")))
+
+
+def _both(us: str, si: str) -> Markup:
+    return Markup('<span class="us">{}</span><span class="si">{}</span>').format(us, si)
+
+
+def loop_table(report: DynoReport) -> list[Block]:
+    """Return energy, width and lag of the loops, gas force, gas stiffness and friction."""
+    rows = []
+    for _, entry in _labelled(report):
+        cycles, lag = entry.cycles, entry.lag
+        loop: tuple[Found | None, ...] = (None, None, None)
+        if isinstance(cycles, Cycles):
+            loop = (cycles.energy, cycles.energy_scatter, cycles.width)
+        rows.append((entry.name, entry.title, *loop, entry.offset if entry.kind == "run" else None,
+                     lag if isinstance(lag, Unknown) else 1e3 * lag, entry.slow.gas_force, entry.slow.stiffness,
+                     entry.slow.friction, _fit_error(entry)))  # fmt: skip
+    columns = ("entry", "kind", "energy per cycle [J]", "its deviation [J]", "width at v = 0 [N]", "force at v = 0 [N]",
+               "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "fit error [%] .2")  # fmt: skip
+    return explained("", columns, rows)
+
+
+def _fit_error(entry: Entry) -> float | None:
+    value = entry.shock.fit.get("percent") if entry.shock else None
+    return float(value) if isinstance(value, int | float) else None
+
+
+def branch_table(report: DynoReport) -> list[Block]:
+    """Return the forces on the open and the closed branch of the loop of every run."""
+    rows = [
+        ((entry.name, stroke), [_branch_cell(entry.branches, v, stroke) for v in report.speeds])
+        for entry in report.runs if entry.branches is not None for stroke in STROKES
+    ]  # fmt: skip
+    return at_speeds(report, ("run", "stroke"), rows, title="Branches of the loop (CVP), open / closed")
+
+
+def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
+    opening, closing = (branches.force_at(speed, stroke, branch) for branch in ("open", "closed"))
+    if isinstance(opening, Unknown) or isinstance(closing, Unknown):
+        return Unknown("the loop does not reach this speed")
+    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in (opening, closing))
+
+
+def peak_table(report: DynoReport) -> list[Block]:
+    """Return the forces at the centre of the stroke (PVP) of the runs, with their scatter from cycle to cycle."""
+    rows: list[Row] = []
+    for entry in report.runs:
+        level = 0.0 if isinstance(entry.level, Unknown) else entry.level
+        compression, rebound = (
+            entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else () for sign in (1.0, -1.0)
+        )
+        for down in rebound:
+            up = next((one for one in compression if abs(one.speed / down.speed - 1.0) <= SAME_SPEED), None)
+            force = down.force + level
+            above = (None,) * 3 if up is None else (up.speed, up.force - level, up.scatter)
+            ratio = None if up is None else force / (up.force - level)
+            rows.append((entry.name, *above, down.speed, force, down.scatter, ratio, str(down.count)))
+    columns = ("run", "compression at [m/s]", "force [N]", "deviation [N] .2", "rebound at [m/s]", "force [N]",
+               "deviation [N] .2", "reb/comp", "peaks")  # fmt: skip
+    return explained("Peaks at the centre of the stroke (PVP)", columns, rows)
+
+
+def file_table(report: DynoReport) -> list[Block]:
+    """Return the files of the entries, with their full names and digests."""
+    rows = [
+        (entry.name, None if entry.source and entry.setting.build == entry.source.stem else entry.setting.build,
+         entry.source.name if entry.source else None, digest(entry.sha256) if entry.sha256 else None)
+        for entry in report.entries
+    ]  # fmt: skip
+    return explained("Files", ("entry", "build", "file", "SHA-256"), rows)

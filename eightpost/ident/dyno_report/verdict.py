@@ -8,8 +8,6 @@ from dataclasses import replace
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.verdict import Grade, Reason, Rules, Verdict
 
-ABOUT = "report"
-
 RULES = Rules()
 
 PLAUSIBLE = RULES.add("plausible record", "dynamometer record", Grade.USABLE,

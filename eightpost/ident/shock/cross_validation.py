@@ -33,7 +33,7 @@ PIECES = 4
 _FLOOR = 1e-14
 
 #: An addition to a law must lower the error by this share, and by more than one standard error.
-_WORTHWHILE = 0.02
+WORTHWHILE = 0.02
 
 #: Maximum number of fits that leave out runs or builds; with more of these, several are left out together.
 _MOST_FITS = 8
@@ -81,7 +81,7 @@ class HeldOut:
         """
         ratios = _logarithms(self.pieces) - _logarithms(other.pieces)
         spread = float(np.std(ratios, ddof=1) / np.sqrt(ratios.size)) if ratios.size > 1 else 0.0
-        return bool(ratios.mean() > max(spread, -np.log1p(-_WORTHWHILE)))
+        return bool(ratios.mean() > max(spread, -np.log1p(-WORTHWHILE)))
 
 
 @dataclass(frozen=True, slots=True)

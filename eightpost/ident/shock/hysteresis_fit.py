@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.cross_validation import CrossValidation
+from eightpost.ident.shock.cross_validation import WORTHWHILE, CrossValidation
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.fitted_law import FittedLaw
 from eightpost.ident.shock.force import ForceModel
@@ -55,7 +55,7 @@ class HysteresisFit(FittedLaw):
 
     Attributes:
         found: Minimum on the whole record.
-        stop_note: Sentence on whether the law has a stop, and why.
+        stop_note: Sentence on whether the law has a stop, and why; empty if a stop would hardly lower the error.
     """
 
     found: Found[Projected]
@@ -111,7 +111,7 @@ class HysteresisFit(FittedLaw):
         penalties = end.problem.penalty @ end.linear, end.problem.unevenness @ end.parameters
         error = root * end.error
         spread = covariances(jacobian, error, model.runs, penalties)
-        left_out, notes = block_changes(jacobian, error, model.runs), (self.stop_note,)
+        left_out, notes = block_changes(jacobian, error, model.runs), (self.stop_note,) * bool(self.stop_note)
         return Solution(model, parameters, spread, self.found.converged, self.found.status, notes, left_out)
 
 
@@ -147,7 +147,11 @@ def fit_hysteresis(runs: Runs, law: str, choices: Choices) -> CrossValidation:
     if runs.has_one_motion:
         return CrossValidation(HysteresisFit(law, tuple(notes), found, _ONE_SPEED))
     model = replace(model, dynamics=dynamics.with_stop()).weighted(found.end.problem.model.runs.weights)
-    stopped = _robust(lambda thin: _with_stop(thin, found.end.parameters), model, weigh)
+    taus, thin = found.end.parameters, Projection(found.end.problem.model, is_thin=True)
+    rough = _rough(Projection(model, is_thin=True), [np.append(taus, np.log(stop)) for stop in _STOPS])
+    if rough[0].cost > (1.0 - WORTHWHILE) * thin.at(taus).cost:
+        return CrossValidation(HysteresisFit(law, tuple(notes), found, ""))
+    stopped = _robust(lambda problem: _followed(problem, rough), model, weigh)
     return _better(*(CrossValidation(HysteresisFit(law, tuple(notes), one, "")) for one in (found, stopped)))
 
 
@@ -174,20 +178,19 @@ def _search(problem: Projection, start: Array, effort: tuple[float, int]) -> Fou
     return minimum_from(problem, start, tolerance=tolerance, evaluations=evaluations)
 
 
-def _best(problem: Projection, starts: list[Array]) -> Found[Projected]:
-    """Return the best minimum from some starts, of which the best are followed."""
-    rough = sorted((_search(problem, start, _ROUGH) for start in starts), key=lambda found: found.cost)
+def _rough(problem: Projection, starts: list[Array]) -> list[Found[Projected]]:
+    """Return the ends of short searches from some starts, the best first."""
+    return sorted((_search(problem, start, _ROUGH) for start in starts), key=lambda found: found.cost)
+
+
+def _followed(problem: Projection, rough: list[Found[Projected]]) -> Found[Projected]:
+    """Return the best minimum from the best ends of short searches."""
     ends = [_search(problem, found.end.parameters, _FINE) for found in rough[:_FOLLOWED]]
     return min(ends, key=lambda found: found.cost)
 
 
 def _without_stop(problem: Projection) -> Found[Projected]:
-    return _best(problem, [np.full(NODES, np.log(tau)) for tau in _TAUS])
-
-
-def _with_stop(problem: Projection, taus: Array) -> Found[Projected]:
-    """Return the minimum with a stop; taus (3,) are the logarithms of the time constants without one."""
-    return _best(problem, [np.append(taus, np.log(stop)) for stop in _STOPS])
+    return _followed(problem, _rough(problem, [np.full(NODES, np.log(tau)) for tau in _TAUS]))
 
 
 def _robust(

@@ -20,6 +20,10 @@ TIME_CONSTANT, STOP_YIELD, STOP_TIME = (3e-4, 0.2), (1e-5, 8e-3), (3e-4, 1.0)
 #: Lower bound of tau as a share of the sampling interval.
 _SHORTEST_SHARE = 0.1
 
+#: Least slope beyond the fitted speeds, as a share of the mean slope of the side: a slow run that ends flat does not
+#: show that the force stays there at higher speeds (docs/explanation/shock_law.md).
+LEAST_END = 0.2
+
 #: Number of nodes of ln tau over the lagged velocity.
 NODES = 3
 
@@ -126,7 +130,19 @@ class LaggedVelocity(Dynamics):
         slopes = np.minimum(np.maximum(theta[:KNOTS], 0.0) / speed, curve.knot_slope)
         stop = values[NODES:] if self.has_stop else []
         low, middle, high = values[:NODES]
-        return Hysteresis(curve, tuple(slopes.tolist()), (low, middle, high), *stop, port=port)
+        return Hysteresis(_rising_beyond(curve), tuple(slopes.tolist()), (low, middle, high), *stop, port=port)
+
+
+def _rising_beyond(curve: StaticCurve) -> StaticCurve:
+    """Return a curve that rises beyond each end by a share of the mean slope of the side or more."""
+    compression, rebound = (
+        max(slope, LEAST_END * force / velocity)
+        for slope, force, velocity in (
+            (curve.compression_slope, curve.knot_force[-1], curve.knot_velocity[-1]),
+            (curve.rebound_slope, curve.knot_force[0], curve.knot_velocity[0]),
+        )
+    )
+    return replace(curve, compression_slope=compression, rebound_slope=rebound)
 
 
 def knots_of(model: ForceModel) -> KnotBasis:

@@ -112,22 +112,10 @@ class KnotBasis:
         fine = np.interp(velocity, self.knots, np.maximum(slopes, 0.0))
         return velocity, KnotBasis(tuple(velocity.tolist()))._forces_of_slopes() @ fine, fine
 
-    def static_curve(self, slopes: Array, ends: tuple[float, float] | None = None) -> StaticCurve:
-        """Return the curve of slopes (K,) [N.s/m].
-
-        Args:
-            slopes: Slopes at the knots.
-            ends: Slopes beyond the rebound and the compression end [N.s/m]; None for those at the end knots.
-        """
+    def static_curve(self, slopes: Array) -> StaticCurve:
+        """Return the curve of slopes (K,) [N.s/m]; beyond the knots it continues with the slopes of their ends."""
         velocity, force, slope = self.subdivided(slopes)
-        rebound, compression = ends or (None, None)
-        return StaticCurve.through_knots(
-            tuple(velocity.tolist()),
-            tuple(force.tolist()),
-            tuple(slope.tolist()),
-            compression_slope=compression,
-            rebound_slope=rebound,
-        )
+        return StaticCurve.through_knots(tuple(velocity.tolist()), tuple(force.tolist()), tuple(slope.tolist()))
 
 
 def _halved(knots: tuple[float, ...]) -> Array:

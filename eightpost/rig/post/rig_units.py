@@ -6,7 +6,8 @@ import numpy as np
 
 from eightpost.corners import channel
 from eightpost.errors import UnknownUnitError
-from eightpost.rig.plausibility import LOWEST_SAMPLING, slope_ratio, unit_ratio
+from eightpost.rig.motion_channels import cause_of, slope_ratio
+from eightpost.rig.plausibility import LOWEST_SAMPLING
 from eightpost.signals.faults import Origin
 from eightpost.signals.timeseries import TimeSeries
 
@@ -36,7 +37,7 @@ def check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Ori
         if any(name not in series for name in names):
             continue
         pair = TimeSeries(series.time, series.select(names).values, ("displacement", "velocity"), ("m", "m/s"))
-        cause = unit_ratio(ratio := slope_ratio(pair))
+        cause = cause_of(ratio := slope_ratio(pair))
         if cause and np.corrcoef(np.gradient(pair["displacement"]), pair["velocity"])[0, 1] > SAME:
             what = (
                 f"its slope is {ratio:.4g} times {names[1]}, the ratio of two units: {cause}; correct the unit in the "

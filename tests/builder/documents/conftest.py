@@ -35,6 +35,7 @@ FITTED = {
     "fit": {
         "rms [N]": 11.255,
         "percent": 1.35,
+        "held_out": {"left_out": "quarters", "percent": 1.6, "lpnl2_percent": 2.4},
         "status": "converged from dyno_7.csv",
         "parameters": {
             "time_constant": {"value": 0.00148, "unit": "s", "standard_error": 4e-5, "bounds": [1e-4, 1e-2]},

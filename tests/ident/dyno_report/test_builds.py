@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import sha256_of
-from eightpost.ident.dyno_report.builds import SPEEDS, dyno_report
-from eightpost.ident.dyno_report.comparison import differences, heat_effect, repeats
-from eightpost.ident.dyno_report.corner import CarCorner, corners_of_car
+from eightpost.ident.dyno_report.builds import (
+    SPEEDS,
+    CarCorner,
+    corners_of_car,
+    deviation_of,
+    dyno_report,
+    heat_effect,
+    repeated_runs,
+    short_names,
+)
+from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.reading import Reading, read_entries
-from eightpost.ident.dyno_report.tables import lag_table, peak_table
-from eightpost.ident.dyno_report.velocity_curve import STROKES
+from eightpost.ident.dyno_report.tables import difference_table, loop_table, peak_table, repeat_table
 from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
-from eightpost.report.tables import Amount
 from eightpost.rig import PeakVelocityTable, read_dyno_test
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert
@@ -162,44 +167,55 @@ def test_a_band_of_another_form_is_left_out(band):
 # ---- Comparisons ----------------------------------------------------------------------------------------------------
 
 
-def test_differences_are_those_of_the_forces():
-    report = dyno_report([entry("a", "A"), entry("b", "B", 2600.0)], reference="A", speeds=[0.1, 0.2])
-    found = differences(report)
-    assert [(one.stroke, one.speed) for one in found] == [(s, v) for s in STROKES for v in (0.1, 0.2)]
-    for one in found:
-        rate = 600.0 if one.stroke == "compression" else 1200.0
-        assert one.change == pytest.approx(rate * one.speed, rel=0.01)
-        assert one.percent == pytest.approx(30.0, rel=0.01)
+def test_differences_are_those_of_the_forces_from_the_build_of_the_first_file():
+    (table,) = difference_table(dyno_report([entry("a", "A"), entry("b", "B", 2600.0)], speeds=[0.1, 0.2]))
+    assert [row[:2] for row in table.rows] == [("B", stroke) for stroke in STROKES]
+    for row, rate in zip(table.rows, (600.0, 1200.0), strict=True):
+        for cell, speed in zip(row[2:], (0.1, 0.2), strict=True):
+            change, share = re.search(r'class="si">(.*)</span> \((.*)\s%\)', cell).groups()
+            assert float(change) == pytest.approx(rate * speed, rel=0.01)
+            assert float(share) == pytest.approx(30.0, rel=0.02)
 
 
-def test_the_reference_is_first_and_measured_curves_are_not_compared_with_laws():
+def test_measured_curves_are_not_compared_with_laws():
     law = entry_of_shock(known_shock(), "law", "L")
-    report = dyno_report([entry("a", "A"), entry("b", "B"), law], reference="B")
-    assert [variant.label for variant in report.variants] == ["B", "A", "L"]
-    assert {one.variant for one in differences(report)} == {"A"}
+    (table,) = difference_table(dyno_report([entry("b", "B"), entry("a", "A"), law], speeds=[0.1]))
+    assert {row[0] for row in table.rows} == {"A"}
 
 
 def test_a_slow_run_does_not_represent_its_build():
     slow = entry("slow", "B", 9000.0, amplitude=0.01)
-    report = dyno_report([entry("a", "A"), entry("b", "B", 2600.0), slow], speeds=[0.1])
-    assert differences(report)[0].percent == pytest.approx(30.0, rel=0.01)
+    (table,) = difference_table(dyno_report([entry("a", "A"), entry("b", "B", 2600.0), slow], speeds=[0.1]))
+    assert "(30" in table.rows[0][2]
 
 
-def test_repeated_runs_have_the_mean_and_the_scatter_of_their_forces():
+def test_repeated_runs_have_the_scatter_of_their_forces():
     rates = (1900.0, 2000.0, 2160.0)
     entries = [entry(str(rate), "A", rate) for rate in rates] + [entry("far", "A", amplitude=0.012)]
-    found = repeats(dyno_report(entries, speeds=[0.1]))
-    assert [one.stroke for one in found] == list(STROKES)
-    assert all(len(one.runs) == 3 for one in found)
-    forces = 0.1 * np.array(rates)
-    assert found[0].mean == pytest.approx(forces.mean(), rel=0.01)
-    assert found[0].deviation == pytest.approx(forces.std(ddof=1), rel=0.01)
-    assert found[1].spread == pytest.approx(2.0 * np.ptp(forces), rel=0.01)
+    report = dyno_report(entries, speeds=[0.1])
+    (group,) = repeated_runs(report.variants[0])
+    assert len(group) == 3
+    for stroke, factor in zip(STROKES, (0.1, 0.2), strict=True):
+        expected = factor * np.std(rates, ddof=1)
+        assert deviation_of(group, 0.1, stroke) == pytest.approx(expected, rel=0.01)
+    assert isinstance(deviation_of(group, 2.0, "rebound"), Unknown)
+    (table,) = repeat_table(report)
+    assert [row[:3] for row in table.rows] == [("A", "3", stroke) for stroke in STROKES]
+    assert "(6.5" in table.rows[0][3]
 
 
 def test_runs_at_other_gas_pressures_or_clicks_do_not_repeat_each_other():
     for conditions in ({"gas_pressure": 1e6}, {"clicks": "9"}):
-        assert repeats(dyno_report([entry("a", "A"), entry("b", "A", **conditions)])) == ()
+        report = dyno_report([entry("a", "A"), entry("b", "A", **conditions)])
+        assert not any(repeated_runs(variant) for variant in report.variants)
+
+
+def test_long_names_are_without_their_common_beginning_up_to_a_separator():
+    names = ["ohlins_t1_18_18_s5_150psi", "ohlins_t1_18_24_s5_100psi"]
+    assert list(short_names(names).values()) == ["18_s5_150psi", "24_s5_100psi"]
+    assert short_names(["run_1", "run_2"]) == {"run_1": "run_1", "run_2": "run_2"}
+    assert short_names(names[:1]) == {names[0]: names[0]}
+    assert list(short_names(["another_long_name_of_one", "b"]).values()) == ["another_long_name_of_one", "b"]
 
 
 def test_the_effect_of_temperature_is_that_of_repeated_runs():
@@ -214,13 +230,11 @@ def test_speeds_are_the_given_ones_or_those_that_a_curve_reaches():
     one = entry("a", "A")  # up to 0.314 m/s, 12.4 in/s
     assert dyno_report([one]).speeds == SPEEDS[:5]
     assert dyno_report([one], speeds=[0.2, 0.1, 2.0]).speeds == (0.1, 0.2, 2.0)
-    assert dyno_report([one], speeds=[2.0]).speeds_of(one) == (2.0,)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"reference": "Q"}, "--reference 'Q' is not one of the builds: A"),
         ({"fitted_to": {"lf": "Q"}}, "--corner lf=Q"),
         ({"speeds": [-1.0]}, "--speed must be above 0"),
     ],
@@ -269,33 +283,27 @@ def test_the_verdict_has_the_findings_of_records_and_shocks():
     assert len(RULES) == 3
 
 
-def test_lag_table_has_all_time_constants_of_hysteresis():
-    """`fit` chooses this law for most records, so its shocks must be in a report."""
+def test_the_lag_of_a_law_with_several_time_constants_is_that_at_zero_velocity():
     law = Hysteresis(knot_curve(), (0.0,) * 25, (0.004, 0.001, 0.002))
-    entries = [entry_of_shock(Shock("new", law), "new", "front"), entry_of_shock(known_shock(), "old", "rear")]
-    table, *_ = lag_table(dyno_report(entries))
-    text = str(table)
-    assert entries[0].lag == 0.001
-    for column in ("in rebound", "in compression"):
-        assert column in text
+    one = entry_of_shock(Shock("new", law), "new", "front")
+    assert one.lag == 0.001
+    table = loop_table(dyno_report([one]))[0]
+    place = [head for head, _ in table.heads].index("lag (ms)")
+    assert table.rows[0][place].value == pytest.approx(1.0)
 
 
 def test_the_peaks_of_both_strokes_are_without_the_level_of_the_force_and_with_their_scatter():
-    """The gas force of 50 N raises the force in compression and lowers that in rebound."""
-    rebound = np.array([-0.2, -0.2, -0.2])
-    velocity, force = np.concatenate([[0.3, 0.3], rebound]), np.array([640.0, 660.0, -430.0, -450.0, -470.0])
-    cycles = SimpleNamespace(peak_velocity=velocity, peak_force=force, is_steady=True)
-    cycles.peaks = partial(Cycles.peaks, cycles)
-    once = SimpleNamespace(peaks=lambda sign: (np.array([0.1]), np.array([99.0])), is_steady=True)
-    entries = [
-        SimpleNamespace(name=name, cycles=one, level=50.0)
-        for name, one in (("run", cycles), ("once", once), ("none", Unknown("no cycle")))
-    ]
-    table, reasons = peak_table(SimpleNamespace(runs=entries))
-    rows = [[cell.value if isinstance(cell, Amount) else cell for cell in row] for row in table.rows]
-    assert [row[:3] for row in rows] == [["run", "compression", "2"], ["run", "rebound", "3"],
-                                         ["once", "compression", "1"], ["once", "rebound", "1"]]  # fmt: skip
-    assert rows[0][3:] == pytest.approx([0.3, 600.0, np.sqrt(200.0), np.sqrt(2.0) / 0.6])
-    assert rows[1][3:] == pytest.approx([0.2, 500.0, 20.0, 4.0])
-    assert not any(isinstance(cell, float) for cell in rows[2])
-    assert "the peaks are not repeated" in str(reasons)
+    """The gas force of 50 N raises the force in compression and lowers that in rebound; the last peak is a stop."""
+    velocity = np.array([0.3, -0.2, 0.3, -0.2, -0.2, 0.1])
+    force = np.array([640.0, -430.0, 660.0, -450.0, -470.0, 99.0])
+    cycles = Cycles(velocity, force, 3, True, *(Unknown("no"),) * 4)
+    random = replace(cycles, peak_velocity=np.array([0.1, 0.2, 0.3, 0.4]), peak_force=np.arange(4.0))
+    assert random.peaks(1.0) == ()
+    run = replace(
+        entry("run", "A"), cycles=replace(cycles, peak_velocity=velocity * [1, 1.5, 1, 1.5, 1.5, 1]), level=50.0
+    )
+    (table,) = peak_table(dyno_report([run, replace(run, name="none", cycles=random)]))
+    ((name, *cells, peaks),) = table.rows
+    assert (name, peaks) == ("run", "3")
+    expected = [0.3, 600.0, np.sqrt(200.0), 0.3, 500.0, 20.0, 500.0 / 600.0]
+    assert [cell.value for cell in cells] == pytest.approx(expected)

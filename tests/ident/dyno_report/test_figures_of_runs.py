@@ -9,14 +9,12 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from eightpost.ident.dyno_report.corner import CarCorner
-from eightpost.ident.dyno_report.cycles import cycles_of, force_at_rest
-from eightpost.ident.dyno_report.entry import entry_of_test
+from eightpost.ident.dyno_report.builds import CarCorner
+from eightpost.ident.dyno_report.curve import BEND, STROKES, forces_at, ratio_at
+from eightpost.ident.dyno_report.cycles import crossings_of, cycles_of, force_at_rest
+from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.found import Unknown
-from eightpost.ident.dyno_report.plots import without_axis, without_text
-from eightpost.ident.dyno_report.shared_gas import with_gas_of_slow_runs
 from eightpost.ident.dyno_report.slow import slow_figures
-from eightpost.ident.dyno_report.velocity_curve import BEND, STROKES, forces_at, ratio_at
 from eightpost.rig.excitations import random_multisine
 from eightpost.signals import TimeSeries
 
@@ -45,7 +43,6 @@ def test_energy_per_cycle_is_that_of_viscous_and_dry_friction(rate, amplitude, f
     w = 2.0 * np.pi * frequency
     assert cycles.energy == pytest.approx(np.pi * rate * w * amplitude**2 + 4.0 * friction * amplitude, rel=2e-3)
     assert cycles.frequency == pytest.approx(frequency, rel=1e-3)
-    assert cycles.stroke == pytest.approx(2.0 * amplitude, rel=1e-3)
 
 
 @settings(QUICK, max_examples=40)
@@ -56,7 +53,6 @@ def test_the_width_at_zero_velocity_is_that_of_lag_and_gas_spring(rate, lag, sti
     cycles = cycles_of(sine(force, amplitude=amplitude, frequency=frequency, lag=lag))
     expected = 2.0 * (rate * amplitude * w * np.sin(w * lag) + stiffness * amplitude * np.cos(w * lag))
     assert cycles.width == pytest.approx(expected, rel=0.01, abs=0.002 * rate * amplitude * w)
-    assert cycles.offset == pytest.approx(90.0, abs=0.001 * rate * amplitude * w)
 
 
 @pytest.mark.slow
@@ -77,10 +73,10 @@ def test_the_peaks_are_the_forces_at_the_highest_speeds():
     series = sine(valve(viscous(3000.0), viscous(5000.0), gas=100.0), amplitude=0.02, frequency=2.0)
     top = 0.02 * 2.0 * np.pi * 2.0
     for sign, rate in ((1.0, 3000.0), (-1.0, 5000.0)):
-        speeds, forces = cycles_of(series).peaks(sign)
-        assert speeds.size >= 10
-        assert speeds == pytest.approx(top, rel=0.005)
-        assert forces == pytest.approx(rate * speeds + sign * 100.0, rel=1e-6)
+        (peak,) = cycles_of(series).peaks(sign)
+        assert peak.count >= 10
+        assert peak.speed == pytest.approx(top, rel=0.005)
+        assert peak.force == pytest.approx(rate * peak.speed + sign * 100.0, rel=1e-6)
 
 
 def test_a_random_motion_has_no_energy_per_cycle_and_a_short_one_no_cycle():
@@ -110,10 +106,10 @@ def test_the_force_at_rest_of_a_random_motion_has_little_of_the_bias_of_the_lag(
     series = motion_of(random_multisine(1, duration=20.0), force, lag=0.0015)
     middle = 0.5 * (series["displacement"].max() + series["displacement"].min())
     exact = 200.0 + 700.0 * middle
-    found, biased = force_at_rest(series), cycles_of(series).offset
+    found, biased = force_at_rest(series), np.mean([crossing.force for crossing in crossings_of(series)])
     assert abs(biased - exact) > 30.0
     assert abs(found - exact) < 0.15 * abs(biased - exact)
-    assert entry(series).offset == found
+    assert entry(series).offset == pytest.approx(exact, abs=3.0)
 
 
 def test_the_force_at_rest_is_exact_without_a_lag():
@@ -306,14 +302,3 @@ def test_a_fast_run_has_the_gas_force_of_the_slow_run_of_its_setting_subtracted(
         expected = 400.0 + sign * held
         assert forces_at(found[1].curve, 0.2, stroke) == pytest.approx(expected, abs=0.02 * expected + 3.0)
     assert "from the slow run" in found[1].notes[-1]
-
-
-def test_axes_and_captions_name_the_gas_force_of_a_slow_run_where_it_is_subtracted():
-    slow = entry(slow_record(100.0, 500.0, 20.0, 3000.0, holds=True), clicks="4")
-    fast, other = (entry(sine(valve(viscous(2000.0), viscous(2000.0), gas=100.0), ends=0.03), clicks=c) for c in "48")
-    slow, fast, other = with_gas_of_slow_runs([slow, fast, other])
-    assert without_axis((fast,)).title == "force without gas (slow run)"
-    assert without_axis((other,)).title == "force without that at v = 0"
-    assert without_axis((slow, fast, other)).title == "force without gas or that at v = 0"
-    assert without_text((slow, other)) == "without the force at zero velocity"
-    assert f"({fast.name}: without the gas force of a slow run instead)" in without_text((slow, fast, other))

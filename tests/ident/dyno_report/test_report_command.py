@@ -18,6 +18,7 @@ from eightpost.__main__ import main
 from eightpost.ident.dyno_report.builds import dyno_report
 from eightpost.ident.dyno_report.cycles import crossings_of
 from eightpost.ident.dyno_report.entry import entry_of_test
+from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.page import sections_of
 from eightpost.ident.dyno_report.reading import Reading, read_entries
 from eightpost.ident.dyno_report.tables import explained
@@ -52,11 +53,9 @@ def entries():
 def test_the_report_of_the_examples_has_every_section(examples):
     html = examples.read_text(encoding="utf-8")
     found = re.findall(r'<section id="([\w-]+)">', html)
-    assert found == ["overview", "curves", "knees", "damping", "differences", "loops", "gas", "warming",
-                     "repeatability", "runs", "notes", "files"]  # fmt: skip
+    assert found == ["curves", "differences", "branches", "knees", "damping", "runs", "notes"]
     for name in ("dyno_A", "AA_AA", "C_C"):
         assert f">{name}</td>" in html
-    assert "Unknown: no corner" not in html
     assert not re.search("https?://", re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL))
 
 
@@ -65,19 +64,24 @@ def test_the_gas_force_of_the_examples_is_that_of_their_damper(entries):
     """The demo damper has 46 lbf of gas; no curve of force over velocity shows it without the bias of its lag."""
     assert [entry.test is not None for entry in entries[: len(RECORDS)]] == [True] * len(RECORDS)
     for entry in entries[: len(RECORDS)]:
-        assert entry.offset == pytest.approx(204.6, abs=8.0)
+        assert entry.offset == pytest.approx(204.6, abs=12.0)
 
 
-def test_unknown_figures_are_numbered_and_explained(examples):
-    html = examples.read_text(encoding="utf-8")
-    assert "unknown\N{NO-BREAK SPACE}[1]" in html
-    assert "[1] less than 1 s of the record is slower than 10 mm/s" in html
+def test_a_column_of_unknown_figures_is_one_line_below_the_table():
+    why = Unknown("why")
+    rows = [("x", 1.0, why, why), ("y", Unknown("few"), why, None)]
+    table, lines = explained("", ("a", "b [N]", "c [m]", "d"), rows)
+    assert [head for head, _ in table.heads] == ["a", "b"]
+    assert table.rows[1] == ("y", "–\N{NO-BREAK SPACE}[1]")
+    assert lines == ("[1] few.", "Not known: c, d; why.")
 
 
 def test_columns_without_values_are_left_out_and_tables_without_rows_too():
     (table,) = explained("", ("a", "b [N]"), [("x", None), ("y", None)])
     assert [head for head, _ in table.heads] == ["a"]
     assert explained("", ("a",), []) == []
+    (table,) = explained("", ("a", "basis"), [("x", "measured"), ("y", "measured")])
+    assert [head for head, _ in table.heads] == ["a"]
 
 
 def test_a_page_of_one_shock_without_records_is_complete(tmp_path):
@@ -85,7 +89,7 @@ def test_a_page_of_one_shock_without_records_is_complete(tmp_path):
     assert done.exit_code == 0, done.output
     html = (tmp_path / "one.html").read_text(encoding="utf-8")
     assert "Damping ratio c r²" in html
-    assert 'id="warming"' not in html and 'id="differences"' not in html
+    assert 'id="branches"' not in html and 'id="differences"' not in html
 
 
 @pytest.mark.nightly
@@ -111,7 +115,10 @@ OLD = "<html>old</html>"
         (("none.csv",), "none.csv"),
         (("{bank}", "-o", "page.pdf"), "a page ends in .html or .htm; write -o page.html"),
         (("{bank}", "-o", "."), "is a folder"),
-        (("{bank}", "--reference", "Q"), "--reference 'Q' is not one of the builds"),
+        (("{bank}", "--tolerance", "5 %"), "add --limits FILE"),
+        (("{bank}", "--limits", "{bank}"), "has no column of tolerances; add --tolerance '5 %'"),
+        (("{data}", "--cycle", "first"), "--cycle 'first': write last, mean, or the number"),
+        (("{bank}", "--track", "{data}=Force"), "is a velocity or a displacement; the file has: "),
         (("{bank}", "--corner-mass", "300 kg"), "both --corner-mass and --wheel-rate"),
         (("{bank}", "--car", "{car}", "--corner-mass", "300 kg"), "omit --corner-mass"),
         (("{bank}", "--corner-mass", "300"), "has no unit"),
@@ -195,19 +202,18 @@ def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
 
 
 @pytest.mark.slow
-def test_the_page_is_readable_on_a_screen_a_phone_and_paper(browser, examples, entries):
+def test_the_page_is_readable_on_a_screen_a_phone_and_paper(browser, examples):
     def open_page(width, mobile):
         browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=mobile)
         browser.call("Page.navigate", url=examples.as_uri())
         browser.until("document.body && document.body.dataset.drawn === 'all'")
 
     plots = "[...document.querySelectorAll('.js-plotly-plot')]"
-    report = dyno_report(entries)
     for width, mobile in ((400, True), (1400, False)):
         open_page(width, mobile)
         assert browser.evaluate("document.getElementById('trouble').hidden")
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-        assert browser.evaluate(f"{plots}.length") == 4 + len(report.runs)
+        assert browser.evaluate(f"{plots}.length") == 3
         widest = browser.evaluate(f"Math.max(...{plots}.map((p) => p.layout.width))")
         assert widest <= width
     # Letter and A4 in landscape with margins of 7 mm

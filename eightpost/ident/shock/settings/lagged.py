@@ -146,7 +146,7 @@ def fit_lagged(model: JointModel, first: HysteresisFit, robust: Robust) -> Joint
         robust: Treatment of outliers.
     """
     found, model = _searched(model, first, weights_for(robust))
-    end, notes = found.end, (first.stop_note, "both curves depend on the setting")
+    end, notes = found.end, [first.stop_note] * bool(first.stop_note) + ["both curves depend on the setting"]
     x = np.zeros(model.size)
     for part, place in zip(end.parts, model.places, strict=True):
         x[place] = np.linalg.solve(
