@@ -28,10 +28,13 @@ _COLORS: Mapping[Grade, str] = {
 
 
 def show_verdict(console: Console, verdict: Verdict) -> None:
-    """Print a verdict: its grade, and each of its reasons on a line of its own."""
+    """Print a verdict: its grade with its first reason, and each reason on a line of its own.
+
+    The first reason of a usable result needs no action and is not repeated.
+    """
     color = _COLORS[verdict.grade]
     console.print(f"[bold {color}]{verdict.headline}[/]: {escape(verdict.detail)}.", highlight=False, soft_wrap=True)
-    for reason in verdict.reasons:
+    for reason in verdict.reasons[1:] if verdict.grade is Grade.USABLE else verdict.reasons:
         console.print(f"  {_line(reason)}", highlight=False, soft_wrap=True)
 
 

@@ -142,9 +142,14 @@ def test_a_record_of_one_stroke_and_its_return_counts_them():
     assert duration == pytest.approx([1.0, 0.5])
 
 
-@pytest.mark.parametrize(("short", "ends"), [(1, (0.02, 0.05)), (3, (0.004, 0.05))])
+def test_the_only_complete_stroke_of_a_record_counts_alone():
+    velocity = np.concatenate([np.full(30, -0.3), np.full(100, 0.1), np.full(50, -0.2)])
+    assert strokes(velocity, 0.01).T.tolist() == [pytest.approx([0.1, 0.1, 1.0])]
+
+
+@pytest.mark.parametrize(("short", "ends"), [(1, (0.02, 0.05)), (2, (0.004, 0.05))])
 def test_the_range_leaves_out_a_tenth_of_the_time_at_either_end(short, ends):
-    record = sines((0.06, 1.0), *[(0.05, 1.0)] * 7, *[(0.02, 1.0)] * 3, *[(0.004, 1.0)] * short, seconds=1.0)
+    record = sines((0.06, 1.0), *[(0.004, 1.0)] * short, *[(0.05, 1.0)] * 7, *[(0.02, 1.0)] * 3, seconds=1.0)
     tested = StrokeRange.of(prepare_runs([record], segment=(0.0, 10.9 + short)).prepared)
     assert tested.stroke == pytest.approx(ends, rel=0.05)
     assert tested.has_one_frequency
