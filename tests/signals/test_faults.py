@@ -124,7 +124,5 @@ def test_time_printed_with_few_digits_has_no_gap():
 
 
 def test_a_wrong_sign_names_the_channel_to_flip_not_what_was_derived_from_it():
-    with pytest.raises(
-        errors.WrongSignError, match="`--flip force` if the velocity .* right, otherwise `--flip displacement`,"
-    ):
+    with pytest.raises(WrongSignError, match=r"`--flip force` if the velocity .* otherwise `--flip displacement`,"):
         faults.check_sign(-SINE, SINE, channel="force", against="the velocity derived from displacement")
