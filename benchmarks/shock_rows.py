@@ -39,7 +39,7 @@ class FitErrors:
         deviation: Standard deviation of the held-out force [N].
         seconds: Computing time of the fit [s].
         parameters: Parameters of the law in SI units.
-        warnings: Warnings of the fit.
+        at_bound: Names of the parameters at a bound of the fit.
         shape_rms: RMS error on the held-out run of the prediction with its best offset and gain [N].
     """
 
@@ -52,7 +52,7 @@ class FitErrors:
     deviation: float
     seconds: float
     parameters: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    at_bound: frozenset[str] = frozenset()
     shape_rms: float = float("nan")
 
     @property
@@ -123,6 +123,11 @@ class Bench:
     processes: int = 2
     measured: tuple[int, ...] | None = None
 
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the laws that the recipe can fit."""
+        return tuple(law for law in self.laws if self.recipe != "boggs" or law not in ("hysteresis", BOUC_WEN))
+
 
 def results(bench: Bench) -> Iterator[Result]:
     """Fit and validate all cases; yield results in the order of the cases."""
@@ -148,18 +153,13 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
         cases = list(configurations([number], quick=bench.quick))
     else:
         cases = [list(measured(quick=bench.quick))[number]]
-    return [
-        attempt(case, law, bench.recipe)
-        for case in cases
-        for law in case.laws
-        if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
-    ]
+    return [attempt(case, law, bench.recipe) for case in cases for law in case.laws if law in bench.fitted]
 
 
 def _warm_up(bench: Bench) -> None:
     """Compile everything in one thread, so that times do not include compilation."""
     test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
-    for law in bench.laws:
+    for law in bench.fitted:
         if law != BOUC_WEN:
             fit_shock(test, law, recipe=bench.recipe)
 
@@ -179,7 +179,8 @@ def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
     shape = shape_rms(held.predicted["force"], held.measured["force"])
-    return FitErrors(case, law, *errors, fit.seconds, parameters, fit.warnings, shape)
+    at_bound = frozenset(parameter.name for parameter in fit.parameters if parameter.at_bound)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound, shape)
 
 
 def _bouc_wen(case: Case) -> FitErrors:
