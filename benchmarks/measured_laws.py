@@ -62,15 +62,15 @@ def splits(folder: Path) -> Iterator[tuple[str, Case]]:
     runs = dict(measured_runs(folder))
     for name, run in runs.items():
         for part, shares in PARTS.items():
-            fitted, held = (tuple(share * run.series.duration for share in ends) for ends in shares)
-            kind = REST if rests(run, held) and not rests(run, fitted) else TIME
-            yield kind, Case(f"{name}, {part}", (run,), run, fitted, held)
+            kept, left = ((start * run.series.duration, stop * run.series.duration) for start, stop in shares)
+            kind = REST if rests(run, left) and not rests(run, kept) else TIME
+            yield kind, Case(f"{name}, {part}", (run,), run, kept, left)
     for setting in SETTINGS:
         for one, other in permutations([name for name in runs if name.startswith(setting)], 2):
             fitted, held = runs[one], runs[other]
             kind = RUN if prepare_runs([fitted, held]).has_repeated_motions else SPEED
-            ends = [(0.0, run.series.duration) for run in (fitted, held)]
-            yield kind, Case(f"{one}, {other.removeprefix(setting)}", (fitted,), held, *ends, about_mean=True)
+            kept, left = ((0.0, run.series.duration) for run in (fitted, held))
+            yield kind, Case(f"{one}, {other.removeprefix(setting)}", (fitted,), held, kept, left, about_mean=True)
 
 
 def rests(run: DynoTest, ends: Segment) -> bool:
@@ -102,7 +102,7 @@ def summary(found: Sequence[Row]) -> str:
         here = [row for row in found if row[0] == kind]
         for law in LAWS:
             regret = regrets(here, law)
-            errors = [np.inf if row[-1][law] is None else row[-1][law] for row in here]
+            errors = [np.inf if (error := row[-1][law]) is None else error for row in here]
             figures = [number(100.0 * float(figure(regret))) for figure in (np.mean, np.median, np.max)]
             title = law_title(law) + (" (default)" if law == DEFAULT_LAW["joint"] else "")
             close = f"{int(np.sum(regret <= CLOSE))} of {len(here)}"
