@@ -231,12 +231,13 @@ def check_sign(
     """
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
+        other = against.rpartition("derived from ")[2]
         raise origin.header_fault(
             WrongSignError,
             (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
             + f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must "
-            f"be positive in compression); change the sign of the wrong one with gain = -1 in the channel map or with "
-            f"--flip: `--flip {channel}` if {against} is right, otherwise flip {against}. A wrong choice swaps "
-            "compression and rebound; check that the gas force is positive",
+            f"be positive in compression): `--flip {channel}` if {against} is right, otherwise `--flip {other}`, or "
+            "gain = -1 in the channel map. A wrong choice swaps compression and rebound; check that the gas force is "
+            "positive",
             channel=channel,
         )

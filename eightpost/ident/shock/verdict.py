@@ -22,7 +22,6 @@ from eightpost.rig.lag import force_lag
 from eightpost.rig.plausibility import REST_SHARE
 from eightpost.rig.plausibility_rules import LATE
 from eightpost.rig.rest_force import pulls_at_standstill
-from eightpost.rig.temperature_drift import warming_note
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict
@@ -328,7 +327,7 @@ def _error(percent: float, held_out: HeldOutErrors | None, origin: str, tested: 
 
 
 def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
-    """Yield the doubts about a record; its warming is in the error and in the range of temperatures.
+    """Yield the doubts about a record.
 
     A late force counts if it turns a tenth of the force or more from damping into stiffness at a frequency [Hz].
     """
@@ -337,8 +336,7 @@ def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
         if lag is None or 2.0 * np.pi * frequency * lag.low > _TURNED:
             yield reason
     for note in test.notes:
-        if note != warming_note(test.series):
-            yield DOUBT.reason("the record is doubtful", figure=note, origin=test.label)
+        yield DOUBT.reason("the record is doubtful", figure=note, origin=test.label)
 
 
 def _ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:
