@@ -16,7 +16,7 @@ from eightpost.signals import Drivefile
 
 Segment = tuple[float, float]
 
-LAWS = ("polylinear", "lpf1", "lpnl2")
+LAWS = ("polylinear", "lpf1", "lpnl2", "hysteresis")
 BOUC_WEN = "bouc-wen"
 
 #: Phase draws for fit and validation; the damper was calibrated with other draws (docs/explanation/dynamometer.md).

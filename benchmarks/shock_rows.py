@@ -37,7 +37,7 @@ class FitErrors:
         deviation: Standard deviation of the held-out force [N].
         seconds: Computing time of the fit [s].
         parameters: Parameters of the law in SI units.
-        warnings: Warnings of the fit.
+        at_bound: Names of the parameters at a bound of the fit.
     """
 
     case: Case
@@ -49,7 +49,7 @@ class FitErrors:
     deviation: float
     seconds: float
     parameters: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    at_bound: frozenset[str] = frozenset()
 
     @property
     def error(self) -> float:
@@ -114,6 +114,11 @@ class Bench:
     processes: int = 2
     measured: tuple[int, ...] | None = None
 
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the laws that the recipe can fit."""
+        return tuple(law for law in self.laws if self.recipe != "boggs" or law not in ("hysteresis", BOUC_WEN))
+
 
 def results(bench: Bench) -> Iterator[Result]:
     """Fit and validate all cases; yield results in the order of the cases."""
@@ -139,18 +144,13 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
         cases = list(configurations([number], quick=bench.quick))
     else:
         cases = [list(measured(quick=bench.quick))[number]]
-    return [
-        attempt(case, law, bench.recipe)
-        for case in cases
-        for law in case.laws
-        if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
-    ]
+    return [attempt(case, law, bench.recipe) for case in cases for law in case.laws if law in bench.fitted]
 
 
 def _warm_up(bench: Bench) -> None:
     """Compile everything in one thread, so that times do not include compilation."""
     test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
-    for law in bench.laws:
+    for law in bench.fitted:
         if law != BOUC_WEN:
             fit_shock(test, law, recipe=bench.recipe)
 
@@ -168,7 +168,8 @@ def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
-    return FitErrors(case, law, *errors, fit.seconds, parameters, fit.warnings)
+    at_bound = frozenset(parameter.name for parameter in fit.parameters if parameter.at_bound)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound)
 
 
 def _bouc_wen(case: Case) -> FitErrors:

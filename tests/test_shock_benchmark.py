@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
 from benchmarks.measured_laws import REST, RUN, SPEED, TIME, regrets, rests
 from benchmarks.measured_laws import summary as regret_summary
-from benchmarks.shock_records import Case
-from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors
+from benchmarks.measured_tables import lag_table
+from benchmarks.shock_records import BOUC_WEN, Case
+from benchmarks.shock_rows import FIGURES, Bench, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
 from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest
@@ -101,6 +102,20 @@ def test_a_law_that_cannot_be_fitted_has_a_row_without_figures():
     assert set(refused.row()) == KEYS
     assert [refused.row()[name] for name in FIGURES] == [None] * 3
     assert "not fitted: the curve falls |" in markdown([refused])
+
+
+def test_a_parameter_at_a_bound_is_marked():
+    parameters = {"time_constant": 0.05, "lag_full_force": 93.3, "lag_zero_force": 95.7}
+    lagged = replace(
+        found("lpnl2", 50.0, about_mean=True), parameters=parameters, at_bound=frozenset(["time_constant"])
+    )
+    assert lag_table([lagged]).splitlines()[-1] == "| configuration 5 | - | 50 (bound) | 93.3 | 95.7 |"
+
+
+def test_the_dissertations_recipe_fits_its_own_laws():
+    laws = ("lpnl2", "hysteresis", BOUC_WEN)
+    assert Bench((1,), laws, quick=True, recipe="boggs").fitted == ("lpnl2",)
+    assert Bench((1,), laws, quick=True).fitted == laws
 
 
 def test_the_tables_show_the_printed_figures_too():
