@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bouc_wen import fit_bouc_wen, predict
-from benchmarks.narx import Rows, fit_narx, narx_error
-from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured
+from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.options import RecipeName
 from eightpost.ident.shock.record import prepare
@@ -40,7 +38,6 @@ class FitErrors:
         seconds: Computing time of the fit [s].
         parameters: Parameters of the law in SI units.
         at_bound: Names of the parameters at a bound of the fit.
-        shape_rms: RMS error on the held-out run of the prediction with its best offset and gain [N].
     """
 
     case: Case
@@ -53,7 +50,6 @@ class FitErrors:
     seconds: float
     parameters: Mapping[str, float] = field(default_factory=dict)
     at_bound: frozenset[str] = frozenset()
-    shape_rms: float = float("nan")
 
     @property
     def error(self) -> float:
@@ -69,11 +65,6 @@ class FitErrors:
     def validation_percent(self) -> float:
         """`error` in percent of the held-out force's standard deviation."""
         return 100.0 * self.error / self.deviation
-
-    @property
-    def shape_percent(self) -> float:
-        """`shape_rms` in percent of the held-out force's standard deviation."""
-        return 100.0 * self.shape_rms / self.deviation
 
     def row(self) -> Row:
         """Return the row that --json writes."""
@@ -167,8 +158,7 @@ def _warm_up(bench: Bench) -> None:
 def attempt(case: Case, law: str, recipe: RecipeName) -> Result:
     """Return the errors of a law on a case, or why it could not be fitted."""
     try:
-        others = {BOUC_WEN: _bouc_wen, NARX: _narx}
-        return others[law](case) if law in others else _ours(case, law, recipe)
+        return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
     except ValueError as error:  # raised by laws and fits that reject the data
         return FailedFit(case, law, str(error))
 
@@ -178,9 +168,8 @@ def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
-    shape = shape_rms(held.predicted["force"], held.measured["force"])
     at_bound = frozenset(parameter.name for parameter in fit.parameters if parameter.at_bound)
-    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound, shape)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound)
 
 
 def _bouc_wen(case: Case) -> FitErrors:
@@ -192,34 +181,4 @@ def _bouc_wen(case: Case) -> FitErrors:
     names = ("damping", "stiffness", "hysteresis", "reach", "share", "exponent")
     parameters = {name: float(getattr(fit.law, name)) for name in names}
     errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
-    shape = shape_rms(predicted, prepared.measured)
-    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters, shape_rms=shape)
-
-
-def _narx(case: Case) -> FitErrors:
-    started = time.perf_counter()
-    model = fit_narx(case.fitted, case.segment)
-    seconds = time.perf_counter() - started
-    fitted = [prepare(test, segment=case.segment) for test in case.fitted]
-    prepared = prepare(case.held_out, segment=case.held_out_segment)
-    within, error = np.concatenate([narx_error(model, run) for run in fitted]), narx_error(model, prepared)
-    measured_force = Rows.of(prepared).force
-    deviation = float(np.sqrt(np.mean([run.deviation**2 for run in fitted])))
-    errors = (_rms(within), deviation, _rms(error), float(np.mean(error)), prepared.deviation)
-    shape = shape_rms(measured_force + error, measured_force)
-    return FitErrors(case, NARX, *errors, seconds, shape_rms=shape)
-
-
-def shape_rms(predicted: np.ndarray, measured: np.ndarray) -> float:
-    """Return the RMS error [N] of a predicted force (N,) with the offset and the gain that suit the measured one best.
-
-    The level of a run does not follow from its motion, so between runs this is the error of the law's shape.
-    """
-    about, wanted = predicted - predicted.mean(), measured - measured.mean()
-    size = float(about @ about)
-    gain = float(about @ wanted) / size if size > 0.0 else 0.0
-    return _rms(gain * about - wanted)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters)

@@ -11,6 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
+from benchmarks.measured_laws import REST, RUN, SPEED, TIME, regrets, rests
+from benchmarks.measured_laws import summary as regret_summary
 from benchmarks.measured_tables import lag_table
 from benchmarks.shock_records import BOUC_WEN, Case
 from benchmarks.shock_rows import FIGURES, Bench, FailedFit, FitErrors
@@ -124,3 +126,21 @@ def test_the_tables_show_the_printed_figures_too():
     assert table_3_5(errors).splitlines()[-1].endswith("| 22.7 | 22.7 | 21.2 |")
     assert "| 5 | 225 | yes |" in gains_table(errors)
     assert any("1.010 (configuration 5); required: at most 1.005" in line for line in summary(errors))
+
+
+def test_the_regret_of_a_law_is_its_error_over_the_smallest_one():
+    errors = {"polylinear": 8.0, "lpf1": 4.0, "lpnl2": 2.08, "hysteresis": 2.0}
+    found = [(kind, "", errors) for kind in (TIME, RUN, REST, SPEED)] + [(TIME, "", errors | {"lpf1": None})]
+    np.testing.assert_allclose(regrets(found, "lpnl2"), 0.04)
+    assert regrets(found, "lpf1").tolist() == [1.0] * 4 + [np.inf]
+    assert f"| {RUN} | LPNL2 | 2.08 | 1 of 1 | 4 | 4 | 4 |" in regret_summary(found)
+    assert f"| {TIME} | Hysteresis (default) | 2 | 2 of 2 | 0 | 0 | 0 |" in regret_summary(found)
+
+
+def test_a_part_has_a_rest_if_the_shock_stands_still_for_more_than_moments():
+    series = motion(1)
+    moving = series.time < 2.0
+    still = series.with_channel("velocity", "m/s", np.where(moving, series["velocity"], 0.0))
+    test = DynoTest(still.with_channel("force", "N", still["velocity"]))
+    parts = ((0.0, 1.9), (1.0, 2.1), (1.0, 2.0), (0.0, 4.0))
+    assert [rests(test, ends) for ends in parts] == [False, True, False, True]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import welch
 
 from eightpost.array_types import Array
 from eightpost.rig.drift import explained
@@ -79,15 +78,22 @@ def _hum(values: Array, rate: float, span: float = 0.0) -> str:
 def _average(values: Array, rate: float, motion: float) -> float:
     """Return the duration [s] of a moving average that made `values` (N,) of a motion [Hz]; 0 if none did."""
     count = min(values.size - 1, round(max(SEGMENT, PERIODS / motion) * rate))
-    frequency, power = welch(np.diff(values), rate, nperseg=count)
-    level = np.log(np.maximum(power, 1e-300))
+    level = _level(np.diff(values), count)
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
     for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
-        depth = _depth(level, rate / samples / frequency[1])
+        depth = _depth(level, count / samples)
         if depth > best and not ODD[0] * motion < rate / samples < ODD[1] * motion:
             best, found = depth, samples / rate
     return found
+
+
+def _level(values: Array, count: int) -> Array:
+    """Return the logarithm of the mean power of half overlapping segments of `count` of the values, in any unit."""
+    segments = np.lib.stride_tricks.sliding_window_view(values, count)[:: count - count // 2]
+    window = np.sin(np.pi * np.arange(count) / count) ** 2
+    spectra = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window)
+    return np.asarray(np.log(np.maximum(np.mean(np.abs(spectra) ** 2, axis=0), 1e-300)))
 
 
 def _depth(level: Array, spacing: float) -> float:
