@@ -244,4 +244,5 @@ def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
     if lag.low > LAG:
         yield LATE.reason("the force is later than a shock makes it", figure=f"by {lag}", origin=origin)
     elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
-        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lag}", origin=origin)
+        lead = Lag(-lag.seconds, -lag.high, -lag.low)
+        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lead}", origin=origin)

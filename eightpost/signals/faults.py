@@ -55,6 +55,9 @@ class Origin:
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
 
+#: A correlation above minus this is not one of a wrong sign.
+WEAK_SIGN = 0.3
+
 #: Origin of a record created in memory.
 IN_MEMORY = Origin()
 
@@ -231,12 +234,17 @@ def check_sign(
     """
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
+        advice = (
+            "so one of the two has the wrong sign (both must be positive in compression); change the sign of the wrong "
+            f"one with gain = -1 in the channel map or with --flip: `--flip {channel}` if {against} is right, "
+            f"otherwise flip {against}. A wrong choice swaps compression and rebound; check that the gas force is "
+            "positive"
+        )
+        if correlation > -WEAK_SIGN:
+            advice = "so it does not follow it; check the column (--channel), its delay, and its sign (--flip)"
         raise origin.header_fault(
             WrongSignError,
             (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
-            + f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must "
-            f"be positive in compression); change the sign of the wrong one with gain = -1 in the channel map or with "
-            f"--flip: `--flip {channel}` if {against} is right, otherwise flip {against}. A wrong choice swaps "
-            "compression and rebound; check that the gas force is positive",
+            + f"its correlation with {against} is {correlation:.3f}, {advice}",
             channel=channel,
         )
