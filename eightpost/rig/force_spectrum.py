@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 
 from eightpost.array_types import Array
+from eightpost.rig.cycles import displacement_of
 from eightpost.rig.drift import explained
 from eightpost.rig.plausibility_rules import HUM, SMOOTHED
 from eightpost.signals.timeseries import TimeSeries
@@ -51,8 +51,7 @@ def spectrum_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str)
             figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
         if figure:
             yield HUM.reason(f"the {name} has hum", figure=figure, origin=origin)
-    path = cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0)
-    frequency = float(velocity.std() / path.std()) / (2.0 * np.pi)
+    frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)
     if seconds := _average(force, rate, frequency):
         figure = f"a moving average over about {1e3 * seconds:.3g} ms"
         yield SMOOTHED.reason("the force is smoothed", figure=figure, origin=origin)

@@ -80,7 +80,7 @@ FAULTS = {
     ),
     "no relation": (
         WrongSignError,
-        r"its correlation with velocity is -0.29\d, so it does not follow it; check the column \(--channel\), its delay",
+        r"its correlation with velocity is -0.29\d, so it does not follow it; check the column \(--channel\)",
         lambda: faults.check_sign(WEAK, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
     "weak sign": (
