@@ -119,7 +119,7 @@ SMOOTHED = RULES.add("smoothed force", ABOUT, Grade.LIMITED,
 UNRELATED = RULES.add("force without velocity", ABOUT, Grade.LIMITED,
     condition="the correlation of force and velocity is below 0.3",
     why="a wrong column, a spring on the dynamometer, or channels sampled at different times",
-    remedy="check the columns (--channel) and their delays, and take the spring off",
+    remedy="check the columns (--channel), and take the spring off",
 )  # fmt: skip
 COMMANDED = RULES.add("a command instead of a measurement", ABOUT, Grade.LIMITED,
     condition="a channel is read from a column that its name calls a command, a target or a reference, because there "
