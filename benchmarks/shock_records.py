@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig import Actuator, DynoTest, cavitation, configuration, random_multisine, read_dyno_test, read_out
 from eightpost.signals import Drivefile
 
 Segment = tuple[float, float]
 
-LAWS = ("polylinear", "lpf1", "lpnl2")
-BOUC_WEN, NARX = "bouc-wen", "narx"
+LAWS = ("polylinear", "lpf1", "lpnl2", "hysteresis")
+BOUC_WEN = "bouc-wen"
 
 #: Phase draws for fit and validation; the damper was calibrated with other draws (docs/explanation/dynamometer.md).
 DRAWS = ((11, 12), (13, 14), (15, 16))
@@ -67,16 +66,6 @@ class Case:
         return not self.configuration
 
     @property
-    def is_run_to_run(self) -> bool:
-        """Whether a measured run is predicted from other runs, so that its level does not follow from the fit."""
-        return self.is_measured and all(run is not self.held_out for run in self.fitted)
-
-    @property
-    def has_many_speeds(self) -> bool:
-        """Whether the fitted runs have more than one speed."""
-        return not prepare_runs(self.fitted, segment=self.segment).has_one_motion
-
-    @property
     def laws(self) -> tuple[str, ...]:
         """Names of the laws that are fitted to the case."""
         return (*LAWS, BOUC_WEN) if self.about_mean else LAWS
@@ -120,17 +109,6 @@ def measured(*, quick: bool) -> Iterator[Case]:
         yield from _labcontrol(folder / "labcontrol", quick=quick)
     if (folder / "ohlins").is_dir():
         yield from _ohlins(folder / "ohlins", quick=quick)
-
-
-def thirds() -> Iterator[Case]:
-    """Yield the last and the first third of every measured record, each held out from the rest of its record."""
-    folder = Path(os.environ.get("EIGHTPOST_DATA") or "/nowhere")
-    for name, run in measured_runs(folder):
-        duration = run.series.duration
-        one, two = duration / 3.0, duration / 1.5
-        if name.removeprefix("ohlins: ") not in OHLINS_SINGLE:  # these are among the cases of `measured`
-            yield Case(f"{name}, held out its last third", (run,), run, (0.0, two), (two, duration))
-        yield Case(f"{name}, held out its first third", (run,), run, (one, duration), (0.0, one))
 
 
 def measured_runs(folder: Path) -> Iterator[tuple[str, DynoTest]]:

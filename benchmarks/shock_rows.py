@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bouc_wen import fit_bouc_wen, predict
-from benchmarks.narx import Rows, fit_narx, narx_error
-from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured
+from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.options import RecipeName
 from eightpost.ident.shock.record import prepare
@@ -39,8 +37,7 @@ class FitErrors:
         deviation: Standard deviation of the held-out force [N].
         seconds: Computing time of the fit [s].
         parameters: Parameters of the law in SI units.
-        warnings: Warnings of the fit.
-        shape_rms: RMS error on the held-out run of the prediction with its best offset and gain [N].
+        at_bound: Names of the parameters at a bound of the fit.
     """
 
     case: Case
@@ -52,8 +49,7 @@ class FitErrors:
     deviation: float
     seconds: float
     parameters: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    shape_rms: float = float("nan")
+    at_bound: frozenset[str] = frozenset()
 
     @property
     def error(self) -> float:
@@ -69,11 +65,6 @@ class FitErrors:
     def validation_percent(self) -> float:
         """`error` in percent of the held-out force's standard deviation."""
         return 100.0 * self.error / self.deviation
-
-    @property
-    def shape_percent(self) -> float:
-        """`shape_rms` in percent of the held-out force's standard deviation."""
-        return 100.0 * self.shape_rms / self.deviation
 
     def row(self) -> Row:
         """Return the row that --json writes."""
@@ -123,6 +114,11 @@ class Bench:
     processes: int = 2
     measured: tuple[int, ...] | None = None
 
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the laws that the recipe can fit."""
+        return tuple(law for law in self.laws if self.recipe != "boggs" or law not in ("hysteresis", BOUC_WEN))
+
 
 def results(bench: Bench) -> Iterator[Result]:
     """Fit and validate all cases; yield results in the order of the cases."""
@@ -148,18 +144,13 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
         cases = list(configurations([number], quick=bench.quick))
     else:
         cases = [list(measured(quick=bench.quick))[number]]
-    return [
-        attempt(case, law, bench.recipe)
-        for case in cases
-        for law in case.laws
-        if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
-    ]
+    return [attempt(case, law, bench.recipe) for case in cases for law in case.laws if law in bench.fitted]
 
 
 def _warm_up(bench: Bench) -> None:
     """Compile everything in one thread, so that times do not include compilation."""
     test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
-    for law in bench.laws:
+    for law in bench.fitted:
         if law != BOUC_WEN:
             fit_shock(test, law, recipe=bench.recipe)
 
@@ -167,8 +158,7 @@ def _warm_up(bench: Bench) -> None:
 def attempt(case: Case, law: str, recipe: RecipeName) -> Result:
     """Return the errors of a law on a case, or why it could not be fitted."""
     try:
-        others = {BOUC_WEN: _bouc_wen, NARX: _narx}
-        return others[law](case) if law in others else _ours(case, law, recipe)
+        return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
     except ValueError as error:  # raised by laws and fits that reject the data
         return FailedFit(case, law, str(error))
 
@@ -178,8 +168,8 @@ def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
-    shape = shape_rms(held.predicted["force"], held.measured["force"])
-    return FitErrors(case, law, *errors, fit.seconds, parameters, fit.warnings, shape)
+    at_bound = frozenset(parameter.name for parameter in fit.parameters if parameter.at_bound)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound)
 
 
 def _bouc_wen(case: Case) -> FitErrors:
@@ -191,34 +181,4 @@ def _bouc_wen(case: Case) -> FitErrors:
     names = ("damping", "stiffness", "hysteresis", "reach", "share", "exponent")
     parameters = {name: float(getattr(fit.law, name)) for name in names}
     errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
-    shape = shape_rms(predicted, prepared.measured)
-    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters, shape_rms=shape)
-
-
-def _narx(case: Case) -> FitErrors:
-    started = time.perf_counter()
-    model = fit_narx(case.fitted, case.segment)
-    seconds = time.perf_counter() - started
-    fitted = [prepare(test, segment=case.segment) for test in case.fitted]
-    prepared = prepare(case.held_out, segment=case.held_out_segment)
-    within, error = np.concatenate([narx_error(model, run) for run in fitted]), narx_error(model, prepared)
-    measured_force = Rows.of(prepared).force
-    deviation = float(np.sqrt(np.mean([run.deviation**2 for run in fitted])))
-    errors = (_rms(within), deviation, _rms(error), float(np.mean(error)), prepared.deviation)
-    shape = shape_rms(measured_force + error, measured_force)
-    return FitErrors(case, NARX, *errors, seconds, shape_rms=shape)
-
-
-def shape_rms(predicted: np.ndarray, measured: np.ndarray) -> float:
-    """Return the RMS error [N] of a predicted force (N,) with the offset and the gain that suit the measured one best.
-
-    The level of a run does not follow from its motion, so between runs this is the error of the law's shape.
-    """
-    about, wanted = predicted - predicted.mean(), measured - measured.mean()
-    size = float(about @ about)
-    gain = float(about @ wanted) / size if size > 0.0 else 0.0
-    return _rms(gain * about - wanted)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import welch
 
 from eightpost.array_types import Array
 from eightpost.rig.cycles import displacement_of
@@ -82,15 +81,22 @@ def _average(values: Array, rate: float, motion: float) -> float:
     if values.size * motion < PERIODS * rate:  # the ends of a short record leave lobes
         return 0.0
     count = min(values.size - 1, round(max(SEGMENT, PERIODS / motion) * rate))
-    frequency, power = welch(np.diff(values), rate, nperseg=count)
-    level = np.log(np.maximum(power, 1e-300))
+    level = _level(np.diff(values), count)
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
     for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
-        depth = _depth(level, rate / samples / frequency[1])
+        depth = _depth(level, count / samples)
         if depth > best and rate / samples > NARROWEST * motion:
             best, found = depth, samples / rate
     return found
+
+
+def _level(values: Array, count: int) -> Array:
+    """Return the logarithm of the mean power of half overlapping segments of `count` of the values, in any unit."""
+    segments = np.lib.stride_tricks.sliding_window_view(values, count)[:: count - count // 2]
+    window = np.sin(np.pi * np.arange(count) / count) ** 2
+    spectra = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window)
+    return np.asarray(np.log(np.maximum(np.mean(np.abs(spectra) ** 2, axis=0), 1e-300)))
 
 
 def _depth(level: Array, spacing: float) -> float:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eightpost.array_types import Array
 from eightpost.rig.cycles import displacement_of
@@ -205,7 +205,7 @@ def _interval(lags: Array, profile: Array, best: int, independent: float) -> tup
         best: Number of the delay with the smallest residual.
         independent: Number of independent values of the residual.
     """
-    limit = profile[best] * (1.0 + float(student.ppf(0.975, independent)) ** 2 / independent)
+    limit = profile[best] * (1.0 + float(stdtrit(independent, 0.975)) ** 2 / independent)
     likely = np.flatnonzero(profile <= limit)
     first, last = int(likely[0]), int(likely[-1])
     if first == 0 or last == lags.size - 1 or lags[last] - lags[first] > 2.0 * WIDEST:

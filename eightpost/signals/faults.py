@@ -234,11 +234,11 @@ def check_sign(
     """
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
+        other = against.rpartition("derived from ")[2]
         advice = (
-            "so one of the two has the wrong sign (both must be positive in compression); change the sign of the wrong "
-            f"one with gain = -1 in the channel map or with --flip: `--flip {channel}` if {against} is right, "
-            f"otherwise flip {against}. A wrong choice swaps compression and rebound; check that the gas force is "
-            "positive"
+            f"so one of the two has the wrong sign (both must be positive in compression): `--flip {channel}` if "
+            f"{against} is right, otherwise `--flip {other}`, or gain = -1 in the channel map. A wrong choice swaps "
+            "compression and rebound; check that the gas force is positive"
         )
         if correlation > -WEAK_SIGN:
             advice = "so it does not follow it; check the column (--channel), its delay, and its sign (--flip)"

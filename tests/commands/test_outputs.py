@@ -31,7 +31,7 @@ INPUTS = {
     "drivefile simulate": {"folder"}, "drivefile start": {"track", "--car"}, "export": {"sources"},
     "fit": {"dyno_files"}, "identify": {"rig_files", "--baseline", "--preparation", "--static"}, "inspect": {"path"},
     "linearity": {"files", "--preparation"}, "optimise": {"study_file"}, "page": {"source", "--vehicle"},
-    "report": {"files", "--car"}, "robust": {"folder", "uncertain"}, "run": {"case_file", "--drive"},
+    "report": {"files", "--car", "--limits"}, "robust": {"folder", "uncertain"}, "run": {"case_file", "--drive"},
     "select": {"folder"}, "sensitivity": {"folder"}, "settings": {"table"}, "shapes": {"study_file"},
     "ssp": {"system"}, "study": {"study_file"}, "validate": {"paths", "--against"}, "vehicle": {"path"},
     "whatif": {"folder"},

@@ -27,10 +27,7 @@ def record(seed, *, duration):
 @pytest.fixture(scope="module")
 def fitted():
     test = record(1, duration=2.0)
-    return {
-        law: fit_shock(test, law, name=law, robust="none", **({} if law == "hysteresis" else {"order": 7})).shock
-        for law in LAWS
-    }
+    return {law: fit_shock(test, law, name=law, robust="none").shock for law in LAWS}
 
 
 @pytest.fixture(scope="module")

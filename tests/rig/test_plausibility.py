@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from eightpost.errors import WrongSignError
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.cycles import run_down
-from eightpost.rig.force_spectrum import spectrum_reasons
+from eightpost.rig.force_spectrum import _level, spectrum_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import pulls_at_standstill, rest_force
@@ -332,3 +332,13 @@ def test_a_sine_that_follows_another_is_no_run_down(strokes, frequencies):
     ]
     path = np.concatenate(parts)
     assert run_down(np.arange(path.size) / 500.0, path, np.gradient(path, 1.0 / 500.0)) is None
+
+
+@pytest.mark.parametrize("count", [400, 333])
+def test_the_spectrum_of_a_channel_is_welchs_up_to_its_unit(count):
+    values = np.cumsum(np.random.default_rng(6).standard_normal(1800))
+    _, power = welch(values, nperseg=count)
+    # Welch's density counts the ends of the spectrum half.
+    found = _level(values, count)[1:-1]
+    np.testing.assert_allclose(np.diff(found), np.diff(np.log(power[1:-1])), atol=1e-9)
+    assert _level(np.zeros(1800), count).max() < -600.0

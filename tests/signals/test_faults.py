@@ -133,3 +133,8 @@ def test_a_computed_hold_with_constant_velocity_is_not_clipped():
 
 def test_time_printed_with_few_digits_has_no_gap():
     faults.check_gaps(np.round(np.arange(1000) / 300.0, 4))
+
+
+def test_a_wrong_sign_names_the_channel_to_flip_not_what_was_derived_from_it():
+    with pytest.raises(WrongSignError, match=r"`--flip force` if the velocity .* otherwise `--flip displacement`,"):
+        faults.check_sign(-SINE, SINE, channel="force", against="the velocity derived from displacement")

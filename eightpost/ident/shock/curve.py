@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
-from scipy.stats import theilslopes
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.knots import CELLS, KnotBasis
@@ -225,6 +224,8 @@ def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[floa
     The last slope of a polynomial depends on few samples. If it differs too much from the robust (Theil-Sen) slope of
     the curve's last fifth, the robust slope is used; if that is negative too, the chord from the transition.
     """
+    from scipy.stats import theilslopes  # noqa: PLC0415 -- takes half a second to load, and only recipe boggs needs it
+
     velocity = np.linspace(1.0 - _LAST_PART, 1.0, 41) * end
     force = basis.design(velocity) @ coefficients
     own = float((force[-1] - force[-2]) / (velocity[-1] - velocity[-2]))

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
 from eightpost.signals import TimeSeries
+from eightpost.signals.filters import recursion
 
 
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
@@ -106,8 +106,7 @@ def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: Pieces) -
     gained = np.add.reduceat(gained * np.exp(-pieces.left / time_constant), pieces.first)
     kept = np.exp(-pieces.between / time_constant)
     if np.all(kept == kept[0]):
-        rest, _ = lfilter([1.0], [1.0, -kept[0]], gained, zi=[kept[0] * begin])
-        return np.concatenate([[begin], rest])
+        return recursion(np.concatenate([[begin], gained]), [-kept[0]])
     lagged = [begin]
     for share, more in zip(kept.tolist(), gained.tolist(), strict=True):
         lagged.append(share * lagged[-1] + more)

@@ -24,7 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.runs import Runs
@@ -85,7 +85,7 @@ def quantile(runs: Runs) -> float:
 
 
 def _student(blocks: int, level: float) -> float:
-    return float(student.ppf(0.5 + 0.5 * level, max(blocks - 1, 1)))
+    return float(stdtrit(max(blocks - 1, 1), 0.5 + 0.5 * level))
 
 
 def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequence[Array] = ()) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import coherence, welch
 
 from eightpost.array_types import Array
 
@@ -52,6 +51,8 @@ def error_spectrum(
         fewest: Minimum number of blocks for a meaningful coherence.
         overlap: Correlation of the periodograms of overlapping blocks [1].
     """
+    from scipy.signal import coherence, welch  # noqa: PLC0415 -- takes half a second to load, which no fit needs
+
     size = round(block * rate)
     count = 2 * measured.size // size - 1
     if count < fewest:
