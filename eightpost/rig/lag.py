@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
 from eightpost.array_types import Array
+from eightpost.rig.cycles import displacement_of
 from eightpost.rig.plausibility_rules import EARLY, LATE
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
@@ -82,8 +82,7 @@ def force_lag(series: TimeSeries) -> Lag | None:
         series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
     """
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    path = even["displacement"] if "displacement" in even else _integral(even)
-    rows = _compared(np.stack([even["velocity"], path, even["force"]]), even.sample_rate)
+    rows = _compared(np.stack([even["velocity"], displacement_of(even), even["force"]]), even.sample_rate)
     if not rows.std(axis=1).all():
         return None
     velocity, path, force = rows
@@ -104,11 +103,6 @@ def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
         return None
     period = 2.0 * np.pi * float(rows[1].std() / (_RATE * np.diff(rows[1])).std())
     return _lag(rows[0], rows[1], rows[1][:, None], None, period)
-
-
-def _integral(series: TimeSeries) -> Array:
-    velocity = series["velocity"]
-    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
 
 # ---- The estimate ---------------------------------------------------------------------------------------------------
@@ -244,4 +238,5 @@ def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
     if lag.low > LAG:
         yield LATE.reason("the force is later than a shock makes it", figure=f"by {lag}", origin=origin)
     elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
-        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lag}", origin=origin)
+        lead = Lag(-lag.seconds, -lag.high, -lag.low)
+        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lead}", origin=origin)

@@ -55,6 +55,9 @@ class Origin:
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
 
+#: A correlation above minus this is not one of a wrong sign.
+WEAK_SIGN = 0.3
+
 #: Origin of a record created in memory.
 IN_MEMORY = Origin()
 
@@ -232,12 +235,16 @@ def check_sign(
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
         other = against.rpartition("derived from ")[2]
+        advice = (
+            f"so one of the two has the wrong sign (both must be positive in compression): `--flip {channel}` if "
+            f"{against} is right, otherwise `--flip {other}`, or gain = -1 in the channel map. A wrong choice swaps "
+            "compression and rebound; check that the gas force is positive"
+        )
+        if correlation > -WEAK_SIGN:
+            advice = "so it does not follow it; check the column (--channel), its delay, and its sign (--flip)"
         raise origin.header_fault(
             WrongSignError,
             (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
-            + f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must "
-            f"be positive in compression): `--flip {channel}` if {against} is right, otherwise `--flip {other}`, or "
-            "gain = -1 in the channel map. A wrong choice swaps compression and rebound; check that the gas force is "
-            "positive",
+            + f"its correlation with {against} is {correlation:.3f}, {advice}",
             channel=channel,
         )

@@ -114,13 +114,18 @@ def _notes_of(tests: Sequence[DynoTest]) -> list[str]:
     return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.warnings]
 
 
+def interval_of(parameter: Parameter) -> tuple[float, float] | None:
+    """Return the 95 % interval; None if the record does not determine the parameter, or the fit ended at its bound."""
+    return None if parameter.at_bound else parameter.interval
+
+
 def _entry(parameter: Parameter) -> dict[str, Any]:
     bounds = [bound if np.isfinite(bound) else None for bound in parameter.bounds or ()] or None
     return {
         "value": parameter.value,
         "unit": parameter.unit,
         "standard_error": parameter.error,
-        "interval_95": list(parameter.interval) if parameter.interval else None,
+        "interval_95": list(interval) if (interval := interval_of(parameter)) else None,
         "bounds": bounds,
         "at_bound": parameter.at_bound,
     }
@@ -240,7 +245,7 @@ class ShockFit(Summarized):
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        ends = [parameter.interval or (np.nan, np.nan) for parameter in self.parameters]
+        ends = [interval_of(parameter) or (np.nan, np.nan) for parameter in self.parameters]
         columns = {
             "value": [parameter.value for parameter in self.parameters],
             "unit": [parameter.unit for parameter in self.parameters],
