@@ -42,7 +42,6 @@ def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_p
     assert fit.shock.law.port == Port()
     assert fit.shock.conditions["gas_preload_estimate [N]"] == pytest.approx(gas_port.gas_preload, abs=2.0)
     assert same_curve(fit, fit_shock(with_gas, "lpf1")) < 1e-9
-    assert evaluate(fit.shock, with_gas).percent < 0.3
 
 
 @pytest.mark.nightly
