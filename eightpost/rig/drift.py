@@ -18,6 +18,8 @@ from eightpost.verdict import Reason
 
 #: Number of knots of the curve over velocity, and of the effect of acceleration (a lag) over velocity.
 KNOTS, LAG_KNOTS = 15, 5
+#: Knots of both at these shares of the highest speed.
+NEAR_ZERO = (-0.02, 0.0, 0.02)
 #: Fewest blocks of cycles, and smallest size of the motion in a block relative to the median.
 FEWEST_BLOCKS, FADE = 5, 0.5
 #: Relative change of a gain, and change of a level relative to the range, that is reported, ...
@@ -61,11 +63,13 @@ def _scaled(values: Array) -> Array:
 
 
 def _hats(values: Array, count: int) -> Array:
-    """Return a basis (N, K) of functions of `values` (N,) that are linear between knots, one of them at 0."""
+    """Return a basis (N, K) of functions of `values` (N,) that are linear between knots, one of them at 0.
+
+    Besides quantiles there are knots close to 0, where a valve has its nose: the force at standstill is that at 0.
+    """
     largest = float(np.abs(values).max())
-    knots = largest * np.unique(
-        np.round(np.append(np.quantile(values / largest, np.linspace(0.0, 1.0, count)), 0.0), 4)
-    )
+    spread = np.quantile(values / largest, np.linspace(0.0, 1.0, count))
+    knots = largest * np.unique(np.round(np.concatenate([spread, NEAR_ZERO]), 4))
     return np.stack([np.interp(values, knots, row) for row in np.eye(knots.size)], axis=1)
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.dyno_test import DynoTest, read_dyno_test
 from eightpost.shock import Lpf1, Port
 
 
@@ -44,7 +42,6 @@ def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_p
     assert fit.shock.law.port == Port()
     assert fit.shock.conditions["gas_preload_estimate [N]"] == pytest.approx(gas_port.gas_preload, abs=2.0)
     assert same_curve(fit, fit_shock(with_gas, "lpf1")) < 1e-9
-    assert evaluate(fit.shock, with_gas).percent < 0.3
 
 
 @pytest.mark.nightly
@@ -86,11 +83,15 @@ def test_the_reference_travels_with_the_shock(with_gas):
 
 
 @pytest.mark.nightly
-def test_a_gas_force_that_pulls_is_reported(with_gas):
+def test_a_gas_force_that_pulls_is_reported(with_gas, tmp_path):
     """The same record seen from the other end: every channel negated, compression and rebound swapped."""
     series = with_gas.series
-    mirrored = type(series)(series.time, -series.values, series.names, series.units)
-    fit = fit_shock(replace(with_gas, series=mirrored), "lpf1")
-    assert fit.parameter("gas_preload").value < 0.0
-    assert any("gas pushes" in warning and "--flip" in warning for warning in fit.warnings)
-    assert not any("gas pushes" in warning for warning in fit_shock(with_gas, "lpf1").warnings)
+    rules = {}
+    for sign in (1.0, -1.0):
+        rows = np.column_stack([series.time, sign * series.values])
+        header = "time [s]," + ",".join(f"{name} [{series.units[n]}]" for n, name in enumerate(series.names))
+        np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+        fit = fit_shock(read_dyno_test(tmp_path / "run.csv"), "lpf1")
+        assert sign * fit.parameter("gas_preload").value == pytest.approx(205.0, abs=5.0)
+        rules[sign] = [reason.rule for reason in fit.verdict.reasons]
+    assert rules == {1.0: ["small error"], -1.0: ["negative force at standstill", "small error"]}

@@ -13,15 +13,12 @@ from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.force import linear_solution
 from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.record import Prepared
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.stroke_range import ONE_FREQUENCY, StrokeRange
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.lag import force_lag
-from eightpost.rig.plausibility import REST_SHARE
 from eightpost.rig.plausibility_rules import LATE
-from eightpost.rig.rest_force import pulls_at_standstill
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict
@@ -112,7 +109,7 @@ def _errors(jacobian: Array, covariance: Array) -> list[float | None]:
 
 # ---- Warnings about a fit that a user should know before using the shock --------------------------------------------
 
-#: Share of the standard deviation from which a remaining offset or a negative gas force is reported.
+#: Share of the standard deviation from which a remaining offset is reported.
 _NOTABLE_OFFSET = 0.01
 
 
@@ -133,21 +130,9 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
     """
     # A gas stiffness at its lower bound, 0, is normal.
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
-    notable = _NOTABLE_OFFSET * solution.model.runs.deviation
-    is_pulling = any(_pulls(prepared) for prepared in solution.model.runs.prepared)
-    pulling = [_pulling(p) for p in own if p.name == "gas_preload" and p.value < -notable and is_pulling]
     bounds = [_at_bound(parameter) for parameter in own if parameter.at_bound]
     offset = _offset(solution) if gas == "subtracted" else []
-    return [*bounds, *_unused_fading(solution), *_stiff_with_lag(solution, recipe), *pulling, *offset]
-
-
-def _pulls(prepared: Prepared) -> bool:
-    """Return whether the force of a record itself, not only that of a fitted curve, is negative at standstill.
-
-    The low-pass of the preparation rounds the curve at standstill, which is why the limit is a share of the range.
-    """
-    velocity, force = (prepared.record[name][prepared.inside] for name in ("velocity", "force"))
-    return pulls_at_standstill(velocity, force, REST_SHARE * float(np.ptp(force)))
+    return [*bounds, *_unused_fading(solution), *_stiff_with_lag(solution, recipe), *offset]
 
 
 def _at_bound(parameter: Parameter) -> str:
@@ -178,14 +163,6 @@ def _stiff_with_lag(solution: Solution, recipe: str) -> list[str]:
     if not solution.model.gas.size or (recipe == "joint" and solution.model.dynamics.names):
         return []
     return ["gas_stiffness was fitted without a lag and includes part of it; a joint LPF1 fit separates the two"]
-
-
-def _pulling(preload: Parameter) -> str:
-    return (
-        f"gas_preload is {preload.value:.4g} N, but gas pushes: either the load cell was zeroed with the gas force on "
-        "it, or the record is positive in extension. Then negate force and motion (--flip force with --flip velocity "
-        "or --flip displacement), otherwise compression and rebound are swapped"
-    )
 
 
 def _offset(solution: Solution) -> list[str]:
