@@ -38,27 +38,16 @@ OHLINS_SINGLE = ("3_3_18_18_s5_n100_50psi", "3_3_24_24_s5_n10_100psi")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One or more runs to fit, and one held-out run.
+    """One or more runs to fit, and one held-out run."""
 
-    Attributes:
-        record: Name of the case in the rows.
-        fitted: Fitted runs of one damper.
-        held_out: Run to predict.
-        segment: Time range of the fitted runs [s]; None for that of the dissertation, 1 to 10 s.
-        held_out_segment: Time range of the held-out run [s].
-        about_mean: Whether the load cell's zero is unknown, so that errors are evaluated about their mean.
-        configuration: Configuration number of Table 3.1; 0 for a measured record.
-        cavitates: Whether the damper cavitates in the held-out run.
-    """
-
-    record: str
-    fitted: tuple[DynoTest, ...]
-    held_out: DynoTest
-    segment: Segment | None = None
-    held_out_segment: Segment | None = None
-    about_mean: bool = False
-    configuration: int = 0
-    cavitates: bool = False
+    record: str  #: Name of the case in the rows.
+    fitted: tuple[DynoTest, ...]  #: Fitted runs of one damper.
+    held_out: DynoTest  #: Run to predict.
+    segment: Segment | None = None  #: Time range of the fitted runs [s]; None for that of the dissertation, 1 to 10 s.
+    held_out_segment: Segment | None = None  #: Time range of the held-out run [s].
+    about_mean: bool = False  #: Whether the load cell's zero is unknown, so that errors are evaluated about their mean.
+    configuration: int = 0  #: Configuration number of Table 3.1; 0 for a measured record.
+    cavitates: bool = False  #: Whether the damper cavitates in the held-out run.
 
     @property
     def is_measured(self) -> bool:

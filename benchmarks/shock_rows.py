@@ -25,31 +25,18 @@ FIGURES = ("fit_percent", "validation_percent", "seconds")
 
 @dataclass(frozen=True, slots=True)
 class FitErrors:
-    """The errors of a law on a case.
+    """The errors of a law on a case."""
 
-    Attributes:
-        case: Fitted and held-out runs.
-        law: Name of the law.
-        fit_rms: RMS error of the fit [N].
-        fit_deviation: Standard deviation of the fitted force [N].
-        rms: RMS error on the held-out run, including its mean [N].
-        offset: Mean error on the held-out run [N].
-        deviation: Standard deviation of the held-out force [N].
-        seconds: Computing time of the fit [s].
-        parameters: Parameters of the law in SI units.
-        at_bound: Names of the parameters at a bound of the fit.
-    """
-
-    case: Case
-    law: str
-    fit_rms: float
-    fit_deviation: float
-    rms: float
-    offset: float
-    deviation: float
-    seconds: float
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    at_bound: frozenset[str] = frozenset()
+    case: Case  #: Fitted and held-out runs.
+    law: str  #: Name of the law.
+    fit_rms: float  #: RMS error of the fit [N].
+    fit_deviation: float  #: Standard deviation of the fitted force [N].
+    rms: float  #: RMS error on the held-out run, including its mean [N].
+    offset: float  #: Mean error on the held-out run [N].
+    deviation: float  #: Standard deviation of the held-out force [N].
+    seconds: float  #: Computing time of the fit [s].
+    parameters: Mapping[str, float] = field(default_factory=dict)  #: Parameters of the law in SI units.
+    at_bound: frozenset[str] = frozenset()  #: Names of the parameters at a bound of the fit.
 
     @property
     def error(self) -> float:
@@ -74,17 +61,11 @@ class FitErrors:
 
 @dataclass(frozen=True, slots=True)
 class FailedFit:
-    """A law that could not be fitted to a case.
+    """A law that could not be fitted to a case."""
 
-    Attributes:
-        case: Fitted and held-out runs.
-        law: Name of the law.
-        reason: Error message.
-    """
-
-    case: Case
-    law: str
-    reason: str
+    case: Case  #: Fitted and held-out runs.
+    law: str  #: Name of the law.
+    reason: str  #: Error message.
 
     def row(self) -> Row:
         """Return the row that --json writes, without figures."""
@@ -96,23 +77,14 @@ Result = FitErrors | FailedFit
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """The program of the benchmark.
+    """The program of the benchmark."""
 
-    Attributes:
-        configurations: Configuration numbers of Table 3.1.
-        laws: Names of the laws; `bouc-wen` is fitted to measured records only.
-        quick: Whether to use shorter records and one pair of phase draws.
-        recipe: Recipe of the fits.
-        processes: Number of parallel processes.
-        measured: Indices of the measured cases; None for all.
-    """
-
-    configurations: tuple[int, ...]
-    laws: tuple[str, ...]
-    quick: bool
-    recipe: RecipeName = "joint"
-    processes: int = 2
-    measured: tuple[int, ...] | None = None
+    configurations: tuple[int, ...]  #: Configuration numbers of Table 3.1.
+    laws: tuple[str, ...]  #: Names of the laws; `bouc-wen` is fitted to measured records only.
+    quick: bool  #: Whether to use shorter records and one pair of phase draws.
+    recipe: RecipeName = "joint"  #: Recipe of the fits.
+    processes: int = 2  #: Number of parallel processes.
+    measured: tuple[int, ...] | None = None  #: Indices of the measured cases; None for all.
 
     @property
     def fitted(self) -> tuple[str, ...]:

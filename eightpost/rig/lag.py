@@ -56,19 +56,12 @@ _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
 
 
 class Lag(NamedTuple):
-    """Delay of a channel behind another one; negative if it leads.
+    """Delay of a channel behind another one; negative if it leads."""
 
-    Attributes:
-        seconds: Delay [s].
-        low: Lower end of its 95 % interval [s].
-        high: Upper end [s].
-        stiffness: Stiffness K of the model [N/m]; 0 between channels of motion.
-    """
-
-    seconds: float
-    low: float
-    high: float
-    stiffness: float = 0.0
+    seconds: float  #: Delay [s].
+    low: float  #: Lower end of its 95 % interval [s].
+    high: float  #: Upper end [s].
+    stiffness: float = 0.0  #: Stiffness K of the model [N/m]; 0 between channels of motion.
 
     def __str__(self) -> str:
         """Return the delay and its interval in milliseconds."""

@@ -30,17 +30,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:
-    """File of a record and line number of each sample.
+    """File of a record and line number of each sample."""
 
-    Attributes:
-        path: Path of the file, or None for a record created in memory.
-        lines: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
-        header_line: Number of the line with the channel names and units, None for binary files.
-    """
-
-    path: Path | None = None
+    path: Path | None = None  #: Path of the file, or None for a record created in memory.
+    #: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
     lines: NDArray[np.int64] | None = None
-    header_line: int | None = None
+    header_line: int | None = None  #: Number of the line with the channel names and units, None for binary files.
 
     def line(self, sample: int) -> int:
         """Return the one-based file line (sample number in binary files) of a zero-based sample."""

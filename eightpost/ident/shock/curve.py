@@ -33,15 +33,10 @@ _WEAKEST = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class CurveBasis:
-    """The basis functions of a static curve with a given transition.
+    """The basis functions of a static curve with a given transition."""
 
-    Attributes:
-        transition_speed: v_t [m/s].
-        transition_width: Width of the transition [m/s].
-    """
-
-    transition_speed: float
-    transition_width: float
+    transition_speed: float  #: v_t [m/s].
+    transition_width: float  #: Width of the transition [m/s].
 
     def design(self, velocity: Array) -> Array:
         """Return the matrix (N, 23) whose product with the coefficients (23,) [N] is F_s (N,) [N].
@@ -100,20 +95,15 @@ def _straight(sign: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkingBasis:
-    """Columns for least squares, and their relation to the curve's coefficients.
+    """Columns for least squares, and their relation to the curve's coefficients."""
 
-    Attributes:
-        curve: Functions that the columns combine, with C coefficients.
-        columns: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a
-            curve through knots one for each slope.
-        to_curve: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
-        penalty: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the
-            RMS error over all rows.
-    """
-
-    curve: CurveBasis | KnotBasis
+    curve: CurveBasis | KnotBasis  #: Functions that the columns combine, with C coefficients.
+    #: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a curve through
+    #: knots one for each slope.
     columns: Array
-    to_curve: Array
+    to_curve: Array  #: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
+    #: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the RMS error
+    #: over all rows.
     penalty: Array
 
     def at(self, velocity: Array) -> Array:

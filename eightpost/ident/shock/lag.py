@@ -83,23 +83,14 @@ _ORDER, _EXTENSION = 8, 12.0
 
 @dataclass(frozen=True, slots=True)
 class RowFilter:
-    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment.
+    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment."""
 
-    Attributes:
-        count: Number N of samples.
-        rate: Sampling rate [Hz].
-        cutoff: Cutoff frequency of the low-pass [Hz].
-        first: First sample inside the segment.
-        inside: Number of samples inside the segment.
-        every: Number of samples per row.
-    """
-
-    count: int
-    rate: float
-    cutoff: float
-    first: int
-    inside: int
-    every: int
+    count: int  #: Number N of samples.
+    rate: float  #: Sampling rate [Hz].
+    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
+    first: int  #: First sample inside the segment.
+    inside: int  #: Number of samples inside the segment.
+    every: int  #: Number of samples per row.
 
     @classmethod
     def of(cls, inside: NDArray[np.bool_], rate: float, cutoff: float) -> RowFilter:

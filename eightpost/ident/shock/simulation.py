@@ -63,21 +63,13 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record.
+    """Intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record."""
 
-    Attributes:
-        velocity: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
-        step: Duration (M,) of each piece [s].
-        first: Index (N-1,) of the first piece after each sample.
-        left: Time (M,) from the end of each piece to the next sample [s].
-        between: Time (N-1,) from sample to sample [s].
-    """
-
-    velocity: Array
-    step: Array
-    first: NDArray[np.int64]
-    left: Array
-    between: Array
+    velocity: Array  #: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
+    step: Array  #: Duration (M,) of each piece [s].
+    first: NDArray[np.int64]  #: Index (N-1,) of the first piece after each sample.
+    left: Array  #: Time (M,) from the end of each piece to the next sample [s].
+    between: Array  #: Time (N-1,) from sample to sample [s].
 
     @staticmethod
     def of(velocity: Array, step: Array, motion_ratio: float) -> Pieces:

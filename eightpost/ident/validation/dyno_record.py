@@ -144,15 +144,10 @@ def _speed(series: TimeSeries) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DynoRecord(Record):
-    """A dynamometer record.
+    """A dynamometer record."""
 
-    Attributes:
-        test: Measured test.
-        configuration: Configuration 1 to 12 of Table 3.1; None if unknown.
-    """
-
-    test: DynoTest
-    configuration: int | None
+    test: DynoTest  #: Measured test.
+    configuration: int | None  #: Configuration 1 to 12 of Table 3.1; None if unknown.
 
     @property
     def conditions(self) -> Mapping[str, Any]:

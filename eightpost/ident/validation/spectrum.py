@@ -17,22 +17,14 @@ class ErrorSpectrum:
 
     Where the coherence is near 1, a linear filter of the signal would predict the error. A coherence below `threshold`
     is not significant.
-
-    Attributes:
-        frequency: Frequencies (K,) [Hz].
-        coherence: Coherence (K,) [1].
-        error: One-sided power spectral density of the error (K,) [unit^2/Hz].
-        measured: One-sided power spectral density of the measured signal (K,) [unit^2/Hz].
-        threshold: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
-        share: Share of the error's power that is coherent, corrected for the bias of the estimate [1].
     """
 
-    frequency: Array
-    coherence: Array
-    error: Array
-    measured: Array
-    threshold: float
-    share: float
+    frequency: Array  #: Frequencies (K,) [Hz].
+    coherence: Array  #: Coherence (K,) [1].
+    error: Array  #: One-sided power spectral density of the error (K,) [unit^2/Hz].
+    measured: Array  #: One-sided power spectral density of the measured signal (K,) [unit^2/Hz].
+    threshold: float  #: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
+    share: float  #: Share of the error's power that is coherent, corrected for the bias of the estimate [1].
 
 
 def error_spectrum(
