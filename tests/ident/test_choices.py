@@ -10,6 +10,7 @@ from eightpost.ident import fit_shock
 from eightpost.ident.shock.curve import _curve_coefficients, fitted_curve
 from eightpost.ident.shock.result import interval_of
 from eightpost.ident.shock.tables import parameter_table
+from eightpost.ident.shock.verdict import Parameter
 from eightpost.shock import Lpf1
 
 
@@ -42,6 +43,22 @@ def test_a_parameter_at_its_bound_is_reported(laggard):
     assert np.isnan(fit.to_pandas().loc["time_constant", "low"])
     columns = [list(column.cells) for column in parameter_table(fit).columns]
     assert columns[2][columns[0].index("time_constant")] == "-"
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "error", "bound"),
+    [
+        (197.0, (11.0, 199.5), 2e4, ""),
+        (198.0, (11.0, 199.5), 2e4, "upper"),
+        (11.1, (11.0, 199.5), None, "lower"),
+        (11.2, (11.0, 199.5), None, ""),
+        (0.9, (0.0, np.inf), 100.0, "lower"),
+        (1.1, (0.0, np.inf), 100.0, ""),
+        (0.0, (0.0, np.inf), None, "lower"),
+    ],
+)
+def test_a_parameter_is_at_a_bound_within_1_percent_of_it_or_of_its_error_at_0(value, bounds, error, bound):
+    assert Parameter("x", value, "N", error, bounds).at_bound == bound
 
 
 @pytest.mark.nightly

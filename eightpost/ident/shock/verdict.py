@@ -56,7 +56,7 @@ class Parameter:
         if self.bounds is None:
             return ""
         for name, bound in zip(("lower", "upper"), self.bounds, strict=True):
-            if np.isfinite(bound) and abs(self.value - bound) <= _AT_BOUND * max(abs(bound), self.error or 0.0):
+            if np.isfinite(bound) and abs(self.value - bound) <= _AT_BOUND * (abs(bound) or self.error or 0.0):
                 return name
         return ""
 
