@@ -42,27 +42,16 @@ _MOST = 60
 
 @dataclass(frozen=True, slots=True)
 class BoucWen:
-    """The Bouc-Wen law with A = 1.
+    """The Bouc-Wen law with A = 1."""
 
-    Attributes:
-        damping: c [N.s/m].
-        stiffness: k [N/m].
-        hysteresis: alpha [N/m].
-        offset: F0 of the first fitted run [N].
-        reach: z_m [m].
-        share: beta z_m^n [1]; gamma z_m^n is 1 - beta z_m^n.
-        exponent: n [1].
-        reference: Displacement at which the force of k is zero [m].
-    """
-
-    damping: float
-    stiffness: float
-    hysteresis: float
-    offset: float
-    reach: float
-    share: float
-    exponent: float
-    reference: float
+    damping: float  #: c [N.s/m].
+    stiffness: float  #: k [N/m].
+    hysteresis: float  #: alpha [N/m].
+    offset: float  #: F0 of the first fitted run [N].
+    reach: float  #: z_m [m].
+    share: float  #: beta z_m^n [1]; gamma z_m^n is 1 - beta z_m^n.
+    exponent: float  #: n [1].
+    reference: float  #: Displacement at which the force of k is zero [m].
 
     def force(self, record: TimeSeries) -> Array:
         """Return F (N,) [N] along a record with velocity [m/s] and displacement [m] from the reference."""
@@ -73,21 +62,14 @@ class BoucWen:
 
 @dataclass(frozen=True, slots=True)
 class BoucWenFit:
-    """A fit and its quality.
+    """A fit and its quality."""
 
-    Attributes:
-        law: Best law.
-        rms: RMS residual [N]; model and measurement pass the same low-pass filter.
-        deviation: Standard deviation of the measured force, each run about its own mean [N].
-        costs: RMS residual [N] for each of twenty starts before the best were continued, in ascending order.
-        seconds: Computing time without compilation [s].
-    """
-
-    law: BoucWen
-    rms: float
-    deviation: float
+    law: BoucWen  #: Best law.
+    rms: float  #: RMS residual [N]; model and measurement pass the same low-pass filter.
+    deviation: float  #: Standard deviation of the measured force, each run about its own mean [N].
+    #: RMS residual [N] for each of twenty starts before the best were continued, in ascending order.
     costs: tuple[float, ...]
-    seconds: float
+    seconds: float  #: Computing time without compilation [s].
 
 
 def fit_bouc_wen(tests: Sequence[DynoTest], *, segment: tuple[float, float] | None = None) -> BoucWenFit:
@@ -123,23 +105,15 @@ def predict(law: BoucWen, prepared: Prepared) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """The least-squares problem over a shape (z_m, share, n); all other parameters are solved for.
+    """The least-squares problem over a shape (z_m, share, n); all other parameters are solved for."""
 
-    Attributes:
-        runs: Prepared runs.
-        stroke: Half of the longest stroke [m].
-        target: Measured force of all runs (N,) [N].
-        known: Regressors of c, k and each run's F0 after the low-pass (N, 2 + runs); they do not depend on the shape.
-        basis: Orthonormal basis of the columns of `known`.
-        rest: Residual of `target` after regression on `known` (N,) [N].
-    """
-
-    runs: tuple[Prepared, ...]
-    stroke: float
-    target: Array
+    runs: tuple[Prepared, ...]  #: Prepared runs.
+    stroke: float  #: Half of the longest stroke [m].
+    target: Array  #: Measured force of all runs (N,) [N].
+    #: Regressors of c, k and each run's F0 after the low-pass (N, 2 + runs); they do not depend on the shape.
     known: Array
-    basis: Array
-    rest: Array
+    basis: Array  #: Orthonormal basis of the columns of `known`.
+    rest: Array  #: Residual of `target` after regression on `known` (N,) [N].
 
     @classmethod
     def of(cls, runs: Sequence[Prepared]) -> _Problem:

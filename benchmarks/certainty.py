@@ -69,22 +69,17 @@ BEST_BINS, BETTER_BINS = (0.005, 0.02, 0.1, 0.3, 0.6, 0.9, 1.0), (0.5, 0.6, 0.7,
 
 @dataclass(slots=True)
 class Tally:
-    """Observations of one stage, before or after the proposed tests.
+    """Observations of one stage, before or after the proposed tests."""
 
-    Attributes:
-        contained: Whether the ties contain the truly best setup, by study.
-        sizes: Number of ties, by study.
-        regrets: True level of the chosen setup above the lowest one, relative, by study.
-        chances: Stated probability of being best, and whether the setup is it.
-        better: Stated probability that one setup is better than another, and whether it is.
-        inside: Whether true levels are inside the intervals of each probability, by measure.
-    """
-
-    contained: list[bool] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
+    contained: list[bool] = field(default_factory=list)  #: Whether the ties contain the truly best setup, by study.
+    sizes: list[int] = field(default_factory=list)  #: Number of ties, by study.
+    #: True level of the chosen setup above the lowest one, relative, by study.
     regrets: list[float] = field(default_factory=list)
+    #: Stated probability of being best, and whether the setup is it.
     chances: list[tuple[float, bool]] = field(default_factory=list)
+    #: Stated probability that one setup is better than another, and whether it is.
     better: list[tuple[float, bool]] = field(default_factory=list)
+    #: Whether true levels are inside the intervals of each probability, by measure.
     inside: dict[str, list[tuple[bool, ...]]] = field(default_factory=dict)
 
 

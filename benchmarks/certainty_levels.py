@@ -46,21 +46,13 @@ _FINE = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """True and predicted levels of the setups of one truth.
+    """True and predicted levels of the setups of one truth."""
 
-    Attributes:
-        setups: Numbers of the setups (S,).
-        names: Names of the measures.
-        true: True levels (S, M).
-        predicted: Predicted levels (S, M).
-        effects: Effects of the uncertain parameters of fitted shocks.
-    """
-
-    setups: NDArray[np.int64]
-    names: tuple[str, ...]
-    true: Array
-    predicted: Array
-    effects: tuple[Effect, ...] = ()
+    setups: NDArray[np.int64]  #: Numbers of the setups (S,).
+    names: tuple[str, ...]  #: Names of the measures.
+    true: Array  #: True levels (S, M).
+    predicted: Array  #: Predicted levels (S, M).
+    effects: tuple[Effect, ...] = ()  #: Effects of the uncertain parameters of fitted shocks.
 
 
 class Shocks(NamedTuple):

@@ -34,15 +34,10 @@ PASSES = 8
 
 @dataclass(frozen=True)
 class Rig:
-    """A car on the virtual rig.
+    """A car on the virtual rig."""
 
-    Attributes:
-        car: Car.
-        is_noisy: Whether the sensors have noise and the rig drifts from run to run.
-    """
-
-    car: Car
-    is_noisy: bool
+    car: Car  #: Car.
+    is_noisy: bool  #: Whether the sensors have noise and the rig drifts from run to run.
 
     def play(self, drive: Drivefile, seed: int) -> TimeSeries:
         """Return the record of a drive file."""

@@ -119,21 +119,13 @@ def kept_truths(
 
 @dataclass(frozen=True, slots=True)
 class _Evaluation:
-    """The common basis on which methods are evaluated.
+    """The common basis on which methods are evaluated."""
 
-    Attributes:
-        case: Case of the benchmark.
-        lap: Motion of the actuators.
-        setups: Index of the shock at each corner, per setup.
-        true: True measures of the setups.
-        folder: Folder where identified vehicles are kept, None if they are not.
-    """
-
-    case: Case
-    lap: TimeSeries
-    setups: Sequence[Sequence[int]]
-    true: Measures
-    folder: Path | None = None
+    case: Case  #: Case of the benchmark.
+    lap: TimeSeries  #: Motion of the actuators.
+    setups: Sequence[Sequence[int]]  #: Index of the shock at each corner, per setup.
+    true: Measures  #: True measures of the setups.
+    folder: Path | None = None  #: Folder where identified vehicles are kept, None if they are not.
 
     def row(self, name: str, noise: int, tests: _Tests) -> Row:
         """Return the figures of a method for records; a method that fails has no figures."""

@@ -53,34 +53,21 @@ DRIVE, NOISE, LAP, CHOICE = 11, 1100, 77, 5
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A case of the identification benchmark.
+    """A case of the identification benchmark."""
 
-    Attributes:
-        name: Name of the case.
-        truth: Name of the true car.
-        duration: Duration of each rig test [s].
-        noise: Noise relative to each channel's standard deviation [1].
-        setups: Number of setups in a full run; --quick uses at most 100.
-        baseline: Shock of the baseline test.
-        alternate: Shock that replaces the baseline shock at one corner at a time.
-        shocks: Bank of shocks for the true car.
-        laws: Bank of shock laws for the identified vehicle.
-        changes: Functions that modify the true car, applied in order; for cars with matrices only.
-        car_seed: Seed of the parameters of the flexible car; None gives its base parameters.
-        steps: Number of integration steps per sample of the true car; physical dampers on the flexible car need 8.
-    """
-
-    name: str
-    truth: str
-    duration: float
-    noise: float
-    setups: int
-    baseline: Callable[[], Shock]
-    alternate: Callable[[], Shock]
-    shocks: Callable[[], Sequence[Shock]]
-    laws: Callable[[], Sequence[ShockLaw]]
+    name: str  #: Name of the case.
+    truth: str  #: Name of the true car.
+    duration: float  #: Duration of each rig test [s].
+    noise: float  #: Noise relative to each channel's standard deviation [1].
+    setups: int  #: Number of setups in a full run; --quick uses at most 100.
+    baseline: Callable[[], Shock]  #: Shock of the baseline test.
+    alternate: Callable[[], Shock]  #: Shock that replaces the baseline shock at one corner at a time.
+    shocks: Callable[[], Sequence[Shock]]  #: Bank of shocks for the true car.
+    laws: Callable[[], Sequence[ShockLaw]]  #: Bank of shock laws for the identified vehicle.
+    #: Functions that modify the true car, applied in order; for cars with matrices only.
     changes: tuple[Callable[[Car], Car], ...] = ()
-    car_seed: int | None = None
+    car_seed: int | None = None  #: Seed of the parameters of the flexible car; None gives its base parameters.
+    #: Number of integration steps per sample of the true car; physical dampers on the flexible car need 8.
     steps: int = STEPS
 
     @property

@@ -81,5 +81,4 @@ def _mean(by_law: dict[str, Result]) -> str:
 def _parameter(one: Result | None, name: str, factor: float) -> str:
     if one is None or isinstance(one, FailedFit):
         return "-"
-    held = any(warning.startswith(f"{name} = ") and "sits at" in warning for warning in one.warnings)
-    return f"{number(factor * one.parameters[name])}{' (bound)' if held else ''}"
+    return f"{number(factor * one.parameters[name])}{' (bound)' if name in one.at_bound else ''}"

@@ -145,25 +145,16 @@ def tanks() -> tuple[Model, ParameterTable]:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A case of the benchmark.
+    """A case of the benchmark."""
 
-    Attributes:
-        name: Name of the case.
-        model: Function that returns the model and its parameters.
-        linear: Values of the parameters that make the model linear.
-        records: Function that returns the record of the fit and those of the tests by name, from a folder.
-        size: Factor from volts to the unit of the rows.
-        unit: Unit of the rows.
-        engine: Settings of the fit.
-    """
-
-    name: str
-    model: Callable[[], tuple[Model, ParameterTable]]
-    linear: Mapping[str, float]
+    name: str  #: Name of the case.
+    model: Callable[[], tuple[Model, ParameterTable]]  #: Function that returns the model and its parameters.
+    linear: Mapping[str, float]  #: Values of the parameters that make the model linear.
+    #: Function that returns the record of the fit and those of the tests by name, from a folder.
     records: Callable[[Path], tuple[Record, dict[str, Record]]]
-    size: float
-    unit: str
-    engine: OutputError
+    size: float  #: Factor from volts to the unit of the rows.
+    unit: str  #: Unit of the rows.
+    engine: OutputError  #: Settings of the fit.
 
 
 def _table_of(path: Path, columns: int) -> Array:

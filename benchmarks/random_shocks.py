@@ -123,19 +123,12 @@ Damper = PhysicalDamper | BoucWenDamper
 
 @dataclass(frozen=True, slots=True)
 class Tested:
-    """Records of a shock.
+    """Records of a shock."""
 
-    Attributes:
-        name: Kind of the test and of the shock.
-        fitted: Fitted records.
-        segment: Fitted seconds; None for 1 to 10 s.
-        held_out: Held-out records with their seconds, by name.
-    """
-
-    name: str
-    fitted: tuple[DynoTest, ...]
-    segment: Segment | None
-    held_out: Mapping[str, tuple[DynoTest, Segment | None]]
+    name: str  #: Kind of the test and of the shock.
+    fitted: tuple[DynoTest, ...]  #: Fitted records.
+    segment: Segment | None  #: Fitted seconds; None for 1 to 10 s.
+    held_out: Mapping[str, tuple[DynoTest, Segment | None]]  #: Held-out records with their seconds, by name.
 
 
 def tested(number: int, seed: int = SEED) -> Tested:

@@ -40,17 +40,11 @@ MOST, DURATION, RATE = 28, 10.0, 1000.0
 
 @dataclass(frozen=True, slots=True)
 class RandomShock:
-    """A virtual shock with one adjuster.
+    """A virtual shock with one adjuster."""
 
-    Attributes:
-        kind: `bleed` or `preload`.
-        base: Shock without its adjuster.
-        most: Area of the open bleed [m2], or dish at the hardest setting [m].
-    """
-
-    kind: str
-    base: PhysicalDamper
-    most: float
+    kind: str  #: `bleed` or `preload`.
+    base: PhysicalDamper  #: Shock without its adjuster.
+    most: float  #: Area of the open bleed [m2], or dish at the hardest setting [m].
 
     @classmethod
     def drawn(cls, random: np.random.Generator) -> RandomShock:
@@ -89,25 +83,15 @@ def tested(shock: RandomShock, clicks: tuple[float, ...], seed: int, law: str = 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One prediction of a left-out file.
+    """One prediction of a left-out file."""
 
-    Attributes:
-        kind: Kind of the adjuster.
-        own: Error of the fit to the file itself [%].
-        predicted: Error of the prediction of its record [%].
-        nearest: Error of the nearest measured setting's model on its record [%].
-        truth: Error of the predicted curve from the dense static curve, over 95 % of the speeds [%].
-        own_truth: The same of the file's own curve [%].
-        coverage: Share of knots, over 95 % of the speeds, that the bands cover.
-    """
-
-    kind: str
-    own: float
-    predicted: float
-    nearest: float
-    truth: float
-    own_truth: float
-    coverage: float
+    kind: str  #: Kind of the adjuster.
+    own: float  #: Error of the fit to the file itself [%].
+    predicted: float  #: Error of the prediction of its record [%].
+    nearest: float  #: Error of the nearest measured setting's model on its record [%].
+    truth: float  #: Error of the predicted curve from the dense static curve, over 95 % of the speeds [%].
+    own_truth: float  #: The same of the file's own curve [%].
+    coverage: float  #: Share of knots, over 95 % of the speeds, that the bands cover.
 
 
 def rows_of(shock: RandomShock, table: SettingsTable) -> Iterator[Row]:

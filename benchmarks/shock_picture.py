@@ -15,7 +15,7 @@ from eightpost.ident.validation.printed import CONFIGURATIONS
 from eightpost.shock import law_title
 
 #: Colours of Okabe and Ito, which colour-blind readers can distinguish.
-COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73"}
+COLORS = {"polylinear": "#0072B2", "lpf1": "#E69F00", "lpnl2": "#009E73", "hysteresis": "#CC79A7"}
 
 
 def draw(found: Sequence[Result], path: Path) -> None:
@@ -26,17 +26,15 @@ def draw(found: Sequence[Result], path: Path) -> None:
     figure = Figure(figsize=(9.5, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    for shift, (law, color) in enumerate(COLORS.items()):
-        ours = [(one.configuration + 0.08 * (shift - 1.0), one.rms[law]) for one in errors if law in one.rms]
+    for shift, (law, color) in zip((-0.12, -0.04, 0.04, 0.12), COLORS.items(), strict=True):
+        ours = [(one.configuration + shift, one.rms[law]) for one in errors if law in one.rms]
         if ours:
             axes.semilogy(*zip(*ours, strict=True), "o", color=color, label=law_title(law))
-        printed_points = [
-            (one.number + 0.08 * (shift - 1.0), one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf
-        ]
+        printed_points = [(one.number + shift, one.rms_lbf[law]) for one in CONFIGURATIONS if law in one.rms_lbf]
         if printed_points:
             axes.semilogy(*zip(*printed_points, strict=True), "o", color=color, fillstyle="none", label="printed")
     axes.set_xticks([one.number for one in CONFIGURATIONS], [_tick(one.number) for one in CONFIGURATIONS], fontsize=8)
-    axes.set_yticks([4, 5, 6, 8, 10, 15, 20, 30, 50])
+    axes.set_yticks([1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50])
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set(ylabel="RMS error on another phase draw [lbf]", xlabel="configuration: build, clicks, gas")

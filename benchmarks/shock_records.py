@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig import Actuator, DynoTest, cavitation, configuration, random_multisine, read_dyno_test, read_out
 from eightpost.signals import Drivefile
 
 Segment = tuple[float, float]
 
-LAWS = ("polylinear", "lpf1", "lpnl2")
-BOUC_WEN, NARX = "bouc-wen", "narx"
+LAWS = ("polylinear", "lpf1", "lpnl2", "hysteresis")
+BOUC_WEN = "bouc-wen"
 
 #: Phase draws for fit and validation; the damper was calibrated with other draws (docs/explanation/dynamometer.md).
 DRAWS = ((11, 12), (13, 14), (15, 16))
@@ -39,42 +38,21 @@ OHLINS_SINGLE = ("3_3_18_18_s5_n100_50psi", "3_3_24_24_s5_n10_100psi")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One or more runs to fit, and one held-out run.
+    """One or more runs to fit, and one held-out run."""
 
-    Attributes:
-        record: Name of the case in the rows.
-        fitted: Fitted runs of one damper.
-        held_out: Run to predict.
-        segment: Time range of the fitted runs [s]; None for that of the dissertation, 1 to 10 s.
-        held_out_segment: Time range of the held-out run [s].
-        about_mean: Whether the load cell's zero is unknown, so that errors are evaluated about their mean.
-        configuration: Configuration number of Table 3.1; 0 for a measured record.
-        cavitates: Whether the damper cavitates in the held-out run.
-    """
-
-    record: str
-    fitted: tuple[DynoTest, ...]
-    held_out: DynoTest
-    segment: Segment | None = None
-    held_out_segment: Segment | None = None
-    about_mean: bool = False
-    configuration: int = 0
-    cavitates: bool = False
+    record: str  #: Name of the case in the rows.
+    fitted: tuple[DynoTest, ...]  #: Fitted runs of one damper.
+    held_out: DynoTest  #: Run to predict.
+    segment: Segment | None = None  #: Time range of the fitted runs [s]; None for that of the dissertation, 1 to 10 s.
+    held_out_segment: Segment | None = None  #: Time range of the held-out run [s].
+    about_mean: bool = False  #: Whether the load cell's zero is unknown, so that errors are evaluated about their mean.
+    configuration: int = 0  #: Configuration number of Table 3.1; 0 for a measured record.
+    cavitates: bool = False  #: Whether the damper cavitates in the held-out run.
 
     @property
     def is_measured(self) -> bool:
         """Whether the record is a measured one."""
         return not self.configuration
-
-    @property
-    def is_run_to_run(self) -> bool:
-        """Whether a measured run is predicted from other runs, so that its level does not follow from the fit."""
-        return self.is_measured and all(run is not self.held_out for run in self.fitted)
-
-    @property
-    def has_many_speeds(self) -> bool:
-        """Whether the fitted runs have more than one speed."""
-        return not prepare_runs(self.fitted, segment=self.segment).has_one_motion
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -120,17 +98,6 @@ def measured(*, quick: bool) -> Iterator[Case]:
         yield from _labcontrol(folder / "labcontrol", quick=quick)
     if (folder / "ohlins").is_dir():
         yield from _ohlins(folder / "ohlins", quick=quick)
-
-
-def thirds() -> Iterator[Case]:
-    """Yield the last and the first third of every measured record, each held out from the rest of its record."""
-    folder = Path(os.environ.get("EIGHTPOST_DATA") or "/nowhere")
-    for name, run in measured_runs(folder):
-        duration = run.series.duration
-        one, two = duration / 3.0, duration / 1.5
-        if name.removeprefix("ohlins: ") not in OHLINS_SINGLE:  # these are among the cases of `measured`
-            yield Case(f"{name}, held out its last third", (run,), run, (0.0, two), (two, duration))
-        yield Case(f"{name}, held out its first third", (run,), run, (one, duration), (0.0, one))
 
 
 def measured_runs(folder: Path) -> Iterator[tuple[str, DynoTest]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bouc_wen import fit_bouc_wen, predict
-from benchmarks.narx import Rows, fit_narx, narx_error
-from benchmarks.shock_records import BOUC_WEN, NARX, Case, configurations, measured
+from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.options import RecipeName
 from eightpost.ident.shock.record import prepare
@@ -27,33 +25,18 @@ FIGURES = ("fit_percent", "validation_percent", "seconds")
 
 @dataclass(frozen=True, slots=True)
 class FitErrors:
-    """The errors of a law on a case.
+    """The errors of a law on a case."""
 
-    Attributes:
-        case: Fitted and held-out runs.
-        law: Name of the law.
-        fit_rms: RMS error of the fit [N].
-        fit_deviation: Standard deviation of the fitted force [N].
-        rms: RMS error on the held-out run, including its mean [N].
-        offset: Mean error on the held-out run [N].
-        deviation: Standard deviation of the held-out force [N].
-        seconds: Computing time of the fit [s].
-        parameters: Parameters of the law in SI units.
-        warnings: Warnings of the fit.
-        shape_rms: RMS error on the held-out run of the prediction with its best offset and gain [N].
-    """
-
-    case: Case
-    law: str
-    fit_rms: float
-    fit_deviation: float
-    rms: float
-    offset: float
-    deviation: float
-    seconds: float
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    shape_rms: float = float("nan")
+    case: Case  #: Fitted and held-out runs.
+    law: str  #: Name of the law.
+    fit_rms: float  #: RMS error of the fit [N].
+    fit_deviation: float  #: Standard deviation of the fitted force [N].
+    rms: float  #: RMS error on the held-out run, including its mean [N].
+    offset: float  #: Mean error on the held-out run [N].
+    deviation: float  #: Standard deviation of the held-out force [N].
+    seconds: float  #: Computing time of the fit [s].
+    parameters: Mapping[str, float] = field(default_factory=dict)  #: Parameters of the law in SI units.
+    at_bound: frozenset[str] = frozenset()  #: Names of the parameters at a bound of the fit.
 
     @property
     def error(self) -> float:
@@ -70,11 +53,6 @@ class FitErrors:
         """`error` in percent of the held-out force's standard deviation."""
         return 100.0 * self.error / self.deviation
 
-    @property
-    def shape_percent(self) -> float:
-        """`shape_rms` in percent of the held-out force's standard deviation."""
-        return 100.0 * self.shape_rms / self.deviation
-
     def row(self) -> Row:
         """Return the row that --json writes."""
         figures = (self.fit_percent, self.validation_percent, self.seconds)
@@ -83,17 +61,11 @@ class FitErrors:
 
 @dataclass(frozen=True, slots=True)
 class FailedFit:
-    """A law that could not be fitted to a case.
+    """A law that could not be fitted to a case."""
 
-    Attributes:
-        case: Fitted and held-out runs.
-        law: Name of the law.
-        reason: Error message.
-    """
-
-    case: Case
-    law: str
-    reason: str
+    case: Case  #: Fitted and held-out runs.
+    law: str  #: Name of the law.
+    reason: str  #: Error message.
 
     def row(self) -> Row:
         """Return the row that --json writes, without figures."""
@@ -105,23 +77,19 @@ Result = FitErrors | FailedFit
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """The program of the benchmark.
+    """The program of the benchmark."""
 
-    Attributes:
-        configurations: Configuration numbers of Table 3.1.
-        laws: Names of the laws; `bouc-wen` is fitted to measured records only.
-        quick: Whether to use shorter records and one pair of phase draws.
-        recipe: Recipe of the fits.
-        processes: Number of parallel processes.
-        measured: Indices of the measured cases; None for all.
-    """
+    configurations: tuple[int, ...]  #: Configuration numbers of Table 3.1.
+    laws: tuple[str, ...]  #: Names of the laws; `bouc-wen` is fitted to measured records only.
+    quick: bool  #: Whether to use shorter records and one pair of phase draws.
+    recipe: RecipeName = "joint"  #: Recipe of the fits.
+    processes: int = 2  #: Number of parallel processes.
+    measured: tuple[int, ...] | None = None  #: Indices of the measured cases; None for all.
 
-    configurations: tuple[int, ...]
-    laws: tuple[str, ...]
-    quick: bool
-    recipe: RecipeName = "joint"
-    processes: int = 2
-    measured: tuple[int, ...] | None = None
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the laws that the recipe can fit."""
+        return tuple(law for law in self.laws if self.recipe != "boggs" or law not in ("hysteresis", BOUC_WEN))
 
 
 def results(bench: Bench) -> Iterator[Result]:
@@ -148,18 +116,13 @@ def _run(bench: Bench, job: tuple[str, int]) -> list[Result]:
         cases = list(configurations([number], quick=bench.quick))
     else:
         cases = [list(measured(quick=bench.quick))[number]]
-    return [
-        attempt(case, law, bench.recipe)
-        for case in cases
-        for law in case.laws
-        if law in bench.laws and not (law == BOUC_WEN and bench.recipe == "boggs")
-    ]
+    return [attempt(case, law, bench.recipe) for case in cases for law in case.laws if law in bench.fitted]
 
 
 def _warm_up(bench: Bench) -> None:
     """Compile everything in one thread, so that times do not include compilation."""
     test = DynoTest(measure(demo_damper("A"), random_multisine(1, duration=2.0)))
-    for law in bench.laws:
+    for law in bench.fitted:
         if law != BOUC_WEN:
             fit_shock(test, law, recipe=bench.recipe)
 
@@ -167,8 +130,7 @@ def _warm_up(bench: Bench) -> None:
 def attempt(case: Case, law: str, recipe: RecipeName) -> Result:
     """Return the errors of a law on a case, or why it could not be fitted."""
     try:
-        others = {BOUC_WEN: _bouc_wen, NARX: _narx}
-        return others[law](case) if law in others else _ours(case, law, recipe)
+        return _bouc_wen(case) if law == BOUC_WEN else _ours(case, law, recipe)
     except ValueError as error:  # raised by laws and fits that reject the data
         return FailedFit(case, law, str(error))
 
@@ -178,8 +140,8 @@ def _ours(case: Case, law: str, recipe: RecipeName) -> FitErrors:
     held = evaluate(fit.shock, case.held_out, segment=case.held_out_segment)
     parameters = {parameter.name: parameter.value for parameter in fit.parameters}
     errors = (fit.rms, fit.deviation, held.rms, held.offset, held.deviation)
-    shape = shape_rms(held.predicted["force"], held.measured["force"])
-    return FitErrors(case, law, *errors, fit.seconds, parameters, fit.warnings, shape)
+    at_bound = frozenset(parameter.name for parameter in fit.parameters if parameter.at_bound)
+    return FitErrors(case, law, *errors, fit.seconds, parameters, at_bound)
 
 
 def _bouc_wen(case: Case) -> FitErrors:
@@ -191,34 +153,4 @@ def _bouc_wen(case: Case) -> FitErrors:
     names = ("damping", "stiffness", "hysteresis", "reach", "share", "exponent")
     parameters = {name: float(getattr(fit.law, name)) for name in names}
     errors = (fit.rms, fit.deviation, rms, offset, prepared.deviation)
-    shape = shape_rms(predicted, prepared.measured)
-    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters, shape_rms=shape)
-
-
-def _narx(case: Case) -> FitErrors:
-    started = time.perf_counter()
-    model = fit_narx(case.fitted, case.segment)
-    seconds = time.perf_counter() - started
-    fitted = [prepare(test, segment=case.segment) for test in case.fitted]
-    prepared = prepare(case.held_out, segment=case.held_out_segment)
-    within, error = np.concatenate([narx_error(model, run) for run in fitted]), narx_error(model, prepared)
-    measured_force = Rows.of(prepared).force
-    deviation = float(np.sqrt(np.mean([run.deviation**2 for run in fitted])))
-    errors = (_rms(within), deviation, _rms(error), float(np.mean(error)), prepared.deviation)
-    shape = shape_rms(measured_force + error, measured_force)
-    return FitErrors(case, NARX, *errors, seconds, shape_rms=shape)
-
-
-def shape_rms(predicted: np.ndarray, measured: np.ndarray) -> float:
-    """Return the RMS error [N] of a predicted force (N,) with the offset and the gain that suit the measured one best.
-
-    The level of a run does not follow from its motion, so between runs this is the error of the law's shape.
-    """
-    about, wanted = predicted - predicted.mean(), measured - measured.mean()
-    size = float(about @ about)
-    gain = float(about @ wanted) / size if size > 0.0 else 0.0
-    return _rms(gain * about - wanted)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return FitErrors(case, BOUC_WEN, *errors, fit.seconds, parameters)

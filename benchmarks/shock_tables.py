@@ -41,19 +41,12 @@ def rows_table(found: Sequence[Result]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """The errors of a configuration on the held-out draws.
+    """The errors of a configuration on the held-out draws."""
 
-    Attributes:
-        configuration: Configuration number, 1 to 12.
-        rms: RMS error by law over all draws [lbf].
-        deviation: Standard deviation of the force [lbf].
-        cavitates: Whether the damper cavitates.
-    """
-
-    configuration: int
-    rms: dict[str, float]
-    deviation: float
-    cavitates: bool
+    configuration: int  #: Configuration number, 1 to 12.
+    rms: dict[str, float]  #: RMS error by law over all draws [lbf].
+    deviation: float  #: Standard deviation of the force [lbf].
+    cavitates: bool  #: Whether the damper cavitates.
 
     def gain(self, law: str) -> float | None:
         """Return the reduction of a law's error relative to that of the static law [%]."""

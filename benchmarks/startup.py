@@ -40,15 +40,10 @@ HELP_LIMIT = 2.0
 
 @dataclass(frozen=True)
 class Times:
-    """Processor times [s] of one command, per version.
+    """Processor times [s] of one command, per version."""
 
-    Attributes:
-        before: Times of the earlier version.
-        now: Times of this version.
-    """
-
-    before: list[float] = field(default_factory=list)
-    now: list[float] = field(default_factory=list)
+    before: list[float] = field(default_factory=list)  #: Times of the earlier version.
+    now: list[float] = field(default_factory=list)  #: Times of this version.
 
     @property
     def ratio(self) -> float:

@@ -24,19 +24,12 @@ _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 @dataclass(frozen=True)
 class Source:
-    """A Python file.
+    """A Python file."""
 
-    Attributes:
-        module: Dotted name of the module; of a package without `.__init__`.
-        path: File.
-        text: Content.
-        tree: Syntax tree.
-    """
-
-    module: str
-    path: Path
-    text: str
-    tree: ast.Module
+    module: str  #: Dotted name of the module; of a package without `.__init__`.
+    path: Path  #: File.
+    text: str  #: Content.
+    tree: ast.Module  #: Syntax tree.
 
     @property
     def is_package(self) -> bool:

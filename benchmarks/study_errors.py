@@ -34,19 +34,12 @@ _PARTS = (0.0, 0.1, 0.5, 0.9, 1.0)
 
 @dataclass(frozen=True)
 class Checked:
-    """One setup, as stated and as computed at a finer step.
+    """One setup, as stated and as computed at a finer step."""
 
-    Attributes:
-        stated: Stated error of the worst channel [%].
-        true: True error of the worst channel [%].
-        marked: Whether the setup is marked for its coupling error.
-        measures: Stated and true error of each measure, in its SI unit.
-    """
-
-    stated: float
-    true: float
-    marked: bool
-    measures: Mapping[str, tuple[float, float]]
+    stated: float  #: Stated error of the worst channel [%].
+    true: float  #: True error of the worst channel [%].
+    marked: bool  #: Whether the setup is marked for its coupling error.
+    measures: Mapping[str, tuple[float, float]]  #: Stated and true error of each measure, in its SI unit.
 
 
 def main() -> None:

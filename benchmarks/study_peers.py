@@ -40,19 +40,12 @@ DISSERTATION = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Cost of one setup in an engine.
+    """Cost of one setup in an engine."""
 
-    Attributes:
-        engine: Name of the engine.
-        rate: Coupling steps per second [Hz].
-        error: Larger of the errors of shock velocity and tire force [%]; None if the run diverged.
-        seconds: Wall time of the steps [s].
-    """
-
-    engine: str
-    rate: float
-    error: float | None
-    seconds: float
+    engine: str  #: Name of the engine.
+    rate: float  #: Coupling steps per second [Hz].
+    error: float | None  #: Larger of the errors of shock velocity and tire force [%]; None if the run diverged.
+    seconds: float  #: Wall time of the steps [s].
 
     def at(self, accuracy: float) -> Cost | None:
         """Return the cost at the rate at which a first-order scheme has this error [%]; None if the run diverged."""

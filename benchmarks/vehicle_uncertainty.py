@@ -59,23 +59,14 @@ DRAWS = 2000
 
 
 class Part(NamedTuple):
-    """Residuals of one measure of one truth, and its mean error.
+    """Residuals of one measure of one truth, and its mean error."""
 
-    Attributes:
-        inside: Residual in the band of the model [1].
-        above: Residual above the band [1].
-        share: Share of the tests' power above the band [1].
-        noise: Standard deviation due to noise [1].
-        lap: Share of the lap's power above the band [1].
-        error: Mean error of the setups [1].
-    """
-
-    inside: float
-    above: float
-    share: float
-    noise: float
-    lap: float
-    error: float
+    inside: float  #: Residual in the band of the model [1].
+    above: float  #: Residual above the band [1].
+    share: float  #: Share of the tests' power above the band [1].
+    noise: float  #: Standard deviation due to noise [1].
+    lap: float  #: Share of the lap's power above the band [1].
+    error: float  #: Mean error of the setups [1].
 
 
 def main() -> None:

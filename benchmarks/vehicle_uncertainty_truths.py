@@ -82,29 +82,18 @@ _EVERY, _RATE = 5, 1250.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """Identification of one truth.
+    """Identification of one truth."""
 
-    Attributes:
-        kind: Kind of the true car.
-        seed: Seed of its parameters, drive, noise, lap and setups.
-        records: Prepared records of the tests.
-        experiment: Experiment of the identification.
-        fit: Identified vehicle with `RESIDUALS` as the uncertainty of its measures.
-        setups: Bank indices (S, 4) of the shocks; the builds of Table 7.3, then similar laws.
-        true: True measures of each setup.
-        predicted: Predicted measures of each setup; empty if a setup cannot be simulated.
-        shares: Share of the predicted power above the model's band, of the first setup, by measure.
-    """
-
-    kind: Kind
-    seed: int
-    records: tuple[TimeSeries, ...]
-    experiment: Experiment
-    fit: VehicleFit
+    kind: Kind  #: Kind of the true car.
+    seed: int  #: Seed of its parameters, drive, noise, lap and setups.
+    records: tuple[TimeSeries, ...]  #: Prepared records of the tests.
+    experiment: Experiment  #: Experiment of the identification.
+    fit: VehicleFit  #: Identified vehicle with `RESIDUALS` as the uncertainty of its measures.
+    #: Bank indices (S, 4) of the shocks; the builds of Table 7.3, then similar laws.
     setups: tuple[tuple[int, ...], ...]
-    true: list[dict[str, float]]
-    predicted: list[dict[str, float]]
-    shares: dict[str, float]
+    true: list[dict[str, float]]  #: True measures of each setup.
+    predicted: list[dict[str, float]]  #: Predicted measures of each setup; empty if a setup cannot be simulated.
+    shares: dict[str, float]  #: Share of the predicted power above the model's band, of the first setup, by measure.
 
     @property
     def names(self) -> tuple[str, ...]:

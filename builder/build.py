@@ -37,25 +37,15 @@ VERSIONS: Mapping[str, tuple[int, ...]] = MappingProxyType({"2": (2,), "3": (3,)
 
 @dataclass(frozen=True, repr=False)
 class Built(Summarized):
-    """One FMU that was written.
+    """One FMU that was written."""
 
-    Attributes:
-        path: FMU file.
-        source: Shock file or vehicle file that the FMU was built from.
-        interface: Variables of the FMU and their dependencies.
-        target: `native` or `python`.
-        validity: Verdict on the model and the ranges in which it may be used.
-        fmi: FMI version, 2 or 3.
-        limits: Limits of the toolchain, such as platforms without a binary, or an empty string.
-    """
-
-    path: Path
-    source: str
-    interface: Interface
-    target: str
-    validity: Validity
-    fmi: int = 2
-    limits: str = ""
+    path: Path  #: FMU file.
+    source: str  #: Shock file or vehicle file that the FMU was built from.
+    interface: Interface  #: Variables of the FMU and their dependencies.
+    target: str  #: `native` or `python`.
+    validity: Validity  #: Verdict on the model and the ranges in which it may be used.
+    fmi: int = 2  #: FMI version, 2 or 3.
+    limits: str = ""  #: Limits of the toolchain, such as platforms without a binary, or an empty string.
 
     def __fspath__(self) -> str:
         return str(self.path)

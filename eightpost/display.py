@@ -11,15 +11,10 @@ _WIDTH = 96
 
 
 class Summary(NamedTuple):
-    """Content of a display.
+    """Content of a display."""
 
-    Attributes:
-        title: Name of the object.
-        rows: Pairs of a label and a value; rows with an empty value are left out.
-    """
-
-    title: str
-    rows: tuple[tuple[str, str], ...]
+    title: str  #: Name of the object.
+    rows: tuple[tuple[str, str], ...]  #: Pairs of a label and a value; rows with an empty value are left out.
 
     @classmethod
     def of(cls, title: str, *rows: tuple[str, str]) -> Summary:

@@ -16,17 +16,12 @@ from eightpost.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Extra:
-    """One extra of the distribution.
+    """One extra of the distribution."""
 
-    Attributes:
-        purpose: Use of the extra.
-        packages: Distributions of the extra by the name under which Python imports them.
-        contains: Names of other extras that are installed with it.
-    """
-
-    purpose: str
+    purpose: str  #: Use of the extra.
+    #: Distributions of the extra by the name under which Python imports them.
     packages: Mapping[str, str] = field(default_factory=dict)
-    contains: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()  #: Names of other extras that are installed with it.
 
 
 #: Distributions that every installation has, by the name under which Python imports them.

@@ -38,16 +38,13 @@ _DIGITS, _PLACES = 4, 4
 class LeftOutBlocks:
     """Changes of fitted parameters when each of B blocks of a test is left out.
 
-    Attributes:
-        velocity: RMS velocity of each block (B,) [m/s], by which the same test is recognised.
-        changes: Change of each parameter by block (B,), about its mean and relative to the root of its sum of squares
-            [1], by name.
-
     Raises:
         InputError: The numbers of values differ, a value is not finite, or all are 0.
     """
 
-    velocity: tuple[float, ...]
+    velocity: tuple[float, ...]  #: RMS velocity of each block (B,) [m/s], by which the same test is recognised.
+    #: Change of each parameter by block (B,), about its mean and relative to the root of its sum of squares [1], by
+    #: name.
     changes: Mapping[str, tuple[float, ...]]
 
     def __post_init__(self) -> None:

@@ -40,20 +40,13 @@ class MeasureUncertainty:
 
     Both scales contain the error of the part of the output above the band of the model, for the share of the output's
     power that the tests have there. `at_share` returns the uncertainty for another share.
-
-    Attributes:
-        common: Scale of the relative error that all setups share [1].
-        own: Scale of the relative error between two setups per unit of their distance [1].
-        common_above: Part of `common` from above the band, per square root of the share of power there [1].
-        own_above: Part of `own` from above the band, per square root of the share of power there [1].
-        share_above: Share of the output's power above the band that `common` and `own` are for [1].
     """
 
-    common: float
-    own: float
-    common_above: float = 0.0
-    own_above: float = 0.0
-    share_above: float = 0.0
+    common: float  #: Scale of the relative error that all setups share [1].
+    own: float  #: Scale of the relative error between two setups per unit of their distance [1].
+    common_above: float = 0.0  #: Part of `common` from above the band, per square root of the share of power there [1].
+    own_above: float = 0.0  #: Part of `own` from above the band, per square root of the share of power there [1].
+    share_above: float = 0.0  #: Share of the output's power above the band that `common` and `own` are for [1].
 
     def at_share(self, share: float) -> MeasureUncertainty:
         """Return the uncertainty of a measure with another share of its power above the band.
@@ -216,16 +209,11 @@ class SetupErrors:
     difference of two setups has the scale that `MeasureUncertainty` states for every pair, and a setup has the
     difference from the geometric mean of the table as its own error. All are divided by the root of a gamma variable,
     which gives Student's t distribution. Different measures are independent.
-
-    Attributes:
-        names: Names of the M measures.
-        uncertainties: Uncertainty by measure.
-        positions: Position x - x_mean of each setup (S, M); NaN for a setup without measures.
     """
 
-    names: tuple[str, ...]
-    uncertainties: Mapping[str, MeasureUncertainty]
-    positions: Array
+    names: tuple[str, ...]  #: Names of the M measures.
+    uncertainties: Mapping[str, MeasureUncertainty]  #: Uncertainty by measure.
+    positions: Array  #: Position x - x_mean of each setup (S, M); NaN for a setup without measures.
 
     @classmethod
     def of(cls, table: Mapping[str, Array], uncertainties: Mapping[str, MeasureUncertainty]) -> SetupErrors:

@@ -19,22 +19,16 @@ if TYPE_CHECKING:
 class ParameterUncertainty:
     """Uncertainty of one parameter of a fitted model, in the parameter's unit.
 
-    Attributes:
-        name: Name of the parameter in the FMU.
-        deviation: Standard deviation due to the fit; all copies of the model share this error.
-        copies: Standard deviation from one copy of the part to another (build to build); None if it is not known.
-        lowest: Lower limit of the parameter.
-        highest: Upper limit of the parameter.
-
     Raises:
         InputError: A standard deviation is negative or not finite.
     """
 
-    name: str
-    deviation: float
+    name: str  #: Name of the parameter in the FMU.
+    deviation: float  #: Standard deviation due to the fit; all copies of the model share this error.
+    #: Standard deviation from one copy of the part to another (build to build); None if it is not known.
     copies: float | None = None
-    lowest: float = -inf
-    highest: float = inf
+    lowest: float = -inf  #: Lower limit of the parameter.
+    highest: float = inf  #: Upper limit of the parameter.
 
     def __post_init__(self) -> None:
         for what, value in (("deviation", self.deviation), ("copies", self.copies)):
@@ -47,19 +41,14 @@ class ParameterUncertainty:
 
 @dataclass(frozen=True, slots=True)
 class ModelUncertainty:
-    """Uncertainty of a model.
+    """Uncertainty of a model."""
 
-    Attributes:
-        measures: Uncertainty of the RMS of the outputs of an identified vehicle, by output; see MeasureUncertainty.
-        parameters: Uncertainty of the parameters of a fitted shock.
-        held: A sentence for each parameter whose uncertainty the fit could not determine.
-        left_out: Changes of the parameters when blocks of the fit's test are left out, which show what several fits
-            have in common; None if they are not known.
-    """
-
+    #: Uncertainty of the RMS of the outputs of an identified vehicle, by output; see MeasureUncertainty.
     measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
-    parameters: tuple[ParameterUncertainty, ...] = ()
-    held: tuple[str, ...] = ()
+    parameters: tuple[ParameterUncertainty, ...] = ()  #: Uncertainty of the parameters of a fitted shock.
+    held: tuple[str, ...] = ()  #: A sentence for each parameter whose uncertainty the fit could not determine.
+    #: Changes of the parameters when blocks of the fit's test are left out, which show what several fits have in
+    #: common; None if they are not known.
     left_out: LeftOutBlocks | None = None
 
     def to_json(self) -> dict[str, Any]:

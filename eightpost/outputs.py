@@ -37,20 +37,14 @@ _HEAD = 4096
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of file that commands write.
+    """A kind of file that commands write."""
 
-    Attributes:
-        name: Name with its article.
-        example: Name of a file, which messages propose.
-        suffixes: Suffixes that the file may have; empty if an option chooses the format, so that it is known only when
-            the file is written.
-        document: Entry `kind` of a JSON document; empty for other files.
-    """
-
-    name: str
-    example: str
+    name: str  #: Name with its article.
+    example: str  #: Name of a file, which messages propose.
+    #: Suffixes that the file may have; empty if an option chooses the format, so that it is known only when the file is
+    #: written.
     suffixes: tuple[str, ...]
-    document: str = ""
+    document: str = ""  #: Entry `kind` of a JSON document; empty for other files.
 
     def content(self, suffix: str) -> str:
         """Return the content of a file of this kind in words, as `content_of` does."""

@@ -106,16 +106,11 @@ COMMON = (
 
 
 class Table(NamedTuple):
-    """Properties of units, which are keys in pint's notation.
+    """Properties of units, which are keys in pint's notation."""
 
-    Attributes:
-        exponents: Exponents of the SI base units; base units outside SI have pint's name.
-        factors: Value of one unit in SI base units.
-        conversions: Pair (factor, offset) for each pair of units with the same dimension.
-    """
-
-    exponents: dict[str, dict[str, int]]
-    factors: dict[str, float]
+    exponents: dict[str, dict[str, int]]  #: Exponents of the SI base units; base units outside SI have pint's name.
+    factors: dict[str, float]  #: Value of one unit in SI base units.
+    #: Pair (factor, offset) for each pair of units with the same dimension.
     conversions: dict[tuple[str, str], tuple[float, float]]
 
 

@@ -24,22 +24,15 @@ Kind = Literal["amplitude", "frequency", "condition"]
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Range of one quantity that the records of a fit covered.
+    """Range of one quantity that the records of a fit covered."""
 
-    Attributes:
-        variable: Name of the model's variable, or name of the condition.
-        kind: "amplitude" of the variable about its mean, "frequency" range of the variable's power, or "condition" of
-            the measurement that is not a variable of the model.
-        low: Lowest value, SI.
-        high: Highest value, SI.
-        unit: SI unit.
-    """
-
-    variable: str
+    variable: str  #: Name of the model's variable, or name of the condition.
+    #: "amplitude" of the variable about its mean, "frequency" range of the variable's power, or "condition" of the
+    #: measurement that is not a variable of the model.
     kind: Kind
-    low: float
-    high: float
-    unit: str
+    low: float  #: Lowest value, SI.
+    high: float  #: Highest value, SI.
+    unit: str  #: SI unit.
 
     def __post_init__(self) -> None:
         numbers = (self.low, self.high)
@@ -56,18 +49,13 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """Verdict on a model and ranges in which it can be used.
+    """Verdict on a model and ranges in which it can be used."""
 
-    Attributes:
-        verdict: Verdict on the model itself, from its fit and its validation.
-        ranges: Ranges covered by the records of the fit.
-        uncertainty: Uncertainty of the model's measures or parameters; None if it is not known.
-        judged: Digest of the model's numbers and of the above; None if they are from a version without digests.
-    """
-
-    verdict: Verdict
-    ranges: tuple[Range, ...] = ()
+    verdict: Verdict  #: Verdict on the model itself, from its fit and its validation.
+    ranges: tuple[Range, ...] = ()  #: Ranges covered by the records of the fit.
+    #: Uncertainty of the model's measures or parameters; None if it is not known.
     uncertainty: ModelUncertainty | None = None
+    #: Digest of the model's numbers and of the above; None if they are from a version without digests.
     judged: str | None = None
 
     @classmethod

@@ -37,27 +37,18 @@ ORDER: tuple[Grade, ...] = tuple(Grade)
 class Reason:
     """One reason of a verdict.
 
-    Attributes:
-        rule: Name of the rule that gave the reason.
-        about: Subject of the reason: coupling, energy, shock, vehicle and so on.
-        grade: Grade of this reason alone.
-        statement: Statement of the finding, a clause without a full stop.
-        figure: Value that was found, with its unit and its limit.
-        origin: File, component or step from which the figure comes.
-        remedy: Advice on what to do.
-
     Raises:
         InputError: A text is empty.
         ValueError: The grade is unknown.
     """
 
-    rule: str
-    about: str
-    grade: Grade
-    statement: str
-    figure: str
-    origin: str
-    remedy: str
+    rule: str  #: Name of the rule that gave the reason.
+    about: str  #: Subject of the reason: coupling, energy, shock, vehicle and so on.
+    grade: Grade  #: Grade of this reason alone.
+    statement: str  #: Statement of the finding, a clause without a full stop.
+    figure: str  #: Value that was found, with its unit and its limit.
+    origin: str  #: File, component or step from which the figure comes.
+    remedy: str  #: Advice on what to do.
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -72,23 +63,14 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule that creates reasons of a verdict.
+    """A rule that creates reasons of a verdict."""
 
-    Attributes:
-        name: Unique name of the rule.
-        about: Subject of the reasons.
-        grade: Grade of the reasons.
-        condition: Condition under which the rule applies, with the threshold; for docs/reference/verdict.md.
-        why: Justification of the threshold; for docs/reference/verdict.md.
-        remedy: Advice to the user.
-    """
-
-    name: str
-    about: str
-    grade: Grade
-    condition: str
-    why: str
-    remedy: str
+    name: str  #: Unique name of the rule.
+    about: str  #: Subject of the reasons.
+    grade: Grade  #: Grade of the reasons.
+    condition: str  #: Condition under which the rule applies, with the threshold; for docs/reference/verdict.md.
+    why: str  #: Justification of the threshold; for docs/reference/verdict.md.
+    remedy: str  #: Advice to the user.
 
     def reason(self, statement: str, *, figure: str, origin: str, remedy: str | None = None) -> Reason:
         """Return a reason; `remedy` replaces the rule's own advice if more specific advice is possible."""
@@ -109,12 +91,9 @@ class Verdict:
     """A list of reasons, worst first; reasons of the same grade keep their order.
 
     Reasons that differ only in their origins are merged into one reason with all these origins.
-
-    Attributes:
-        reasons: Reasons in any order.
     """
 
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Reason, ...] = ()  #: Reasons in any order.
 
     def __init__(self, reasons: Iterable[Reason] = ()) -> None:
         merged = _merged(reasons)

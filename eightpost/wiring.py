@@ -9,25 +9,15 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """A connection: `target = gain (factor source + shift) + offset`, in the units of the two variables.
+    """A connection: `target = gain (factor source + shift) + offset`, in the units of the two variables."""
 
-    Attributes:
-        source: Output, as `component.variable`.
-        target: Input that it is connected to, as `component.variable`.
-        gain: Gain of the connection.
-        factor: Factor of the unit conversion.
-        shift: Offset of the unit conversion, in the unit of the target.
-        offset: Offset of the connection, in the unit of the target.
-        convert: Whether the variables have different types.
-    """
-
-    source: str
-    target: str
-    gain: float = 1.0
-    factor: float = 1.0
-    shift: float = 0.0
-    offset: float = 0.0
-    convert: bool = False
+    source: str  #: Output, as `component.variable`.
+    target: str  #: Input that it is connected to, as `component.variable`.
+    gain: float = 1.0  #: Gain of the connection.
+    factor: float = 1.0  #: Factor of the unit conversion.
+    shift: float = 0.0  #: Offset of the unit conversion, in the unit of the target.
+    offset: float = 0.0  #: Offset of the connection, in the unit of the target.
+    convert: bool = False  #: Whether the variables have different types.
 
     @property
     def places(self) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -48,22 +38,13 @@ class Wire:
 
 @dataclass(frozen=True)
 class Wiring:
-    """FMUs and their connections.
+    """FMUs and their connections."""
 
-    Attributes:
-        name: Name of the system.
-        fmus: FMU file of each component.
-        wires: Connections, in the order in which the values of a sum are added.
-        step: Coupling step that a package proposes [s].
-        stop: Duration of a run that a package proposes [s].
-        sums: Inputs, as `component.variable`, that add up the values of several sources.
-        values: Values of parameters and constant inputs of each component, in the units of its FMU.
-    """
-
-    name: str
-    fmus: Mapping[str, Path]
-    wires: tuple[Wire, ...]
-    step: float
-    stop: float
-    sums: frozenset[str] = frozenset()
+    name: str  #: Name of the system.
+    fmus: Mapping[str, Path]  #: FMU file of each component.
+    wires: tuple[Wire, ...]  #: Connections, in the order in which the values of a sum are added.
+    step: float  #: Coupling step that a package proposes [s].
+    stop: float  #: Duration of a run that a package proposes [s].
+    sums: frozenset[str] = frozenset()  #: Inputs, as `component.variable`, that add up the values of several sources.
+    #: Values of parameters and constant inputs of each component, in the units of its FMU.
     values: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)

@@ -11,8 +11,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
-from benchmarks.shock_records import Case
-from benchmarks.shock_rows import FIGURES, FailedFit, FitErrors
+from benchmarks.measured_laws import REST, RUN, SPEED, TIME, regrets, rests
+from benchmarks.measured_laws import summary as regret_summary
+from benchmarks.measured_tables import lag_table
+from benchmarks.shock_records import BOUC_WEN, Case
+from benchmarks.shock_rows import FIGURES, Bench, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
 from eightpost.ident.shock.record import prepare
 from eightpost.rig import DynoTest
@@ -101,6 +104,20 @@ def test_a_law_that_cannot_be_fitted_has_a_row_without_figures():
     assert "not fitted: the curve falls |" in markdown([refused])
 
 
+def test_a_parameter_at_a_bound_is_marked():
+    parameters = {"time_constant": 0.05, "lag_full_force": 93.3, "lag_zero_force": 95.7}
+    lagged = replace(
+        found("lpnl2", 50.0, about_mean=True), parameters=parameters, at_bound=frozenset(["time_constant"])
+    )
+    assert lag_table([lagged]).splitlines()[-1] == "| configuration 5 | - | 50 (bound) | 93.3 | 95.7 |"
+
+
+def test_the_dissertations_recipe_fits_its_own_laws():
+    laws = ("lpnl2", "hysteresis", BOUC_WEN)
+    assert Bench((1,), laws, quick=True, recipe="boggs").fitted == ("lpnl2",)
+    assert Bench((1,), laws, quick=True).fitted == laws
+
+
 def test_the_tables_show_the_printed_figures_too():
     errors = virtual([found("polylinear", 200.0), found("lpf1", 100.0), found("lpnl2", 101.0, cavitates=True)])
     assert less(errors[0].rms, "lpf1") == pytest.approx(50.0)
@@ -109,3 +126,21 @@ def test_the_tables_show_the_printed_figures_too():
     assert table_3_5(errors).splitlines()[-1].endswith("| 22.7 | 22.7 | 21.2 |")
     assert "| 5 | 225 | yes |" in gains_table(errors)
     assert any("1.010 (configuration 5); required: at most 1.005" in line for line in summary(errors))
+
+
+def test_the_regret_of_a_law_is_its_error_over_the_smallest_one():
+    errors = {"polylinear": 8.0, "lpf1": 4.0, "lpnl2": 2.08, "hysteresis": 2.0}
+    found = [(kind, "", errors) for kind in (TIME, RUN, REST, SPEED)] + [(TIME, "", errors | {"lpf1": None})]
+    np.testing.assert_allclose(regrets(found, "lpnl2"), 0.04)
+    assert regrets(found, "lpf1").tolist() == [1.0] * 4 + [np.inf]
+    assert f"| {RUN} | LPNL2 | 2.08 | 1 of 1 | 4 | 4 | 4 |" in regret_summary(found)
+    assert f"| {TIME} | Hysteresis (default) | 2 | 2 of 2 | 0 | 0 | 0 |" in regret_summary(found)
+
+
+def test_a_part_has_a_rest_if_the_shock_stands_still_for_more_than_moments():
+    series = motion(1)
+    moving = series.time < 2.0
+    still = series.with_channel("velocity", "m/s", np.where(moving, series["velocity"], 0.0))
+    test = DynoTest(still.with_channel("force", "N", still["velocity"]))
+    parts = ((0.0, 1.9), (1.0, 2.1), (1.0, 2.0), (0.0, 4.0))
+    assert [rests(test, ends) for ends in parts] == [False, True, False, True]

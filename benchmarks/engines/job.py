@@ -32,23 +32,14 @@ class Diverged(RuntimeError):  # noqa: N818 -- an outcome of a run, not a fault 
 
 @dataclass(frozen=True)
 class Job:
-    """One run.
+    """One run."""
 
-    Attributes:
-        folder: Folder with car.fmu, shock.fmu, drive.fmu (the drive as an FMU without inputs) and drive.npz.
-        scheme: One of the engine's schemes.
-        rate: Coupling steps per second [Hz].
-        stop: Duration [s].
-        work: Folder for this run.
-        repeats: Number of repetitions; the minimum time counts.
-    """
-
-    folder: str
-    scheme: str
-    rate: float
-    stop: float
-    work: str
-    repeats: int = 1
+    folder: str  #: Folder with car.fmu, shock.fmu, drive.fmu (the drive as an FMU without inputs) and drive.npz.
+    scheme: str  #: One of the engine's schemes.
+    rate: float  #: Coupling steps per second [Hz].
+    stop: float  #: Duration [s].
+    work: str  #: Folder for this run.
+    repeats: int = 1  #: Number of repetitions; the minimum time counts.
 
     @property
     def step(self) -> float:
@@ -82,21 +73,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Recording:
-    """Recording of an engine, and its time.
+    """Recording of an engine, and its time."""
 
-    Attributes:
-        time: Times (K,) [s].
-        values: Values (14, K) in the order of RECORDED, or the first eight of them.
-        seconds: Measured processor time of `steps` coupling steps, without loading [s].
-        steps: Number of coupling steps that were timed.
-        rate: Mean rate [Hz].
-    """
-
-    time: Any
-    values: Any
-    seconds: float
-    steps: int
-    rate: float
+    time: Any  #: Times (K,) [s].
+    values: Any  #: Values (14, K) in the order of RECORDED, or the first eight of them.
+    seconds: float  #: Measured processor time of `steps` coupling steps, without loading [s].
+    steps: int  #: Number of coupling steps that were timed.
+    rate: float  #: Mean rate [Hz].
 
     def save(self, path: Path) -> None:
         """Write the recording for the parent process."""

@@ -15,23 +15,14 @@ from benchmarks.fuzz.mutations import Change
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader of one kind of file.
+    """A reader of one kind of file."""
 
-    Attributes:
-        name: Name of the reader in the table.
-        sample: Path of the sample in the folder of samples, where the mutant replaces it.
-        read: Function that reads the file at a path in the folder of samples.
-        changes: Functions of a random generator and the sample's bytes that return a mutant's bytes.
-        share: Share of the campaign's mutants, relative to the other readers.
-        neighbours: Other files that the reader needs, which the error message may name instead.
-    """
-
-    name: str
-    sample: str
-    read: Callable[[Path], Any]
-    changes: tuple[Change, ...]
-    share: float = 1.0
-    neighbours: tuple[str, ...] = ()
+    name: str  #: Name of the reader in the table.
+    sample: str  #: Path of the sample in the folder of samples, where the mutant replaces it.
+    read: Callable[[Path], Any]  #: Function that reads the file at a path in the folder of samples.
+    changes: tuple[Change, ...]  #: Functions of a random generator and the sample's bytes that return a mutant's bytes.
+    share: float = 1.0  #: Share of the campaign's mutants, relative to the other readers.
+    neighbours: tuple[str, ...] = ()  #: Other files that the reader needs, which the error message may name instead.
 
 
 def _xml(rng: Random, name: str, content: bytes) -> bytes:

@@ -56,21 +56,14 @@ class DrawnBristle:
 
 @dataclass(frozen=True)
 class DrawnCar:
-    """One vehicle with its shocks.
+    """One vehicle with its shocks."""
 
-    Attributes:
-        name: Name of the component.
-        model: Name of the vehicle in the bank (`cars.vehicle`).
-        shocks: Shocks by port: "" for a quarter car, else a corner.
-        friction: Suspension friction that creeps by port: force [N] and velocity [m/s].
-        bristles: Friction that sticks and springs by port.
-    """
-
-    name: str
-    model: str
-    shocks: Mapping[str, DrawnShock]
+    name: str  #: Name of the component.
+    model: str  #: Name of the vehicle in the bank (`cars.vehicle`).
+    shocks: Mapping[str, DrawnShock]  #: Shocks by port: "" for a quarter car, else a corner.
+    #: Suspension friction that creeps by port: force [N] and velocity [m/s].
     friction: Mapping[str, tuple[float, float]]
-    bristles: Mapping[str, DrawnBristle] = field(default_factory=dict)
+    bristles: Mapping[str, DrawnBristle] = field(default_factory=dict)  #: Friction that sticks and springs by port.
 
     def shock_name(self, port: str) -> str:
         """Return the name of the component at a port."""
@@ -90,23 +83,14 @@ class DrawnCar:
 
 @dataclass(frozen=True)
 class Case:
-    """System with its scenario and a description.
+    """System with its scenario and a description."""
 
-    Attributes:
-        seed: Seed that the case is drawn from.
-        cars: Vehicles with their shocks.
-        scenario: Duration, drive, recording.
-        road: Kind of road.
-        held: Components that hold their inputs.
-        python: Components that are python FMUs.
-    """
-
-    seed: int
-    cars: tuple[DrawnCar, ...]
-    scenario: Scenario
-    road: str
-    held: frozenset[str] = field(default_factory=frozenset)
-    python: frozenset[str] = field(default_factory=frozenset)
+    seed: int  #: Seed that the case is drawn from.
+    cars: tuple[DrawnCar, ...]  #: Vehicles with their shocks.
+    scenario: Scenario  #: Duration, drive, recording.
+    road: str  #: Kind of road.
+    held: frozenset[str] = field(default_factory=frozenset)  #: Components that hold their inputs.
+    python: frozenset[str] = field(default_factory=frozenset)  #: Components that are python FMUs.
 
     @property
     def fmu_names(self) -> dict[str, str]:

@@ -4,8 +4,8 @@
 
 with two states for each port: z, the lagged force of its shock (LPF1, LPNL2), and the deflection y of its bristle.
 
-Nothing of the FMUs' or the library's code is used: the formulas are those of docs/evidence/shock_models.md,
-docs/reference/ports.md and the READMEs of fmus/.
+Nothing of the FMUs' or the library's code is used: the formulas are those of docs/reference/ports.md and the READMEs of
+fmus/.
 """
 
 from __future__ import annotations

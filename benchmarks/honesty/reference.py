@@ -28,21 +28,13 @@ _MOST_STEPS = 10_000_000
 
 @dataclass(frozen=True)
 class Answer:
-    """Solution of a system at `time` (N,) [s].
+    """Solution of a system at `time` (N,) [s]."""
 
-    Attributes:
-        time: Time since the start of the run [s].
-        values: Channels by time (C, N), SI.
-        names: Names of the channels (C,), as in the product.
-        units: SI units of the channels (C,).
-        steps: Number of integration steps, for all vehicles.
-    """
-
-    time: Array
-    values: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    steps: int
+    time: Array  #: Time since the start of the run [s].
+    values: Array  #: Channels by time (C, N), SI.
+    names: tuple[str, ...]  #: Names of the channels (C,), as in the product.
+    units: tuple[str, ...]  #: SI units of the channels (C,).
+    steps: int  #: Number of integration steps, for all vehicles.
 
 
 class UnsolvedError(RuntimeError):

@@ -60,23 +60,14 @@ class Trial:
 
 @dataclass
 class Finding:
-    """Result of one scheme for a case, before the comparison.
+    """Result of one scheme for a case, before the comparison."""
 
-    Attributes:
-        scheme: `default`, or an algorithm and a step.
-        result: Result of the product; None if it raised an error.
-        fine: The same run, recorded at (almost) every coupling step.
-        error: Message of the error that the product raised.
-        trials: All runs that the product made.
-        seconds: Processor time [s].
-    """
-
-    scheme: str
-    result: Result | None
-    fine: TimeSeries | None
-    error: str
-    trials: list[Trial] = field(repr=False)
-    seconds: float
+    scheme: str  #: `default`, or an algorithm and a step.
+    result: Result | None  #: Result of the product; None if it raised an error.
+    fine: TimeSeries | None  #: The same run, recorded at (almost) every coupling step.
+    error: str  #: Message of the error that the product raised.
+    trials: list[Trial] = field(repr=False)  #: All runs that the product made.
+    seconds: float  #: Processor time [s].
     repeats: bool = True
 
 

@@ -23,23 +23,14 @@ _FALLING = 0.2
 
 @dataclass(frozen=True)
 class DrawnShock:
-    """Randomly drawn shock.
+    """Randomly drawn shock."""
 
-    Attributes:
-        law: Name of the law.
-        curve: Static curve.
-        port: Motion ratio, scales, gas spring, seal drag.
-        own: Parameters of the law, by name, SI.
-        nose_slope: Slope of the curve at zero [N.s/m].
-        falls: Whether the force falls somewhere.
-    """
-
-    law: str
-    curve: StaticCurve
-    port: Port
-    own: Mapping[str, float]
-    nose_slope: float
-    falls: bool
+    law: str  #: Name of the law.
+    curve: StaticCurve  #: Static curve.
+    port: Port  #: Motion ratio, scales, gas spring, seal drag.
+    own: Mapping[str, float]  #: Parameters of the law, by name, SI.
+    nose_slope: float  #: Slope of the curve at zero [N.s/m].
+    falls: bool  #: Whether the force falls somewhere.
 
     @property
     def parameters(self) -> dict[str, float]:

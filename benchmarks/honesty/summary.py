@@ -21,17 +21,11 @@ _UNSTATED = 1e299
 
 @dataclass(frozen=True)
 class Pair:
-    """Stated and true error [%].
+    """Stated and true error [%]."""
 
-    Attributes:
-        stated: Stated error; None if no error is stated.
-        true: Error against the reference.
-        reference: Own error of the reference.
-    """
-
-    stated: float | None
-    true: float
-    reference: float
+    stated: float | None  #: Stated error; None if no error is stated.
+    true: float  #: Error against the reference.
+    reference: float  #: Own error of the reference.
 
     @property
     def ratio(self) -> float:

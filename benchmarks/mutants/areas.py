@@ -16,38 +16,23 @@ PRODUCT, SOURCES = ("eightpost", "builder", "cosim", "fmus"), (".py", ".c", ".h"
 
 @dataclass(frozen=True)
 class Area:
-    """Sources and their tests.
+    """Sources and their tests."""
 
-    Attributes:
-        name: Name of the area.
-        sources: Paths of the sources, relative to the root of the checkout.
-        tests: Arguments of pytest; the tests that are most likely to fail come first.
-        quick: The few tests among them that `make quick` runs.
-        plugins: Modules that pytest loads first (`pytest -p`) and that make a run faster.
-    """
-
-    name: str
-    sources: tuple[Path, ...]
-    tests: tuple[str, ...]
-    quick: tuple[str, ...] = ()
-    plugins: tuple[str, ...] = ()
+    name: str  #: Name of the area.
+    sources: tuple[Path, ...]  #: Paths of the sources, relative to the root of the checkout.
+    tests: tuple[str, ...]  #: Arguments of pytest; the tests that are most likely to fail come first.
+    quick: tuple[str, ...] = ()  #: The few tests among them that `make quick` runs.
+    plugins: tuple[str, ...] = ()  #: Modules that pytest loads first (`pytest -p`) and that make a run faster.
 
 
 @dataclass(frozen=True)
 class Equivalent:
-    """A change that does not affect any result, so that no test can detect it.
+    """A change that does not affect any result, so that no test can detect it."""
 
-    Attributes:
-        file: Path relative to the root of the checkout.
-        line: Original line without leading and trailing spaces.
-        mutant: Changed line.
-        reason: Reason why no result changes.
-    """
-
-    file: str
-    line: str
-    mutant: str
-    reason: str
+    file: str  #: Path relative to the root of the checkout.
+    line: str  #: Original line without leading and trailing spaces.
+    mutant: str  #: Changed line.
+    reason: str  #: Reason why no result changes.
 
 
 def read_areas(root: Path = ROOT) -> list[Area]:

@@ -24,23 +24,14 @@ _BASELINE_LIMIT = 600.0
 
 @dataclass(frozen=True)
 class Campaign:
-    """A mutation campaign and the folder of its records.
+    """A mutation campaign and the folder of its records."""
 
-    Attributes:
-        areas: Areas to sample.
-        equivalents: Mutants that no test can detect; they are counted but not tried.
-        folder: Folder of the records and of compiled FMUs.
-        seed: Seed of the sample.
-        workers: Number of parallel trials.
-        report: Callback that receives a line of text for every new record and other events.
-    """
-
-    areas: Sequence[Area]
-    equivalents: Sequence[Equivalent]
-    folder: Path
-    seed: int
-    workers: int
-    report: Callable[[str], None]
+    areas: Sequence[Area]  #: Areas to sample.
+    equivalents: Sequence[Equivalent]  #: Mutants that no test can detect; they are counted but not tried.
+    folder: Path  #: Folder of the records and of compiled FMUs.
+    seed: int  #: Seed of the sample.
+    workers: int  #: Number of parallel trials.
+    report: Callable[[str], None]  #: Callback that receives a line of text for every new record and other events.
 
     def run(self, count: int) -> list[Record]:
         """Try a random sample of `count` mutants; return the records, ordered by area.

@@ -17,21 +17,13 @@ from benchmarks.mutants.site import Site
 
 @dataclass(frozen=True)
 class Mutant:
-    """A source with one change.
+    """A source with one change."""
 
-    Attributes:
-        area: Name of the area.
-        file: Path relative to the root of the checkout.
-        line: Line number of the change, from 1.
-        before: Original source.
-        after: Changed source.
-    """
-
-    area: str
-    file: str
-    line: int
-    before: str
-    after: str
+    area: str  #: Name of the area.
+    file: str  #: Path relative to the root of the checkout.
+    line: int  #: Line number of the change, from 1.
+    before: str  #: Original source.
+    after: str  #: Changed source.
 
     @property
     def key(self) -> str:

@@ -14,29 +14,17 @@ from benchmarks.mutants.trial import Outcome
 
 @dataclass(frozen=True)
 class Record:
-    """A mutant that was tried.
+    """A mutant that was tried."""
 
-    Attributes:
-        key: Key of the mutant.
-        area: Name of the area.
-        file: Path relative to the root of the checkout.
-        line: Line number of the change, from 1.
-        outcome: Result for the mutant.
-        seconds: Duration of the trial [s].
-        tests: Digest of the tests that were run.
-        diff: The change as a patch.
-        note: Reason why a mutant is equivalent, or the first test that detected it.
-    """
-
-    key: str
-    area: str
-    file: str
-    line: int
-    outcome: Outcome
-    seconds: float
-    tests: str
-    diff: str
-    note: str = ""
+    key: str  #: Key of the mutant.
+    area: str  #: Name of the area.
+    file: str  #: Path relative to the root of the checkout.
+    line: int  #: Line number of the change, from 1.
+    outcome: Outcome  #: Result for the mutant.
+    seconds: float  #: Duration of the trial [s].
+    tests: str  #: Digest of the tests that were run.
+    diff: str  #: The change as a patch.
+    note: str = ""  #: Reason why a mutant is equivalent, or the first test that detected it.
 
     @classmethod
     def of(cls, mutant: Mutant, outcome: Outcome, *, seconds: float = 0.0, tests: str = "", note: str = "") -> Record:

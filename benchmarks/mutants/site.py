@@ -10,14 +10,8 @@ Change = Callable[[str], str | None]
 
 
 class Site(NamedTuple):
-    """A place and the changes that can be made there, one at a time.
+    """A place and the changes that can be made there, one at a time."""
 
-    Attributes:
-        line: Line number, from 1.
-        column: Column number, from 0.
-        changes: Changes, each of which gives a mutant.
-    """
-
-    line: int
-    column: int
-    changes: tuple[Change, ...]
+    line: int  #: Line number, from 1.
+    column: int  #: Column number, from 0.
+    changes: tuple[Change, ...]  #: Changes, each of which gives a mutant.

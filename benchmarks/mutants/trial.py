@@ -38,30 +38,19 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of the tests of an area.
+    """The result of the tests of an area."""
 
-    Attributes:
-        outcome: Result for the mutant.
-        seconds: Duration [s].
-        output: Text that pytest printed.
-    """
-
-    outcome: Outcome
-    seconds: float
-    output: str
+    outcome: Outcome  #: Result for the mutant.
+    seconds: float  #: Duration [s].
+    output: str  #: Text that pytest printed.
 
 
 @dataclass(frozen=True)
 class Tree:
-    """A copy of the checkout, for one trial at a time.
+    """A copy of the checkout, for one trial at a time."""
 
-    Attributes:
-        folder: Folder of the copy.
-        cache: Folder of compiled FMUs; its keys are digests of the sources, so that trials can share it.
-    """
-
-    folder: Path
-    cache: Path
+    folder: Path  #: Folder of the copy.
+    cache: Path  #: Folder of compiled FMUs; its keys are digests of the sources, so that trials can share it.
 
     def try_mutant(self, area: Area, mutant: Mutant | None, limit: float) -> Trial:
         """Run the tests of an area, with or without a change.

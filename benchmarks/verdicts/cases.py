@@ -25,19 +25,12 @@ FAULTS = ("late force", "changed setting", "another damper", "clipped", "drift")
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Records of one damper.
+    """Records of one damper."""
 
-    Attributes:
-        name: Kind of the damper, test, and fault if there is one.
-        fitted: Fitted records.
-        held_out: Held-out records by name.
-        is_measured: Whether the damper is a real one.
-    """
-
-    name: str
-    fitted: tuple[DynoTest, ...]
-    held_out: Mapping[str, DynoTest]
-    is_measured: bool = False
+    name: str  #: Kind of the damper, test, and fault if there is one.
+    fitted: tuple[DynoTest, ...]  #: Fitted records.
+    held_out: Mapping[str, DynoTest]  #: Held-out records by name.
+    is_measured: bool = False  #: Whether the damper is a real one.
 
 
 def sine(amplitude: float, frequency: float, duration: float = DURATION) -> Array:

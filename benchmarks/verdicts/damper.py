@@ -18,57 +18,32 @@ RATE = 4000.0
 
 @dataclass(frozen=True, slots=True)
 class Damper:
-    """Parameters, SI; pairs are for compression and rebound, forces are pressures times the piston's area.
+    """Parameters, SI; pairs are for compression and rebound, forces are pressures times the piston's area."""
 
-    Attributes:
-        laminar: Slope of the force over the velocity of the flow below the blow-off [N.s/m].
-        bleed: Flow velocity of an orifice at 1 kN [m/s].
-        blow_off: Force at which the valve opens [N].
-        opened: Slope of the force over the velocity beyond [N.s/m].
-        orifice: Force of a port in series, per square of the velocity [N.s2/m2].
-        closing: Force at which an open valve closes, over `blow_off`; 1 for a valve without hysteresis.
-        opening_time: Time constant of the valve [s]; 0 for one that follows at once.
-        stiffness: Stiffness of oil and mounts in series [N/m].
-        friction: Dry friction [N].
-        presliding: Displacement within which friction builds up [m].
-        stribeck: Additional friction at standstill, which fades within 10 mm/s [N].
-        gas: Force of the gas in the middle position [N].
-        gas_stiffness: Stiffness of the gas there [N/m]; it rises as the gas is compressed.
-        cavitation: Largest force in rebound before the oil separates [N].
-        bypass: Additional share of the flow in the middle position, within 5 mm of it.
-        cushion: Damping that begins at 70 % of the stroke `reach`, at its end [N.s/m].
-        reach: Largest travel from the middle [m].
-        selective: Stiffness of a valve whose leak closes within 10 ms (frequency-selective) [N/m].
-        play: Free play of a mount [m].
-        gas_in_oil: Force below which the oil is softened by gas bubbles [N].
-        warming: Temperature rise per work [K/J].
-        fading: Relative loss of damping per kelvin.
-        yield_force: Force of a magneto-rheological valve beside the others [N].
-    """
-
+    #: Slope of the force over the velocity of the flow below the blow-off [N.s/m].
     laminar: tuple[float, float] = (4000.0, 6000.0)
-    bleed: tuple[float, float] = (0.01, 0.01)
-    blow_off: tuple[float, float] = (400.0, 600.0)
-    opened: tuple[float, float] = (1000.0, 1500.0)
-    orifice: float = 200.0
-    closing: float = 1.0
-    opening_time: float = 0.0
-    stiffness: float = 1.5e6
-    friction: float = 30.0
-    presliding: float = 5e-5
-    stribeck: float = 0.0
-    gas: float = 200.0
-    gas_stiffness: float = 1000.0
-    cavitation: float = 1e5
-    bypass: float = 0.0
-    cushion: float = 0.0
-    reach: float = 0.03
-    selective: float = 0.0
-    play: float = 0.0
-    gas_in_oil: float = 0.0
-    warming: float = 0.0
-    fading: float = 0.0
-    yield_force: float = 0.0
+    bleed: tuple[float, float] = (0.01, 0.01)  #: Flow velocity of an orifice at 1 kN [m/s].
+    blow_off: tuple[float, float] = (400.0, 600.0)  #: Force at which the valve opens [N].
+    opened: tuple[float, float] = (1000.0, 1500.0)  #: Slope of the force over the velocity beyond [N.s/m].
+    orifice: float = 200.0  #: Force of a port in series, per square of the velocity [N.s2/m2].
+    closing: float = 1.0  #: Force at which an open valve closes, over `blow_off`; 1 for a valve without hysteresis.
+    opening_time: float = 0.0  #: Time constant of the valve [s]; 0 for one that follows at once.
+    stiffness: float = 1.5e6  #: Stiffness of oil and mounts in series [N/m].
+    friction: float = 30.0  #: Dry friction [N].
+    presliding: float = 5e-5  #: Displacement within which friction builds up [m].
+    stribeck: float = 0.0  #: Additional friction at standstill, which fades within 10 mm/s [N].
+    gas: float = 200.0  #: Force of the gas in the middle position [N].
+    gas_stiffness: float = 1000.0  #: Stiffness of the gas there [N/m]; it rises as the gas is compressed.
+    cavitation: float = 1e5  #: Largest force in rebound before the oil separates [N].
+    bypass: float = 0.0  #: Additional share of the flow in the middle position, within 5 mm of it.
+    cushion: float = 0.0  #: Damping that begins at 70 % of the stroke `reach`, at its end [N.s/m].
+    reach: float = 0.03  #: Largest travel from the middle [m].
+    selective: float = 0.0  #: Stiffness of a valve whose leak closes within 10 ms (frequency-selective) [N/m].
+    play: float = 0.0  #: Free play of a mount [m].
+    gas_in_oil: float = 0.0  #: Force below which the oil is softened by gas bubbles [N].
+    warming: float = 0.0  #: Temperature rise per work [K/J].
+    fading: float = 0.0  #: Relative loss of damping per kelvin.
+    yield_force: float = 0.0  #: Force of a magneto-rheological valve beside the others [N].
 
     def respond(self, displacement: Array, warm: float = 0.0) -> tuple[Array, Array]:
         """Return force [N] and temperature above the reference [K], (N,) each, along a displacement (N,) at `RATE`.

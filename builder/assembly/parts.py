@@ -97,30 +97,19 @@ _NOT_ASSEMBLED = "run it with the other FMUs instead (eightpost run); it cannot 
 
 @dataclass(frozen=True)
 class Part:
-    """One component of an assembly.
+    """One component of an assembly."""
 
-    Attributes:
-        name: Name of the component.
-        file: The FMU's file name.
-        text: Description of the FMU.
-        guid: GUID of the FMU.
-        interface: Variables of the FMU with their start values.
-        states: Number of values that its model keeps from step to step.
-        data: Content of vehicle_data.h for a vehicle, or of settings_data.h for a shock with settings; empty for any
-            other shock, whose values are all parameters.
-        validity: Validity that the FMU states for its model; None if it states none.
-        settings: Settings of a shock; None if it has none.
-    """
-
-    name: str
-    file: str
-    text: str
-    guid: str
-    interface: Interface
-    states: int
+    name: str  #: Name of the component.
+    file: str  #: The FMU's file name.
+    text: str  #: Description of the FMU.
+    guid: str  #: GUID of the FMU.
+    interface: Interface  #: Variables of the FMU with their start values.
+    states: int  #: Number of values that its model keeps from step to step.
+    #: Content of vehicle_data.h for a vehicle, or of settings_data.h for a shock with settings; empty for any other
+    #: shock, whose values are all parameters.
     data: str
-    validity: bytes | None = None
-    settings: Settings | None = None
+    validity: bytes | None = None  #: Validity that the FMU states for its model; None if it states none.
+    settings: Settings | None = None  #: Settings of a shock; None if it has none.
 
     @property
     def unit(self) -> str:

@@ -20,23 +20,17 @@ _RUN = "run it as separate FMUs (eightpost run)"
 class Assembly:
     """One FMU to build from a vehicle and its shocks.
 
-    Attributes:
-        identifier: C name of the FMU.
-        text: One-line description.
-        parts: Vehicle and shocks; the vehicle is moved to the front.
-        links: Connections between vehicle and shocks.
-        sums: Connected inputs to which the host's values are added, as `component.variable`.
-        starts: Start values of inputs and parameters that replace those of the parts, as `component.variable`.
-
     Raises:
         FmuError: The parts cannot be assembled; the message lists each reason.
     """
 
-    identifier: str
-    text: str
-    parts: tuple[Part, ...]
-    links: tuple[Wire, ...]
+    identifier: str  #: C name of the FMU.
+    text: str  #: One-line description.
+    parts: tuple[Part, ...]  #: Vehicle and shocks; the vehicle is moved to the front.
+    links: tuple[Wire, ...]  #: Connections between vehicle and shocks.
+    #: Connected inputs to which the host's values are added, as `component.variable`.
     sums: frozenset[str] = frozenset()
+    #: Start values of inputs and parameters that replace those of the parts, as `component.variable`.
     starts: Mapping[str, float | bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -23,21 +23,14 @@ _RULES = {rule.identifier: rule for rule in CATALOGUE}
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a group of checks.
+    """The result of a group of checks."""
 
-    Attributes:
-        findings: Findings.
-        skipped: Pairs of a skipped part and the reason; an empty part stands for the whole group.
-        completed: Whether the group finished.
-        stopped: Whether a call failed that had to succeed.
-        values: Measured values by name.
-    """
-
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  #: Findings.
+    #: Pairs of a skipped part and the reason; an empty part stands for the whole group.
     skipped: tuple[tuple[str, str], ...] = ()
-    completed: bool = True
-    stopped: bool = False
-    values: Mapping[str, str] = field(default_factory=dict)
+    completed: bool = True  #: Whether the group finished.
+    stopped: bool = False  #: Whether a call failed that had to succeed.
+    values: Mapping[str, str] = field(default_factory=dict)  #: Measured values by name.
 
 
 @dataclass(frozen=True)

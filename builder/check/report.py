@@ -16,23 +16,15 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The result of a check of one FMU; the FMU is acceptable if all findings are hints.
+    """The result of a check of one FMU; the FMU is acceptable if all findings are hints."""
 
-    Attributes:
-        path: FMU file.
-        scope: Levels that are reported.
-        identity: Identification of the FMU: modelName, guid, generationTool, digest of the file and so on.
-        groups: Names of the groups of checks that were run.
-        skipped: Checks that were skipped, with the reason.
-        findings: Findings.
-    """
-
-    path: Path
-    scope: Scope
+    path: Path  #: FMU file.
+    scope: Scope  #: Levels that are reported.
+    #: Identification of the FMU: modelName, guid, generationTool, digest of the file and so on.
     identity: Mapping[str, str]
-    groups: tuple[str, ...]
-    skipped: tuple[Skipped, ...]
-    findings: tuple[Finding, ...]
+    groups: tuple[str, ...]  #: Names of the groups of checks that were run.
+    skipped: tuple[Skipped, ...]  #: Checks that were skipped, with the reason.
+    findings: tuple[Finding, ...]  #: Findings.
 
     @property
     def done(self) -> tuple[str, ...]:

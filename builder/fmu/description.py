@@ -25,31 +25,19 @@ _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
 
 @dataclass(frozen=True)
 class Description:
-    """Content of modelDescription.xml: the interface and everything else.
+    """Content of modelDescription.xml: the interface and everything else."""
 
-    Attributes:
-        identifier: Model identifier and model name.
-        guid: GUID, without braces.
-        text: Description of the model.
-        interface: Variables and their dependencies.
-        capabilities: Attributes of the CoSimulation element.
-        exchange: Attributes of the ModelExchange element; None for an FMU that offers co-simulation only.
-        generation_tool: Name and version of the tools that built the FMU.
-        source_files: Names of the C files in sources/ that a rebuild compiles.
-        stop_time: Stop time of the default experiment [s].
-        step_size: Step size of the default experiment [s].
-    """
-
-    identifier: str
-    guid: str
-    text: str
-    interface: Interface
-    capabilities: Mapping[str, str]
-    generation_tool: str
-    source_files: tuple[str, ...] = ()
+    identifier: str  #: Model identifier and model name.
+    guid: str  #: GUID, without braces.
+    text: str  #: Description of the model.
+    interface: Interface  #: Variables and their dependencies.
+    capabilities: Mapping[str, str]  #: Attributes of the CoSimulation element.
+    generation_tool: str  #: Name and version of the tools that built the FMU.
+    source_files: tuple[str, ...] = ()  #: Names of the C files in sources/ that a rebuild compiles.
+    #: Attributes of the ModelExchange element; None for an FMU that offers co-simulation only.
     exchange: Mapping[str, str] | None = None
-    stop_time: float = 30.0
-    step_size: float = 1e-3
+    stop_time: float = 30.0  #: Stop time of the default experiment [s].
+    step_size: float = 1e-3  #: Step size of the default experiment [s].
 
 
 def model_description(description: Description) -> bytes:

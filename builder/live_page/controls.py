@@ -19,29 +19,17 @@ _FROM_ZERO = {"N": 500.0, "N/m": 20_000.0}
 
 @dataclass(frozen=True)
 class Control:
-    """A slider.
+    """A slider."""
 
-    Attributes:
-        name: Name of the quantity, which is a variable of the shock's FMU if it is a parameter of it.
-        text: Description.
-        unit: SI unit.
-        us: US customary unit, and the factor from SI.
-        si: Metric unit, and the factor from SI.
-        low: Lowest value, SI.
-        high: Highest value, SI.
-        start: Value at the start, SI.
-        is_logarithmic: Whether equal distances on the slider are equal ratios.
-    """
-
-    name: str
-    text: str
-    unit: str
-    us: tuple[str, float]
-    si: tuple[str, float]
-    low: float
-    high: float
-    start: float
-    is_logarithmic: bool
+    name: str  #: Name of the quantity, which is a variable of the shock's FMU if it is a parameter of it.
+    text: str  #: Description.
+    unit: str  #: SI unit.
+    us: tuple[str, float]  #: US customary unit, and the factor from SI.
+    si: tuple[str, float]  #: Metric unit, and the factor from SI.
+    low: float  #: Lowest value, SI.
+    high: float  #: Highest value, SI.
+    start: float  #: Value at the start, SI.
+    is_logarithmic: bool  #: Whether equal distances on the slider are equal ratios.
 
     @classmethod
     def of(

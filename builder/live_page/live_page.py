@@ -25,17 +25,11 @@ _PLACES = (("dynamometer", "Dynamometer"), ("bump", "Quarter car over a bump"), 
 
 @dataclass(frozen=True)
 class LivePage:
-    """A page that was written.
+    """A page that was written."""
 
-    Attributes:
-        path: HTML file.
-        controls: Parameters of the shock that the page can change.
-        verdict: Verdict that the shock's FMU carries.
-    """
-
-    path: Path
-    controls: tuple[Control, ...]
-    verdict: Verdict
+    path: Path  #: HTML file.
+    controls: tuple[Control, ...]  #: Parameters of the shock that the page can change.
+    verdict: Verdict  #: Verdict that the shock's FMU carries.
 
 
 def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path) -> LivePage:

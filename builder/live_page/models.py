@@ -28,32 +28,20 @@ _NEEDED = ("force", "road", "velocity", "displacement", "tire_force", "wheel_pos
 
 @dataclass(frozen=True)
 class Model:
-    """An FMU for a page.
+    """An FMU for a page."""
 
-    Attributes:
-        interface: Variables of the FMU.
-        module: WebAssembly module of the FMU's C code.
-    """
-
-    interface: Interface
-    module: bytes
+    interface: Interface  #: Variables of the FMU.
+    module: bytes  #: WebAssembly module of the FMU's C code.
 
 
 @dataclass(frozen=True)
 class Models:
-    """The models of a page.
+    """The models of a page."""
 
-    Attributes:
-        shock: Shock alone.
-        car: Quarter car with the shock, coupled inside.
-        title: Description of the shock's FMU.
-        validity: Validity that the shock's FMU states for its model, as JSON; None if it states none.
-    """
-
-    shock: Model
-    car: Model
-    title: str
-    validity: bytes | None
+    shock: Model  #: Shock alone.
+    car: Model  #: Quarter car with the shock, coupled inside.
+    title: str  #: Description of the shock's FMU.
+    validity: bytes | None  #: Validity that the shock's FMU states for its model, as JSON; None if it states none.
 
 
 def read_models(shock: Path, vehicle: Path) -> Models:

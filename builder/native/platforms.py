@@ -12,21 +12,14 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """One folder of binaries/.
+    """One folder of binaries/."""
 
-    Attributes:
-        name: Name of the platform in FMI 2.0.
-        name_3: Name of the platform in FMI 3.0.
-        suffix: Suffix of the library's file name.
-        targets: Target names of the cross compiler, one per slice; several slices make a universal file.
-        processor: Minimum processor, set if the target's default would round doubles differently.
-    """
-
-    name: str
-    name_3: str
-    suffix: str
+    name: str  #: Name of the platform in FMI 2.0.
+    name_3: str  #: Name of the platform in FMI 3.0.
+    suffix: str  #: Suffix of the library's file name.
+    #: Target names of the cross compiler, one per slice; several slices make a universal file.
     targets: tuple[str, ...]
-    processor: str = "baseline"
+    processor: str = "baseline"  #: Minimum processor, set if the target's default would round doubles differently.
 
     def member(self, identifier: str, fmi: int = 2) -> str:
         """Return the path of the library in the archive of an FMI version."""

@@ -43,19 +43,12 @@ WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
 class Toolchain(ABC):
-    """A compiler.
+    """A compiler."""
 
-    Attributes:
-        path: Program.
-        name: Name and version, for messages and for the cache.
-        platforms: Platforms that it builds for.
-        limits: Sentence about its limits, or an empty string.
-    """
-
-    path: str
-    name: str
-    platforms: tuple[Platform, ...]
-    limits: str = ""
+    path: str  #: Program.
+    name: str  #: Name and version, for messages and for the cache.
+    platforms: tuple[Platform, ...]  #: Platforms that it builds for.
+    limits: str = ""  #: Sentence about its limits, or an empty string.
 
     @abstractmethod
     def command(self, identifier: str, platform: Platform, target: str, files: Sequence[str]) -> list[str]:
@@ -175,23 +168,15 @@ typedef int not_here;
 
 @dataclass(frozen=True)
 class Library:
-    """One shared library to compile.
+    """One shared library to compile."""
 
-    Attributes:
-        identifier: Name of the library.
-        sources: C files and headers by name (one flat folder).
-        is_one_unit: Whether its C files can be compiled as one translation unit, which requires that no two of them
-            define the same static name. Functions can then be inlined across files, which makes steps a few percent
-            faster.
-        is_wide: Whether the unit is compiled a second time for processors with AVX.
-        fmi: FMI version, 2 or 3.
-    """
-
-    identifier: str
-    sources: Mapping[str, bytes]
+    identifier: str  #: Name of the library.
+    sources: Mapping[str, bytes]  #: C files and headers by name (one flat folder).
+    #: Whether its C files can be compiled as one translation unit, which requires that no two of them define the same
+    #: static name. Functions can then be inlined across files, which makes steps a few percent faster.
     is_one_unit: bool = False
-    is_wide: bool = False
-    fmi: int = 2
+    is_wide: bool = False  #: Whether the unit is compiled a second time for processors with AVX.
+    fmi: int = 2  #: FMI version, 2 or 3.
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -12,46 +12,28 @@ DISCRETE = ("Integer", "Boolean", "Enumeration")
 
 @dataclass(frozen=True, slots=True)
 class UnitDefinition:
-    """Unit as defined by the component: `SI value = factor * value + offset` in the given base units.
+    """Unit as defined by the component: `SI value = factor * value + offset` in the given base units."""
 
-    Attributes:
-        name: Name in the component's description.
-        exponents: Exponents of kg, m, s, A, K, mol, cd, rad; zeros omitted.
-        factor: Factor to the SI base units.
-        offset: Offset to the SI base units.
-    """
-
-    name: str
+    name: str  #: Name in the component's description.
+    #: Exponents of kg, m, s, A, K, mol, cd, rad; zeros omitted.
     exponents: Mapping[str, int] = field(default_factory=dict)
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: float = 1.0  #: Factor to the SI base units.
+    offset: float = 0.0  #: Offset to the SI base units.
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One variable of a component.
+    """One variable of a component."""
 
-    Attributes:
-        name: Name of the variable.
-        causality: input, output, parameter, local ...
-        variability: continuous, tunable, fixed ...
-        type: Real, Integer, Boolean, Enumeration or String; Binary, which nothing sets or reads.
-        unit: Unit; None if the component states none.
-        start: Default value.
-        minimum: Declared minimum value.
-        maximum: Declared maximum value.
-        direct: Inputs that an output follows without delay; empty for other variables.
-    """
-
-    name: str
-    causality: str
-    variability: str = "continuous"
-    type: str = "Real"
-    unit: UnitDefinition | None = None
-    start: float | bool | str | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    direct: frozenset[str] = frozenset()
+    name: str  #: Name of the variable.
+    causality: str  #: input, output, parameter, local ...
+    variability: str = "continuous"  #: continuous, tunable, fixed ...
+    type: str = "Real"  #: Real, Integer, Boolean, Enumeration or String; Binary, which nothing sets or reads.
+    unit: UnitDefinition | None = None  #: Unit; None if the component states none.
+    start: float | bool | str | None = None  #: Default value.
+    minimum: float | None = None  #: Declared minimum value.
+    maximum: float | None = None  #: Declared maximum value.
+    direct: frozenset[str] = frozenset()  #: Inputs that an output follows without delay; empty for other variables.
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,33 +28,20 @@ _MOST = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Fmi3Variable:
-    """Variable of an FMI 3.0 FMU: a scalar or an array.
+    """Variable of an FMI 3.0 FMU: a scalar or an array."""
 
-    Attributes:
-        names: Name of the variable, and its further names (aliases).
-        type: FMI 3.0 type, e.g. Float64.
-        reference: Value reference.
-        causality: input, output, parameter, structuralParameter ...
-        variability: continuous, discrete, tunable, fixed ...
-        shape: Sizes of the dimensions of an array, for the start values of structural parameters; empty for a scalar.
-        start: Start value of each element, as it is written; empty if the description states none.
-        unit: Name of the unit; None if the description states none.
-        minimum: Minimum value, as it is written.
-        maximum: Maximum value, as it is written.
-        during_steps: Whether it can be set within a step (intermediateUpdate).
-    """
-
-    names: tuple[str, ...]
-    type: str
-    reference: int
-    causality: str
-    variability: str
+    names: tuple[str, ...]  #: Name of the variable, and its further names (aliases).
+    type: str  #: FMI 3.0 type, e.g. Float64.
+    reference: int  #: Value reference.
+    causality: str  #: input, output, parameter, structuralParameter ...
+    variability: str  #: continuous, discrete, tunable, fixed ...
+    #: Sizes of the dimensions of an array, for the start values of structural parameters; empty for a scalar.
     shape: tuple[int, ...]
-    start: tuple[str, ...]
-    unit: str | None
-    minimum: str | None
-    maximum: str | None
-    during_steps: bool
+    start: tuple[str, ...]  #: Start value of each element, as it is written; empty if the description states none.
+    unit: str | None  #: Name of the unit; None if the description states none.
+    minimum: str | None  #: Minimum value, as it is written.
+    maximum: str | None  #: Maximum value, as it is written.
+    during_steps: bool  #: Whether it can be set within a step (intermediateUpdate).
 
     @property
     def size(self) -> int:
@@ -79,15 +66,11 @@ class Fmi3Variable:
 
 @dataclass(frozen=True)
 class Fmi3Table:
-    """Variables of an FMU, and their elements in one row; an element's number is its value reference for FMI 2.0 calls.
+    """Variables of an FMU, and their elements in one row; an element's number is its value reference for FMI 2.0."""
 
-    Attributes:
-        variables: Variables in the order of the description.
-        dependencies: Value references of the variables on which an output depends without delay, by the output's; an
-            output without an entry depends on all inputs.
-    """
-
-    variables: tuple[Fmi3Variable, ...]
+    variables: tuple[Fmi3Variable, ...]  #: Variables in the order of the description.
+    #: Value references of the variables on which an output depends without delay, by the output's; an output without an
+    #: entry depends on all inputs.
     dependencies: Mapping[int, tuple[int, ...]]
 
     @classmethod

@@ -34,17 +34,11 @@ _LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "St
 
 @dataclass(frozen=True)
 class FmuFile:
-    """An FMU of FMI 2.0 or 3.0 for co-simulation in a folder.
+    """An FMU of FMI 2.0 or 3.0 for co-simulation in a folder."""
 
-    Attributes:
-        path: FMU file (.fmu).
-        folder: Folder in which it is unpacked.
-        description: Contents of modelDescription.xml as fmpy reads it.
-    """
-
-    path: Path
-    folder: Path
-    description: Any
+    path: Path  #: FMU file (.fmu).
+    folder: Path  #: Folder in which it is unpacked.
+    description: Any  #: Contents of modelDescription.xml as fmpy reads it.
 
     @classmethod
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:

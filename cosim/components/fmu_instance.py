@@ -38,19 +38,12 @@ _INTEGERS = 1 << 31
 
 @dataclass(frozen=True, slots=True)
 class TypedBuffer:
-    """Values of one type, with the references of their variables.
+    """Values of one type, with the references of their variables."""
 
-    Attributes:
-        kind: Real, Integer or Boolean, as in fmi2GetReal.
-        places: Positions of the values among all requested values.
-        references: Value references (C array).
-        buffer: Values (C array).
-    """
-
-    kind: str
-    places: tuple[int, ...]
-    references: Any
-    buffer: Any
+    kind: str  #: Real, Integer or Boolean, as in fmi2GetReal.
+    places: tuple[int, ...]  #: Positions of the values among all requested values.
+    references: Any  #: Value references (C array).
+    buffer: Any  #: Values (C array).
 
     def number(self, value: float) -> float | int:
         """Return a value converted to the type of the buffer.
@@ -90,18 +83,12 @@ class State:
 
 @dataclass(eq=False)
 class FmuInstance:
-    """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder.
+    """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder."""
 
-    Attributes:
-        fmu: Unpacked FMU.
-        name: Name of the component.
-        log: Log for the FMU's messages.
-        shared: Shared FMU, referenced so that its folder exists until the end; None if the folder is managed elsewhere.
-    """
-
-    fmu: FmuFile
-    name: str
-    log: FmuLog
+    fmu: FmuFile  #: Unpacked FMU.
+    name: str  #: Name of the component.
+    log: FmuLog  #: Log for the FMU's messages.
+    #: Shared FMU, referenced so that its folder exists until the end; None if the folder is managed elsewhere.
     shared: SharedFmu | None = None
     slave: Any = None
     states: list[State] = field(default_factory=list)

@@ -164,19 +164,12 @@ _INPUTS_SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """State of a component when it failed.
+    """State of a component when it failed."""
 
-    Attributes:
-        name: Name of the component.
-        source: Name of its file.
-        time: Time at which its last call began [s].
-        inputs: Last values of its inputs, in its own units.
-    """
-
-    name: str
-    source: str
-    time: float
-    inputs: Mapping[str, float] = field(default_factory=dict)
+    name: str  #: Name of the component.
+    source: str  #: Name of its file.
+    time: float  #: Time at which its last call began [s].
+    inputs: Mapping[str, float] = field(default_factory=dict)  #: Last values of its inputs, in its own units.
 
 
 def returned(status: int, function: str = "it", version: int = 2) -> str:

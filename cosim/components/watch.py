@@ -37,15 +37,10 @@ _CONTROL: dict[tuple[str, str], tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Shared state of the process at one moment.
+    """Shared state of the process at one moment."""
 
-    Attributes:
-        folder: Working directory of the process; empty if there was none.
-        floating: Floating-point environment of the process, fenv_t; None if it cannot be read on this platform.
-    """
-
-    folder: str
-    floating: Any
+    folder: str  #: Working directory of the process; empty if there was none.
+    floating: Any  #: Floating-point environment of the process, fenv_t; None if it cannot be read on this platform.
 
     @classmethod
     def now(cls) -> Surroundings:

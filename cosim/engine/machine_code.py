@@ -90,23 +90,14 @@ def _machine() -> Any:
 
 
 class Request(NamedTuple):
-    """Request for machine code.
+    """Request for machine code."""
 
-    Attributes:
-        function: Function of the loop.
-        kinds: Kinds of its first arguments, which are blocks.
-        numbers: Number of integer arguments that follow.
-        instead: Replacements of called functions, by name.
-        reals: Number of real arguments after these.
-        entries: Kinds of the arguments of C functions that call the function with their number, by name; None adds
-            no functions.
-    """
-
-    function: Callable[..., int]
-    kinds: tuple[Kind, ...]
-    numbers: int
-    instead: dict[str, Callable[..., int]]
-    reals: int = 0
+    function: Callable[..., int]  #: Function of the loop.
+    kinds: tuple[Kind, ...]  #: Kinds of its first arguments, which are blocks.
+    numbers: int  #: Number of integer arguments that follow.
+    instead: dict[str, Callable[..., int]]  #: Replacements of called functions, by name.
+    reals: int = 0  #: Number of real arguments after these.
+    #: Kinds of the arguments of C functions that call the function with their number, by name; None adds no functions.
     entries: Mapping[str, tuple[str, ...]] | None = None
 
 

@@ -35,23 +35,14 @@ SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
 
 
 class Mode(NamedTuple):
-    """Settings of the scheme for a step.
+    """Settings of the scheme for a step."""
 
-    Attributes:
-        kind: JACOBI, GAUSS_SEIDEL or IMPLICIT.
-        values: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end value is not known yet.
-        tolerance: Largest disagreement of an implicit step, relative to an unknown's size.
-        most: Maximum number of iterations of an implicit step with one Jacobian.
-        settling: Time after which limits are watched [s].
-        final: 1 if no earlier state will be restored.
-    """
-
-    kind: int
-    values: int
-    tolerance: float
-    most: int
-    settling: float
-    final: int
+    kind: int  #: JACOBI, GAUSS_SEIDEL or IMPLICIT.
+    values: int  #: HELD, INTERPOLATED or EXTRAPOLATED: coupling values whose end value is not known yet.
+    tolerance: float  #: Largest disagreement of an implicit step, relative to an unknown's size.
+    most: int  #: Maximum number of iterations of an implicit step with one Jacobian.
+    settling: float  #: Time after which limits are watched [s].
+    final: int  #: 1 if no earlier state will be restored.
 
 
 class Parts(NamedTuple):

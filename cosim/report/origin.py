@@ -22,23 +22,14 @@ _PACKAGES = ("numpy", "scipy", "numba", "fmpy")
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Origin of a component.
+    """Origin of a component."""
 
-    Attributes:
-        name: Name of the component.
-        file: Name of its file.
-        identity: GUID.
-        made_by: Tool and model version stated in its description; empty if not known.
-        digest: SHA-256 of the file; empty if not known.
-        parameters: Values that differ from its defaults, in its own units.
-    """
-
-    name: str
-    file: str
-    identity: str
-    made_by: str
-    digest: str
-    parameters: tuple[str, ...]
+    name: str  #: Name of the component.
+    file: str  #: Name of its file.
+    identity: str  #: GUID.
+    made_by: str  #: Tool and model version stated in its description; empty if not known.
+    digest: str  #: SHA-256 of the file; empty if not known.
+    parameters: tuple[str, ...]  #: Values that differ from its defaults, in its own units.
 
 
 def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:

@@ -36,25 +36,15 @@ _OPEN, _DRAWN = 5, len(COLORS)
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Statistics of a channel after settling, in its SI unit.
+    """Statistics of a channel after settling, in its SI unit."""
 
-    Attributes:
-        name: Name of the channel.
-        scale: Conversion to the display unit.
-        mean: Mean.
-        rms: Root mean square about the mean.
-        least: Minimum.
-        greatest: Maximum.
-        error: Stated coupling error in percent of `rms`; None if it is not known.
-    """
-
-    name: str
-    scale: Display
-    mean: float
-    rms: float
-    least: float
-    greatest: float
-    error: float | None
+    name: str  #: Name of the channel.
+    scale: Display  #: Conversion to the display unit.
+    mean: float  #: Mean.
+    rms: float  #: Root mean square about the mean.
+    least: float  #: Minimum.
+    greatest: float  #: Maximum.
+    error: float | None  #: Stated coupling error in percent of `rms`; None if it is not known.
 
     @property
     def deviation(self) -> float:
@@ -127,23 +117,14 @@ class Worst:
 
 @dataclass(frozen=True, slots=True)
 class _BondRow:
-    """Energy and local errors of one bond.
+    """Energy and local errors of one bond."""
 
-    Attributes:
-        name: Name of the bond.
-        transferred: Energy through it [J].
-        residual: Energy that the coupling added (+) or lost (-) [J].
-        percent: Residual in percent of the energy transferred.
-        acceptable: Whether the residual is small enough.
-        coupled: Local errors of the values that its ends assumed of each other; None if not estimated.
-    """
-
-    name: str
-    transferred: float
-    residual: float
-    percent: float
-    acceptable: bool
-    coupled: Coupled | None
+    name: str  #: Name of the bond.
+    transferred: float  #: Energy through it [J].
+    residual: float  #: Energy that the coupling added (+) or lost (-) [J].
+    percent: float  #: Residual in percent of the energy transferred.
+    acceptable: bool  #: Whether the residual is small enough.
+    coupled: Coupled | None  #: Local errors of the values that its ends assumed of each other; None if not estimated.
 
 
 def _bond_rows(result: Result) -> tuple[_BondRow, ...]:

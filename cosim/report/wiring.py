@@ -28,25 +28,15 @@ class End:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """One connection.
+    """One connection."""
 
-    Attributes:
-        source: Start of the arrow.
-        target: End of the arrow.
-        unit: Unit of the source; both units if the target has another one.
-        gain: Gain of the connection; its sign is drawn.
-        kind: velocity, displacement or force of a bond, drive, constant, or connection.
-        bond: Name of its bond; empty without one.
-        summed: Whether its target adds up several sources.
-    """
-
-    source: End
-    target: End
-    unit: str
-    gain: float
-    kind: str
-    bond: str = ""
-    summed: bool = False
+    source: End  #: Start of the arrow.
+    target: End  #: End of the arrow.
+    unit: str  #: Unit of the source; both units if the target has another one.
+    gain: float  #: Gain of the connection; its sign is drawn.
+    kind: str  #: velocity, displacement or force of a bond, drive, constant, or connection.
+    bond: str = ""  #: Name of its bond; empty without one.
+    summed: bool = False  #: Whether its target adds up several sources.
 
     def joins(self, component: str) -> bool:
         """Return whether it starts or ends at a component."""
@@ -161,17 +151,11 @@ _Likeness = tuple[tuple[str, ...], tuple[tuple[object, ...], ...]]
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Group of components that are connected with each other.
+    """Group of components that are connected with each other."""
 
-    Attributes:
-        components: Names of the components, in the order of the system.
-        arrows: Connections, drive and constants of the components.
-        alike: Components of every other group with the same files and connections.
-    """
-
-    components: tuple[str, ...]
-    arrows: tuple[Arrow, ...]
-    alike: tuple[tuple[str, ...], ...] = ()
+    components: tuple[str, ...]  #: Names of the components, in the order of the system.
+    arrows: tuple[Arrow, ...]  #: Connections, drive and constants of the components.
+    alike: tuple[tuple[str, ...], ...] = ()  #: Components of every other group with the same files and connections.
 
 
 def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, str]) -> tuple[Group, ...]:

@@ -105,16 +105,11 @@ _NEGLIGIBLE = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two runs, the finer one at half the step of the coarser.
+    """Two runs, the finer one at half the step of the coarser."""
 
-    Attributes:
-        difference: Difference of both runs per channel, in percent of its scale.
-        reliable: Whether both runs passed the check of their bonds' local errors.
-        local_order: Order at which the bonds' local errors fell from one run to the other [1]; None without bonds.
-    """
-
-    difference: Mapping[str, float]
-    reliable: bool
+    difference: Mapping[str, float]  #: Difference of both runs per channel, in percent of its scale.
+    reliable: bool  #: Whether both runs passed the check of their bonds' local errors.
+    #: Order at which the bonds' local errors fell from one run to the other [1]; None without bonds.
     local_order: float | None
 
 

@@ -124,17 +124,12 @@ class Result(RunData, RunChannels):
 
 @dataclass(frozen=True, repr=False)
 class SavedRun(RunChannels):
-    """A run that `Result.write` wrote.
+    """A run that `Result.write` wrote."""
 
-    Attributes:
-        series: Recorded channels without the settling time.
-        document: Content of result.json. Its verdict is "unknown" if it or the series were edited after the run.
-        sources: FMUs and parameters of the run in words.
-    """
-
-    series: TimeSeries
+    series: TimeSeries  #: Recorded channels without the settling time.
+    #: Content of result.json. Its verdict is "unknown" if it or the series were edited after the run.
     document: Mapping[str, Any]
-    sources: str
+    sources: str  #: FMUs and parameters of the run in words.
 
     @cached_property
     def verdict(self) -> Verdict:

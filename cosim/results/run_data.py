@@ -12,23 +12,14 @@ from eightpost.signals import TimeSeries
 
 @dataclass(frozen=True, slots=True)
 class Coupled:
-    """Local errors of the values that the ends of one bond assumed of each other, root mean squares in SI.
+    """Local errors of the values that the ends of one bond assumed of each other, root mean squares in SI."""
 
-    Attributes:
-        velocity_error: Local error of the velocity given to the shock [m/s].
-        velocity_spread: Standard deviation of that velocity [m/s].
-        force_error: Local error of the force given to the vehicle [N].
-        force_spread: Standard deviation of that force [N].
-        velocity_scale: Scale of the velocity's error [m/s]; see cosim.results.error_estimate.judged_by.
-        force_scale: Scale of the force's error [N].
-    """
-
-    velocity_error: float
-    velocity_spread: float
-    force_error: float
-    force_spread: float
-    velocity_scale: float
-    force_scale: float
+    velocity_error: float  #: Local error of the velocity given to the shock [m/s].
+    velocity_spread: float  #: Standard deviation of that velocity [m/s].
+    force_error: float  #: Local error of the force given to the vehicle [N].
+    force_spread: float  #: Standard deviation of that force [N].
+    velocity_scale: float  #: Scale of the velocity's error [m/s]; see cosim.results.error_estimate.judged_by.
+    force_scale: float  #: Scale of the force's error [N].
 
     @property
     def percent(self) -> float:
@@ -38,15 +29,11 @@ class Coupled:
 
 @dataclass(frozen=True, slots=True)
 class BondEnergy:
-    """Energy through one bond over a run.
+    """Energy through one bond over a run."""
 
-    Attributes:
-        residual: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
-        transferred: Sum of the magnitudes of the energy received at the force end in each step [J].
-    """
-
+    #: Energy given at the velocity end minus energy received at the force end [J]; 0 in exact coupling.
     residual: float
-    transferred: float
+    transferred: float  #: Sum of the magnitudes of the energy received at the force end in each step [J].
 
     @property
     def relative(self) -> float:
@@ -61,82 +48,54 @@ class BondEnergy:
 
 @dataclass(frozen=True, repr=False)
 class RunData:
-    """What a run gives, without its verdict.
+    """What a run gives, without its verdict."""
 
-    Attributes:
-        series: Recorded variables by `component.variable`, SI.
-        converged: Whether the equilibrium start was found and all steps converged; see `notes`.
-        notes: Notes for the reader, in sentences.
-        algorithm: Name of the algorithm.
-        order: Components in the order of stepping.
-        step: Coupling step [s].
-        steps: Number of coupling steps.
-        seconds: Wall time from the start of initialization [s]; for the default, of all its runs.
-        equilibrium_sweeps: Number of evaluations until the equilibrium start converged.
-        energy: Energy residual and energy transferred [J] per bond.
-        held_direct: Recorded outputs with a direct term in an input that was held over each step: first order in it.
-        identities: GUID of each component.
-        sources: File of each component.
-        parameters: Values that differ from the components' defaults, by component; in their own units.
-        settling: Time at the start that is excluded from response measures [s].
-        share_beyond_fit: Share of time beyond the fitted velocities, per shock.
-        share_beyond_settings: Share of time beyond the measured settings of clicks and temperature, per such shock.
-        share_far_beyond_settings: The same, beyond them by more than the nearest interval between them.
-        share_untested_settings: Share of time at a combination of settings that was not measured, per such shock.
-        share_tire_off: Share of time below zero load, per tire force; None if no static load is known.
-        coupled: Local errors of the values that the ends assumed of each other, per bond.
-        iterations: Total number of iterations of implicit steps.
-        rejected_steps: Number of steps that an adaptive run repeated with a smaller step.
-        largest_step: Largest coupling step [s].
-        partial: Whether the run was interrupted or given up before its stop time.
-        ended_by: Component that ended the simulation before its stop time, as an FMU may; empty if none did.
-        ended_at: Time at which it did [s]; None if none did.
-        stepping_seconds: Wall time of the steps alone [s]; for the default, of all its runs.
-        stated_error: Estimated coupling error per recorded variable and per decisive channel, in percent of its scale
-            (cosim.results.error_estimate.scales) after settling; empty if only one run was made.
-        scheme: Algorithm that the default chose; empty if an algorithm was given.
-        decisive: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
-        models: Components with the information that the verdict uses.
-        tolerance: Coupling error that the default aimed at, in percent; 0 if the step was given.
-        unsettled_steps: Number of implicit steps that did not converge.
-        steps_of_all_runs: Number of coupling steps of this run and of those that it was compared with.
-    """
-
-    series: TimeSeries
-    converged: bool
-    notes: tuple[str, ...]
-    algorithm: str
-    order: tuple[str, ...]
-    step: float
-    steps: int
-    seconds: float
-    equilibrium_sweeps: int
-    energy: Mapping[str, BondEnergy]
+    series: TimeSeries  #: Recorded variables by `component.variable`, SI.
+    converged: bool  #: Whether the equilibrium start was found and all steps converged; see `notes`.
+    notes: tuple[str, ...]  #: Notes for the reader, in sentences.
+    algorithm: str  #: Name of the algorithm.
+    order: tuple[str, ...]  #: Components in the order of stepping.
+    step: float  #: Coupling step [s].
+    steps: int  #: Number of coupling steps.
+    seconds: float  #: Wall time from the start of initialization [s]; for the default, of all its runs.
+    equilibrium_sweeps: int  #: Number of evaluations until the equilibrium start converged.
+    energy: Mapping[str, BondEnergy]  #: Energy residual and energy transferred [J] per bond.
+    #: Recorded outputs with a direct term in an input that was held over each step: first order in it.
     held_direct: tuple[str, ...]
-    identities: Mapping[str, str]
-    sources: Mapping[str, str] = field(default_factory=dict)
+    identities: Mapping[str, str]  #: GUID of each component.
+    sources: Mapping[str, str] = field(default_factory=dict)  #: File of each component.
+    #: Values that differ from the components' defaults, by component; in their own units.
     parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
-    settling: float = 0.0
+    settling: float = 0.0  #: Time at the start that is excluded from response measures [s].
+    #: Share of time beyond the fitted velocities, per shock.
     share_beyond_fit: Mapping[str, float] = field(default_factory=dict)
+    #: Share of time beyond the measured settings of clicks and temperature, per such shock.
     share_beyond_settings: Mapping[str, float] = field(default_factory=dict)
+    #: The same, beyond them by more than the nearest interval between them.
     share_far_beyond_settings: Mapping[str, float] = field(default_factory=dict)
+    #: Share of time at a combination of settings that was not measured, per such shock.
     share_untested_settings: Mapping[str, float] = field(default_factory=dict)
+    #: Share of time below zero load, per tire force; None if no static load is known.
     share_tire_off: Mapping[str, float | None] = field(default_factory=dict)
+    #: Local errors of the values that the ends assumed of each other, per bond.
     coupled: Mapping[str, Coupled] = field(default_factory=dict)
-    iterations: int = 0
-    rejected_steps: int = 0
-    largest_step: float = 0.0
-    partial: bool = False
-    stepping_seconds: float = 0.0
+    iterations: int = 0  #: Total number of iterations of implicit steps.
+    rejected_steps: int = 0  #: Number of steps that an adaptive run repeated with a smaller step.
+    largest_step: float = 0.0  #: Largest coupling step [s].
+    partial: bool = False  #: Whether the run was interrupted or given up before its stop time.
+    stepping_seconds: float = 0.0  #: Wall time of the steps alone [s]; for the default, of all its runs.
+    #: Estimated coupling error per recorded variable and per decisive channel, in percent of its scale
+    #: (cosim.results.error_estimate.scales) after settling; empty if only one run was made.
     stated_error: Mapping[str, float] = field(default_factory=dict)
-    scheme: str = ""
+    scheme: str = ""  #: Algorithm that the default chose; empty if an algorithm was given.
+    #: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
     decisive: frozenset[str] = frozenset()
-    models: Mapping[str, Model] = field(default_factory=dict)
-    tolerance: float = 0.0
-    ended_by: str = ""
-    ended_at: float | None = None
-    unsettled_steps: int = 0
-    steps_of_all_runs: int = 0
+    models: Mapping[str, Model] = field(default_factory=dict)  #: Components with the information that the verdict uses.
+    tolerance: float = 0.0  #: Coupling error that the default aimed at, in percent; 0 if the step was given.
+    ended_by: str = ""  #: Component that ended the simulation before its stop time, as an FMU may; empty if none did.
+    ended_at: float | None = None  #: Time at which it did [s]; None if none did.
+    unsettled_steps: int = 0  #: Number of implicit steps that did not converge.
+    steps_of_all_runs: int = 0  #: Number of coupling steps of this run and of those that it was compared with.
 
     @property
     def coupling_error(self) -> float | None:

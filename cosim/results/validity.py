@@ -75,16 +75,11 @@ class _Described(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Component with the information that the verdict uses.
+    """Component with the information that the verdict uses."""
 
-    Attributes:
-        validity: Range of validity that the FMU states; None if it states none.
-        source: File of the FMU.
-        channels: Recorded channel of each variable that has a range, and the factor from the channel to the variable.
-    """
-
-    validity: Validity | None
-    source: str
+    validity: Validity | None  #: Range of validity that the FMU states; None if it states none.
+    source: str  #: File of the FMU.
+    #: Recorded channel of each variable that has a range, and the factor from the channel to the variable.
     channels: Mapping[str, tuple[str, float]]
 
 

@@ -29,15 +29,12 @@ class Automatic:
     The step is halved from run to run. The differences between the runs give the error of the last one per channel
     (`Result.stated_error`; cosim.results.error_estimate). The tolerance is met if the largest stated error is within it
     and the local errors of all bonds are small in the last two runs. The last run is the result.
-
-    Attributes:
-        tolerance: Coupling error to aim at, of velocities and forces of bonds and of tire forces, in percent of each
-            signal's scale (cosim.results.error_estimate.scales).
-        least: Smallest coupling step to try [s].
     """
 
+    #: Coupling error to aim at, of velocities and forces of bonds and of tire forces, in percent of each signal's scale
+    #: (cosim.results.error_estimate.scales).
     tolerance: float = 0.2
-    least: float = 1e-5
+    least: float = 1e-5  #: Smallest coupling step to try [s].
     name: str = "default"
 
     def __post_init__(self) -> None:

@@ -20,25 +20,15 @@ PERCENT = 0.01
 
 @dataclass(frozen=True, repr=False)
 class Case(Summarized):
-    """Contents of a system file or a package, ready to run.
+    """Contents of a system file or a package, ready to run."""
 
-    Attributes:
-        name: Name of the system.
-        system: Components, bonds, connections, values.
-        scenario: Drive, times and recording.
-        algorithm: Algorithm of the run; a package states none.
-        step: Coupling step [s]; None if none is stated.
-        fmus: FMU files by component.
-        notes: Notes for the reader: names that were changed, values that match nothing.
-    """
-
-    name: str
-    system: System
-    scenario: Scenario
-    algorithm: Algorithm | Automatic = field(default_factory=Automatic)
-    step: float | None = None
-    fmus: Mapping[str, Path] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    name: str  #: Name of the system.
+    system: System  #: Components, bonds, connections, values.
+    scenario: Scenario  #: Drive, times and recording.
+    algorithm: Algorithm | Automatic = field(default_factory=Automatic)  #: Algorithm of the run; a package states none.
+    step: float | None = None  #: Coupling step [s]; None if none is stated.
+    fmus: Mapping[str, Path] = field(default_factory=dict)  #: FMU files by component.
+    notes: tuple[str, ...] = ()  #: Notes for the reader: names that were changed, values that match nothing.
 
     def _summary(self) -> Summary:
         step = "" if self.step is None else f", step {1e3 * self.step:g} ms"

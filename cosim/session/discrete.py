@@ -30,23 +30,14 @@ class _Link:
 
 @dataclass
 class DiscreteExchange:
-    """Discrete variables of a system, and their current values.
+    """Discrete variables of a system, and their current values."""
 
-    Attributes:
-        components: All components by name.
-        links: Link of each connected input, named `component.variable`.
-        driven: Channel of the drive and type of each driven discrete input.
-        names: Discrete variables to record.
-        drive: Drive of the scenario.
-        drive_start: Time in the drive at which the run starts [s].
-    """
-
-    components: Mapping[str, Component]
-    links: Mapping[str, _Link]
-    driven: Mapping[str, tuple[int, str]]
-    names: tuple[str, ...]
-    drive: Drivefile | None = None
-    drive_start: float = 0.0
+    components: Mapping[str, Component]  #: All components by name.
+    links: Mapping[str, _Link]  #: Link of each connected input, named `component.variable`.
+    driven: Mapping[str, tuple[int, str]]  #: Channel of the drive and type of each driven discrete input.
+    names: tuple[str, ...]  #: Discrete variables to record.
+    drive: Drivefile | None = None  #: Drive of the scenario.
+    drive_start: float = 0.0  #: Time in the drive at which the run starts [s].
     rows: list[list[float]] = field(default_factory=list)
     _set: dict[str, float] = field(default_factory=dict)
 

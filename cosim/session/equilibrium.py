@@ -16,17 +16,11 @@ _TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """Status of the equilibrium start.
+    """Status of the equilibrium start."""
 
-    Attributes:
-        converged: Whether every connection agrees to 1e-9 of its size.
-        sweeps: Number of evaluations of all components.
-        residual: Largest remaining disagreement, relative to its connection's size.
-    """
-
-    converged: bool
-    sweeps: int
-    residual: float
+    converged: bool  #: Whether every connection agrees to 1e-9 of its size.
+    sweeps: int  #: Number of evaluations of all components.
+    residual: float  #: Largest remaining disagreement, relative to its connection's size.
 
 
 def solve_equilibrium(coupling: Coupling, order: tuple[str, ...]) -> Equilibrium:

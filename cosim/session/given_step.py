@@ -153,21 +153,13 @@ def run_at_step(
 
 @dataclass(frozen=True)
 class _Companions:
-    """Runs that one run is compared with.
+    """Runs that one run is compared with."""
 
-    Attributes:
-        runs: Runs of the system at several steps.
-        system: Components and connections.
-        scenario: Drive, duration and recording.
-        algorithm: Scheme of the run.
-        run: Run whose error is to be stated.
-    """
-
-    runs: DenseRuns
-    system: System
-    scenario: Scenario
-    algorithm: Algorithm
-    run: Result
+    runs: DenseRuns  #: Runs of the system at several steps.
+    system: System  #: Components and connections.
+    scenario: Scenario  #: Drive, duration and recording.
+    algorithm: Algorithm  #: Scheme of the run.
+    run: Result  #: Run whose error is to be stated.
 
     def with_stated_error(self) -> Result:
         """Return the run with its stated error."""

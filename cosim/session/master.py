@@ -85,15 +85,10 @@ _FINER_TOLERANCE = 1.0 / 8.0
 
 @dataclass(frozen=True)
 class Verification:
-    """A run and its repetition.
+    """A run and its repetition."""
 
-    Attributes:
-        finer: Result of the repetition.
-        difference: Root mean square of the difference after settling per channel, in percent of the finer run's
-            standard deviation.
-    """
-
-    finer: Result
+    finer: Result  #: Result of the repetition.
+    #: Root mean square of the difference after settling per channel, in percent of the finer run's standard deviation.
     difference: Mapping[str, float]
 
 

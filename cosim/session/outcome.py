@@ -38,15 +38,10 @@ _SPREAD = 0x9E3779B97F4A7C15
 
 
 class _Run(NamedTuple):
-    """Hashes of the bits of a run.
+    """Hashes of the bits of a run."""
 
-    Attributes:
-        times: Hash per row (R,).
-        components: Hash of the recorded variables of each component, per row (R,).
-    """
-
-    times: NDArray[np.uint64]
-    components: Mapping[str, NDArray[np.uint64]]
+    times: NDArray[np.uint64]  #: Hash per row (R,).
+    components: Mapping[str, NDArray[np.uint64]]  #: Hash of the recorded variables of each component, per row (R,).
 
 
 _known: dict[int, dict[object, _Run]] = {}
@@ -212,21 +207,13 @@ class _End(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run that has ended.
+    """A run that has ended."""
 
-    Attributes:
-        setup: Setup of the run.
-        running: State in which the loop left the run.
-        equilibrium: Status of the equilibrium start.
-        ending: Ending of the loop.
-        seconds: Wall time before the steps and of the steps [s].
-    """
-
-    setup: Setup
-    running: Running
-    equilibrium: Equilibrium
-    ending: Ending
-    seconds: tuple[float, float]
+    setup: Setup  #: Setup of the run.
+    running: Running  #: State in which the loop left the run.
+    equilibrium: Equilibrium  #: Status of the equilibrium start.
+    ending: Ending  #: Ending of the loop.
+    seconds: tuple[float, float]  #: Wall time before the steps and of the steps [s].
 
     def result(self) -> Result:
         """Return the result.

@@ -41,15 +41,10 @@ STATISTICS: Mapping[Statistic, Callable[[Array], Any]] = MappingProxyType(
 
 @dataclass(frozen=True, repr=False)
 class ParameterSweep(Summarized):
-    """Results of runs that differ in their parameters.
+    """Results of runs that differ in their parameters."""
 
-    Attributes:
-        points: Values of the parameters of each run, by `component.parameter`.
-        results: Result of each run.
-    """
-
-    points: tuple[Mapping[str, Value], ...]
-    results: tuple[Result, ...]
+    points: tuple[Mapping[str, Value], ...]  #: Values of the parameters of each run, by `component.parameter`.
+    results: tuple[Result, ...]  #: Result of each run.
 
     def __len__(self) -> int:
         return len(self.results)

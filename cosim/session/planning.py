@@ -20,20 +20,15 @@ from eightpost.array_types import Integers
 
 @dataclass(frozen=True)
 class Layout:
-    """Numbering of everything in the arrays: parts, signals and extras by name, terms by (source, target).
+    """Numbering of everything in the arrays: parts, signals and extras by name, terms by (source, target)."""
 
-    Attributes:
-        parts: Names of the components in the order of stepping, with the components of each connected group together.
-        signals: Variables read after every step, as `component.variable`; those of one part are adjacent.
-        extras: Variables read at recorded points only, in the same form.
-        terms: Number of each connection's term, by source and target.
-        levels: Sizes of the levels of each group of connected parts; parts of a level take nothing from each other.
-    """
-
+    #: Names of the components in the order of stepping, with the components of each connected group together.
     parts: tuple[str, ...]
+    #: Variables read after every step, as `component.variable`; those of one part are adjacent.
     signals: tuple[str, ...]
-    extras: tuple[str, ...]
-    terms: Mapping[tuple[str, str], int]
+    extras: tuple[str, ...]  #: Variables read at recorded points only, in the same form.
+    terms: Mapping[tuple[str, str], int]  #: Number of each connection's term, by source and target.
+    #: Sizes of the levels of each group of connected parts; parts of a level take nothing from each other.
     levels: tuple[tuple[int, ...], ...]
 
     @property

@@ -67,19 +67,12 @@ _ROUNDS = 10
 
 @dataclass(frozen=True)
 class Running:
-    """Components that have begun, in the form that the loop uses.
+    """Components that have begun, in the form that the loop uses."""
 
-    Attributes:
-        plan: Arrays that do not change.
-        memory: Arrays that the run changes.
-        tape: Recorded values.
-        tables: Functions by component.
-    """
-
-    plan: Plan
-    memory: Memory
-    tape: Tape
-    tables: Mapping[str, FunctionTable]
+    plan: Plan  #: Arrays that do not change.
+    memory: Memory  #: Arrays that the run changes.
+    tape: Tape  #: Recorded values.
+    tables: Mapping[str, FunctionTable]  #: Functions by component.
 
     def stop(self) -> None:
         """Make the loop stop before its next step."""
@@ -92,40 +85,24 @@ class Running:
 
 @dataclass(frozen=True)
 class Marching:
-    """The loop and the parameters of its calls.
+    """The loop and the parameters of its calls."""
 
-    Attributes:
-        bind: Function that takes the loop's named tuples and returns the loop.
-        chunk: Number of steps per call.
-        mode: Settings of the scheme for a step.
-        progress: Callback that receives the completed share and 1, after each call of the loop.
-    """
-
-    bind: Bind
-    chunk: int
-    mode: Mode
-    progress: Progress
+    bind: Bind  #: Function that takes the loop's named tuples and returns the loop.
+    chunk: int  #: Number of steps per call.
+    mode: Mode  #: Settings of the scheme for a step.
+    progress: Progress  #: Callback that receives the completed share and 1, after each call of the loop.
 
 
 @dataclass(frozen=True)
 class Ending:
-    """Ending of the loop.
+    """Ending of the loop."""
 
-    Attributes:
-        why: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
-        time: Time that was reached [s].
-        least: Smallest step [s].
-        largest: Largest step [s].
-        began: Value of the clock (time.perf_counter) before the first step [s].
-        ended_by: Component that ended the simulation before the stop time; empty if none did.
-    """
-
-    why: int
-    time: float
-    least: float
-    largest: float
-    began: float
-    ended_by: str = ""
+    why: int  #: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
+    time: float  #: Time that was reached [s].
+    least: float  #: Smallest step [s].
+    largest: float  #: Largest step [s].
+    began: float  #: Value of the clock (time.perf_counter) before the first step [s].
+    ended_by: str = ""  #: Component that ended the simulation before the stop time; empty if none did.
 
 
 def begin(setup: Setup) -> None:

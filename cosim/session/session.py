@@ -142,21 +142,13 @@ def grid_of(setup: Setup) -> Grid:
 
 
 class _DriveRequest(NamedTuple):
-    """Parameters by which a drive is sampled for a run.
+    """Parameters by which a drive is sampled for a run."""
 
-    Attributes:
-        stop: Duration of the run [s].
-        step: Coupling step [s].
-        start: Time in the drive at which the run starts [s].
-        follows: Whether a component is stepped from each of the drive's points to the next.
-        ramps: Whether all components ramp their inputs, so that no means are needed.
-    """
-
-    stop: float
-    step: float
-    start: float
-    follows: bool
-    ramps: bool
+    stop: float  #: Duration of the run [s].
+    step: float  #: Coupling step [s].
+    start: float  #: Time in the drive at which the run starts [s].
+    follows: bool  #: Whether a component is stepped from each of the drive's points to the next.
+    ramps: bool  #: Whether all components ramp their inputs, so that no means are needed.
 
 
 def _without_drive(times: Times) -> Drive:

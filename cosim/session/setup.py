@@ -143,32 +143,19 @@ def _check_repeats(system: System, algorithm: Algorithm) -> None:
 
 @dataclass(frozen=True)
 class Setup:
-    """A run before it begins.
+    """A run before it begins."""
 
-    Attributes:
-        system: Components and connections.
-        scenario: Drive, duration and recording.
-        algorithm: Algorithm of the run.
-        step: Coupling step [s]; for an adaptive run the first step to try.
-        names: Recorded variables, as `component.variable`.
-        limits: Signals that are watched at every step.
-        coupling: Sources of every input.
-        layout: Numbering of everything in the loop's arrays.
-        times: Communication points (K+1,) [s]; for an adaptive run those that may be recorded.
-        recorded: 1 for each communication point that is recorded (K+1,).
-        discrete: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
-    """
-
-    system: System
-    scenario: Scenario
-    algorithm: Algorithm
-    step: float
-    names: tuple[str, ...]
-    limits: _LimitWatch
-    coupling: Coupling
-    layout: Layout
-    times: Times
-    recorded: Flags
+    system: System  #: Components and connections.
+    scenario: Scenario  #: Drive, duration and recording.
+    algorithm: Algorithm  #: Algorithm of the run.
+    step: float  #: Coupling step [s]; for an adaptive run the first step to try.
+    names: tuple[str, ...]  #: Recorded variables, as `component.variable`.
+    limits: _LimitWatch  #: Signals that are watched at every step.
+    coupling: Coupling  #: Sources of every input.
+    layout: Layout  #: Numbering of everything in the loop's arrays.
+    times: Times  #: Communication points (K+1,) [s]; for an adaptive run those that may be recorded.
+    recorded: Flags  #: 1 for each communication point that is recorded (K+1,).
+    #: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
     discrete: DiscreteExchange
 
     @classmethod

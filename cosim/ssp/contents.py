@@ -25,21 +25,14 @@ class Connector:
 
 @dataclass(frozen=True)
 class Link:
-    """Connection of two connectors of a system or of its elements; the order of the ends does not show the direction.
+    """Connection of two connectors of a system or its elements; the order of the ends does not show the direction."""
 
-    Attributes:
-        ends: Two pairs (element, connector); element is None for the system itself.
-        suppressed: Whether unit conversion is suppressed.
-        transformation: Conversion applied after that of units: `target = factor * source + offset`.
-        where: File and system, for messages.
-        transforms: Whether the description has a transformation, even one that changes nothing.
-    """
-
+    #: Two pairs (element, connector); element is None for the system itself.
     ends: tuple[tuple[str | None, str], tuple[str | None, str]]
-    suppressed: bool
-    transformation: Conversion
-    where: str
-    transforms: bool = False
+    suppressed: bool  #: Whether unit conversion is suppressed.
+    transformation: Conversion  #: Conversion applied after that of units: `target = factor * source + offset`.
+    where: str  #: File and system, for messages.
+    transforms: bool = False  #: Whether the description has a transformation, even one that changes nothing.
 
     def __str__(self) -> str:
         """Return the ends as the description writes them."""
@@ -48,27 +41,16 @@ class Link:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Value from a parameter set.
+    """Value from a parameter set."""
 
-    Attributes:
-        name: Name of the variable, relative to the element that the set is bound to.
-        type: Real, Integer, Boolean, String, Enumeration or Binary.
-        value: Value; for an enumeration the name of the item.
-        where: File, for messages.
-        unit: Unit of the value; None: that of the variable.
-        suppressed: Whether unit conversion is suppressed.
-        transformation: Conversion applied after that of units.
-        items: Items of the enumeration, as the file defines it.
-    """
-
-    name: str
-    type: str
-    value: Value
-    where: str
-    unit: UnitDefinition | None = None
-    suppressed: bool = False
-    transformation: Conversion = field(default_factory=Conversion)
-    items: Mapping[str, int] = field(default_factory=dict)
+    name: str  #: Name of the variable, relative to the element that the set is bound to.
+    type: str  #: Real, Integer, Boolean, String, Enumeration or Binary.
+    value: Value  #: Value; for an enumeration the name of the item.
+    where: str  #: File, for messages.
+    unit: UnitDefinition | None = None  #: Unit of the value; None: that of the variable.
+    suppressed: bool = False  #: Whether unit conversion is suppressed.
+    transformation: Conversion = field(default_factory=Conversion)  #: Conversion applied after that of units.
+    items: Mapping[str, int] = field(default_factory=dict)  #: Items of the enumeration, as the file defines it.
 
 
 @dataclass(frozen=True)

@@ -43,17 +43,11 @@ class _Definitions:
 
 @dataclass(frozen=True)
 class _Bindings:
-    """Reader of the parameter bindings of an element.
+    """Reader of the parameter bindings of an element."""
 
-    Attributes:
-        place: Description that contains the bindings.
-        definitions: Units and enumerations of the description, for inline values that name them.
-        component: Archive of the component, for sources that are inside it.
-    """
-
-    place: Place
-    definitions: _Definitions
-    component: Path | None
+    place: Place  #: Description that contains the bindings.
+    definitions: _Definitions  #: Units and enumerations of the description, for inline values that name them.
+    component: Path | None  #: Archive of the component, for sources that are inside it.
 
     def read(self, element: ET.Element, what: str) -> tuple[Assignment, ...]:
         """Return the values of an element's bindings, in order.
@@ -202,17 +196,11 @@ def read_structure(place: Place) -> Structure:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reader of one description.
+    """Reader of one description."""
 
-    Attributes:
-        place: File of the description.
-        root: Root element.
-        stack: Descriptions that led to this one, to detect one that contains itself.
-    """
-
-    place: Place
-    root: ET.Element
-    stack: tuple[str, ...]
+    place: Place  #: File of the description.
+    root: ET.Element  #: Root element.
+    stack: tuple[str, ...]  #: Descriptions that led to this one, to detect one that contains itself.
 
     @classmethod
     def open(cls, place: Place, stack: tuple[str, ...]) -> _Reader:

@@ -205,21 +205,14 @@ class Unpacked:
 
 @dataclass(frozen=True)
 class Place:
-    """Description and the location of its files.
+    """Description and the location of its files."""
 
-    Attributes:
-        description: Description file (.ssd); sources are relative to its folder.
-        root: Folder that relative sources must not leave; None for a bare description, whose files may be in other
-            folders.
-        label: Display name of the file for messages: `car.ssp: SystemStructure.ssd`.
-        package: Name of the archive alone; equal to `label` for a bare description.
-        unpacked: Folder that must exist as long as the files are used; None for a bare description.
-    """
-
-    description: Path
+    description: Path  #: Description file (.ssd); sources are relative to its folder.
+    #: Folder that relative sources must not leave; None for a bare description, whose files may be in other folders.
     root: Path | None
-    label: str
-    package: str
+    label: str  #: Display name of the file for messages: `car.ssp: SystemStructure.ssd`.
+    package: str  #: Name of the archive alone; equal to `label` for a bare description.
+    #: Folder that must exist as long as the files are used; None for a bare description.
     unpacked: Unpacked | None = None
 
     def resolve(self, source: str, what: str) -> tuple[Path, str]:

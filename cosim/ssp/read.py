@@ -28,18 +28,13 @@ _PACKAGES: WeakKeyDictionary[Component, Unpacked] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Given:
-    """Run data that a package may lack.
+    """Run data that a package may lack."""
 
-    Attributes:
-        drive: Drive file; each channel feeds the open input, or the connector of the top system, of its name.
-        stop: Length of the run [s]; overrides the package's.
-        record_step: Time between recorded samples [s]; None: every step.
-        inputs: Constant values of open inputs as texts: a number in the input's own unit, or a value with its unit.
-    """
-
+    #: Drive file; each channel feeds the open input, or the connector of the top system, of its name.
     drive: Path | None = None
-    stop: float | None = None
-    record_step: float | None = None
+    stop: float | None = None  #: Length of the run [s]; overrides the package's.
+    record_step: float | None = None  #: Time between recorded samples [s]; None: every step.
+    #: Constant values of open inputs as texts: a number in the input's own unit, or a value with its unit.
     inputs: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -169,15 +169,10 @@ def _items(element: FmuElement, target: Port) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class OpenInputs:
-    """Inputs for numbers that no other FMU feeds.
+    """Inputs for numbers that no other FMU feeds."""
 
-    Attributes:
-        network: Network of the package.
-        names: Component names by path.
-    """
-
-    network: Network
-    names: Mapping[Path, str]
+    network: Network  #: Network of the package.
+    names: Mapping[Path, str]  #: Component names by path.
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:

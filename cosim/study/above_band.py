@@ -18,15 +18,10 @@ _NO_POWER = ("share", "mean")
 
 
 class AboveBand(NamedTuple):
-    """Power of a measure above the band of its vehicle.
+    """Power of a measure above the band of its vehicle."""
 
-    Attributes:
-        high: Upper end of the band in which the vehicle was identified [Hz].
-        share: Share of the power of the measure's signals above it [1].
-    """
-
-    high: float
-    share: float
+    high: float  #: Upper end of the band in which the vehicle was identified [Hz].
+    share: float  #: Share of the power of the measure's signals above it [1].
 
 
 def band_ends(document: Any, vehicle: str) -> dict[str, float]:

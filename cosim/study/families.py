@@ -30,17 +30,11 @@ MODES: Mapping[str, tuple[float, float, float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """Names and channels of a car for which measures are defined.
+    """Names and channels of a car for which measures are defined."""
 
-    Attributes:
-        name: Name of the vehicle's component.
-        corners: Names of the shocks' components.
-        channels: All channels that can be recorded, as `component.variable`.
-    """
-
-    name: str
-    corners: Sequence[str]
-    channels: Collection[str]
+    name: str  #: Name of the vehicle's component.
+    corners: Sequence[str]  #: Names of the shocks' components.
+    channels: Collection[str]  #: All channels that can be recorded, as `component.variable`.
 
     def port(self, corner: str, variable: str) -> str:
         """Return the channel of a variable at a corner; those of a quarter car have no corner in the name."""

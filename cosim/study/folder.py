@@ -31,19 +31,12 @@ AIM, AIM_PAGE = "shapes.json", "shapes.html"
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selection and spreads of a study so far.
+    """Selection and spreads of a study so far."""
 
-    Attributes:
-        selection: Setups to confirm on the rig; None without a selection.
-        spreads: Uncertainty of the measures of the leading setups.
-        notes: Sentences about files in the folder that belong to another study.
-        certainty: Certainty of the study; None if the folder has none.
-    """
-
-    selection: Selection | None
-    spreads: tuple[Spread, ...]
-    notes: tuple[str, ...]
-    certainty: Certainty | None = None
+    selection: Selection | None  #: Setups to confirm on the rig; None without a selection.
+    spreads: tuple[Spread, ...]  #: Uncertainty of the measures of the leading setups.
+    notes: tuple[str, ...]  #: Sentences about files in the folder that belong to another study.
+    certainty: Certainty | None = None  #: Certainty of the study; None if the folder has none.
 
 
 def chosen_so_far(result: StudyResult, folder: Path) -> Chosen:

@@ -62,35 +62,23 @@ _APART = ("joint_rms", "work")
 class Measure:
     """A scalar value computed from the channels of a run.
 
-    Attributes:
-        name: Display name.
-        channels: Channels to evaluate; most statistics first sum several channels sample by sample.
-        statistic: Name of a statistic of cosim.study.statistics; `rms` removes the mean.
-        display: Display unit; empty: the SI unit.
-        weights: Factor for each channel; empty: all 1.
-        band: Frequency band to which the channels are filtered [Hz]; 0 and infinity leave a side open.
-        section: First and last time of the section of the drive to evaluate [s].
-        options: Options of the statistic, in SI.
-        drive: Name of the drive on which to evaluate the measure; empty: any.
-        function: User-defined function that replaces the statistic, as `file.py:name` (docs/how_to/study.md).
-        function_unit: SI unit of the function's return value; empty: that of the first channel.
-
     Raises:
         InputError: There is no such statistic, an option is missing or unknown, there are no channels, or weights, band
             or section are invalid.
     """
 
-    name: str
-    channels: tuple[str, ...]
-    statistic: str = "rms"
-    display: str = ""
-    weights: tuple[float, ...] = ()
+    name: str  #: Display name.
+    channels: tuple[str, ...]  #: Channels to evaluate; most statistics first sum several channels sample by sample.
+    statistic: str = "rms"  #: Name of a statistic of cosim.study.statistics; `rms` removes the mean.
+    display: str = ""  #: Display unit; empty: the SI unit.
+    weights: tuple[float, ...] = ()  #: Factor for each channel; empty: all 1.
+    #: Frequency band to which the channels are filtered [Hz]; 0 and infinity leave a side open.
     band: tuple[float, float] | None = None
-    section: tuple[float, float] | None = None
-    options: Mapping[str, float] = field(default_factory=dict)
-    drive: str = ""
-    function: str = ""
-    function_unit: str = ""
+    section: tuple[float, float] | None = None  #: First and last time of the section of the drive to evaluate [s].
+    options: Mapping[str, float] = field(default_factory=dict)  #: Options of the statistic, in SI.
+    drive: str = ""  #: Name of the drive on which to evaluate the measure; empty: any.
+    function: str = ""  #: User-defined function that replaces the statistic, as `file.py:name` (docs/how_to/study.md).
+    function_unit: str = ""  #: SI unit of the function's return value; empty: that of the first channel.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))

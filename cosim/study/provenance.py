@@ -26,27 +26,18 @@ _KEY = b"eightpost"
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Provenance of a study's values.
+    """Provenance of a study's values."""
 
-    Attributes:
-        digest: SHA-256 of everything that affects the values.
-        guids: GUID of every FMU, by file.
-        digests: SHA-256 of every input file, by path.
-        settings: Settings of the runs: scheme, coupling step [s], its estimated error, and others.
-        tool_version: Version of eightpost.
-        measure_units: SI unit of every measure.
-        models: Range of validity that each FMU states (Validity), by file; None if it states none.
-        above_band: Power of each measure above the band in which the vehicle was identified, in the run of the
-            baseline or else of the first setup, by measure; empty if the vehicle states no band.
-    """
-
-    digest: str
-    guids: Mapping[str, str]
-    digests: Mapping[str, str]
-    settings: Mapping[str, Any]
-    measure_units: Mapping[str, str]
-    tool_version: str = __version__
+    digest: str  #: SHA-256 of everything that affects the values.
+    guids: Mapping[str, str]  #: GUID of every FMU, by file.
+    digests: Mapping[str, str]  #: SHA-256 of every input file, by path.
+    settings: Mapping[str, Any]  #: Settings of the runs: scheme, coupling step [s], its estimated error, and others.
+    measure_units: Mapping[str, str]  #: SI unit of every measure.
+    tool_version: str = __version__  #: Version of eightpost.
+    #: Range of validity that each FMU states (Validity), by file; None if it states none.
     models: Mapping[str, Any] = field(default_factory=dict)
+    #: Power of each measure above the band in which the vehicle was identified, in the run of the baseline or else of
+    #: the first setup, by measure; empty if the vehicle states no band.
     above_band: Mapping[str, AboveBand] = field(default_factory=dict)
 
     @classmethod

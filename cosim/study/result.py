@@ -42,18 +42,13 @@ class StudyResult(Summarized):
     in the field's metadata), `status` (done or failed), `message`, `coupling_error_percent`, `marks` (beyond a shock's
     fitted range, a tire off the ground), `seconds` (wall time of its runs), and one `coupling error of ...` per measure
     (SI).
-
-    Attributes:
-        study: Definition of the study.
-        table: One row per setup, by number; a large table is read from its file column by column.
-        provenance: Provenance of the values.
-        partial: Whether setups are missing because the study was interrupted.
     """
 
-    study: Study
+    study: Study  #: Definition of the study.
+    #: One row per setup, by number; a large table is read from its file column by column.
     table: pa.Table | StoredTable
-    provenance: Provenance
-    partial: bool = False
+    provenance: Provenance  #: Provenance of the values.
+    partial: bool = False  #: Whether setups are missing because the study was interrupted.
     _cache: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:

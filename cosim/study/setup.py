@@ -16,15 +16,10 @@ from eightpost.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """A build at every corner.
+    """A build at every corner."""
 
-    Attributes:
-        index: Number of the setup in its space.
-        builds: Name of the build by corner.
-    """
-
-    index: int
-    builds: Mapping[str, str]
+    index: int  #: Number of the setup in its space.
+    builds: Mapping[str, str]  #: Name of the build by corner.
 
     def __str__(self) -> str:
         """Return the builds corner by corner: `lf C/B, rf C/B, lr AA/B, rr C/C`."""
@@ -38,17 +33,13 @@ class SetupSpace:
     A setup's number is a mixed-radix number: its digits are the positions of the corners' builds among the builds
     allowed there. The last corner is the last digit.
 
-    Attributes:
-        corners: Allowed builds by corner.
-        alike: Groups of corners that always have the same build: `(("lf", "rf"),)`.
-
     Raises:
         InputError: A corner has no build or the same build twice, a group names an unknown corner, or the corners of a
             group have no build in common.
     """
 
-    corners: Mapping[str, tuple[str, ...]]
-    alike: tuple[tuple[str, ...], ...] = ()
+    corners: Mapping[str, tuple[str, ...]]  #: Allowed builds by corner.
+    alike: tuple[tuple[str, ...], ...] = ()  #: Groups of corners that always have the same build: `(("lf", "rf"),)`.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "corners", {name: tuple(builds) for name, builds in self.corners.items()})

@@ -19,17 +19,11 @@ from eightpost.signals import TimeSeries
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Channels of a run as input to a statistic: filtered, restricted to the measure's window, weighted.
+    """Channels of a run as input to a statistic: filtered, restricted to the measure's window, weighted."""
 
-    Attributes:
-        rows: Channels (C, N), each in its SI unit.
-        step: Time between samples [s].
-        options: Options of the statistic, in SI.
-    """
-
-    rows: Array
-    step: float
-    options: Mapping[str, float] = field(default_factory=dict)
+    rows: Array  #: Channels (C, N), each in its SI unit.
+    step: float  #: Time between samples [s].
+    options: Mapping[str, float] = field(default_factory=dict)  #: Options of the statistic, in SI.
 
     @property
     def total(self) -> Array:
@@ -39,18 +33,13 @@ class Response:
 
 
 class _Statistic(NamedTuple):
-    """Function and properties of a statistic.
+    """Function and properties of a statistic."""
 
-    Attributes:
-        of: Function that computes the statistic of a response.
-        unit: SI unit of the statistic; empty: that of the channels.
-        absolute: Whether the statistic depends on the mean, which is unreliable without a trusted gain at 0 Hz.
-        options: Options of the statistic with their defaults; None if there is no default.
-    """
-
-    of: Callable[[Response], float]
-    unit: str = ""
+    of: Callable[[Response], float]  #: Function that computes the statistic of a response.
+    unit: str = ""  #: SI unit of the statistic; empty: that of the channels.
+    #: Whether the statistic depends on the mean, which is unreliable without a trusted gain at 0 Hz.
     absolute: bool = False
+    #: Options of the statistic with their defaults; None if there is no default.
     options: Mapping[str, float | None] = {}
 
 
@@ -145,15 +134,10 @@ _ORDER = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sections:
-    """A filter and its steady state for a unit step; both are cached because computing them is slow.
+    """A filter and its steady state for a unit step; both are cached because computing them is slow."""
 
-    Attributes:
-        rows: Second-order sections (S, 6).
-        rest: State of the filter in which a unit step gives its final value (S, 2).
-    """
-
-    rows: Array
-    rest: Array
+    rows: Array  #: Second-order sections (S, 6).
+    rest: Array  #: State of the filter in which a unit step gives its final value (S, 2).
 
     @property
     def pad(self) -> int:
@@ -217,13 +201,9 @@ def sections_of(low: float, high: float, rate: float) -> Sections | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filtered:
-    """A run with cached band-passed channels and windows, so that several measures share them.
+    """A run with cached band-passed channels and windows, so that several measures share them."""
 
-    Attributes:
-        series: The run.
-    """
-
-    series: TimeSeries
+    series: TimeSeries  #: The run.
     _kept: dict[tuple[str, tuple[float, float]], Array] = field(init=False, repr=False, default_factory=dict)
     _windows: dict[tuple[float, float], slice] = field(init=False, repr=False, default_factory=dict)
 

@@ -26,17 +26,12 @@ class StoredTable:
     """Table in a Parquet file, of which each column is read when it is asked for.
 
     It has those attributes of a pyarrow.Table that the study uses.
-
-    Attributes:
-        path: Path of the file.
-        schema: Columns, and metadata of the file.
-        num_rows: Number of rows.
-        size: Size of the file [bytes] and time of its last change [ns], by which a replaced file is noticed.
     """
 
-    path: Path
-    schema: pa.Schema
-    num_rows: int
+    path: Path  #: Path of the file.
+    schema: pa.Schema  #: Columns, and metadata of the file.
+    num_rows: int  #: Number of rows.
+    #: Size of the file [bytes] and time of its last change [ns], by which a replaced file is noticed.
     size: tuple[int, int]
 
     @property

@@ -21,57 +21,37 @@ Parameters = Mapping[str, float | bool | str]
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """A shock of the bank.
+    """A shock of the bank."""
 
-    Attributes:
-        fmu: FMU file.
-        parameters: Values that differ from the FMU's defaults, in the parameters' units.
-    """
-
-    fmu: Path
+    fmu: Path  #: FMU file.
+    #: Values that differ from the FMU's defaults, in the parameters' units.
     parameters: Parameters = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The vehicle.
+    """The vehicle."""
 
-    Attributes:
-        fmu: FMU file.
-        name: Name of the component, the first part of its channel names: `car.lf.tire_force`.
-        parameters: Values that differ from the FMU's defaults, in the parameters' units.
-        inputs: Constant inputs, in the inputs' units.
-        means_trusted: Whether the response to constant inputs is reliable; if not, measures that depend on a mean are
-            refused.
-    """
-
-    fmu: Path
-    name: str = "car"
+    fmu: Path  #: FMU file.
+    name: str = "car"  #: Name of the component, the first part of its channel names: `car.lf.tire_force`.
+    #: Values that differ from the FMU's defaults, in the parameters' units.
     parameters: Parameters = field(default_factory=dict)
-    inputs: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, float] = field(default_factory=dict)  #: Constant inputs, in the inputs' units.
+    #: Whether the response to constant inputs is reliable; if not, measures that depend on a mean are refused.
     means_trusted: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive file and the part of it to run.
+    """A drive file and the part of it to run."""
 
-    Attributes:
-        name: Name of the drive, used in the names of measures if there are several drives.
-        file: Path of the drive file.
-        stop: Duration of the run [s].
-        start: Time in the drive file at which the run starts [s].
-        units: Units of channels whose header states none.
-        channel_map: Path of a channel-map file.
-        targets: Input by channel; empty: each channel drives the input of the same name.
-    """
-
-    name: str
-    file: Path
-    stop: float
-    start: float = 0.0
-    units: Mapping[str, str] = field(default_factory=dict)
-    channel_map: Path | None = None
+    name: str  #: Name of the drive, used in the names of measures if there are several drives.
+    file: Path  #: Path of the drive file.
+    stop: float  #: Duration of the run [s].
+    start: float = 0.0  #: Time in the drive file at which the run starts [s].
+    units: Mapping[str, str] = field(default_factory=dict)  #: Units of channels whose header states none.
+    channel_map: Path | None = None  #: Path of a channel-map file.
+    #: Input by channel; empty: each channel drives the input of the same name.
     targets: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -116,39 +96,25 @@ class Constraint:
 class Study:
     """Definition of a study.
 
-    Attributes:
-        name: Name of the study.
-        vehicle: Vehicle FMU with the ports of docs/reference/ports.md.
-        bank: Shocks by build name.
-        corners: Names of the allowed builds by corner.
-        drives: Drives; every setup is run on each.
-        measures: Measures to compute from the runs.
-        objective: Weighted sum to minimise (Eq 2.6); empty: none.
-        constraints: Constraints (Eq 2.3); setups that break one are not feasible.
-        baseline: Build by corner of the setup that others are compared with; empty: no baseline.
-        alike: Groups of corners that always have the same build.
-        settling: Time at the start of every run that measures exclude [s].
-        accuracy: Target coupling error, in percent of each signal's standard deviation.
-        record_step: Sampling interval of the signals from which measures are computed [s].
-
     Raises:
         InputError: A corner allows a build that is not in the bank, names are not unique, an objective or constraint
             names no measure, or the baseline is not a setup of the study.
     """
 
-    name: str
-    vehicle: Vehicle
-    bank: Mapping[str, Build]
-    corners: Mapping[str, tuple[str, ...]]
-    drives: tuple[Drive, ...]
-    measures: tuple[Measure, ...]
-    objective: tuple[Term, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
+    name: str  #: Name of the study.
+    vehicle: Vehicle  #: Vehicle FMU with the ports of docs/reference/ports.md.
+    bank: Mapping[str, Build]  #: Shocks by build name.
+    corners: Mapping[str, tuple[str, ...]]  #: Names of the allowed builds by corner.
+    drives: tuple[Drive, ...]  #: Drives; every setup is run on each.
+    measures: tuple[Measure, ...]  #: Measures to compute from the runs.
+    objective: tuple[Term, ...] = ()  #: Weighted sum to minimise (Eq 2.6); empty: none.
+    constraints: tuple[Constraint, ...] = ()  #: Constraints (Eq 2.3); setups that break one are not feasible.
+    #: Build by corner of the setup that others are compared with; empty: no baseline.
     baseline: Mapping[str, str] = field(default_factory=dict)
-    alike: tuple[tuple[str, ...], ...] = ()
-    settling: float = 2.0
-    accuracy: float = 0.2
-    record_step: float = 4e-3
+    alike: tuple[tuple[str, ...], ...] = ()  #: Groups of corners that always have the same build.
+    settling: float = 2.0  #: Time at the start of every run that measures exclude [s].
+    accuracy: float = 0.2  #: Target coupling error, in percent of each signal's standard deviation.
+    record_step: float = 4e-3  #: Sampling interval of the signals from which measures are computed [s].
 
     # An open limit is infinite, which JSON cannot represent as a number: it is written as the string "Infinity".
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")

@@ -20,14 +20,10 @@ VALUES: Mapping[str, int] = {
 
 
 class Accuracy(NamedTuple):
-    """Accuracy of a scheme for components that ramp their inputs.
+    """Accuracy of a scheme for components that ramp their inputs."""
 
-    Attributes:
-        order: Order of the error in the coupling step [1].
-        share: Error of a coupled value in the mean over a step, as a share of its error at the end of the step [1].
-    """
-
-    order: int
+    order: int  #: Order of the error in the coupling step [1].
+    #: Error of a coupled value in the mean over a step, as a share of its error at the end of the step [1].
     share: float
 
 
@@ -149,15 +145,13 @@ class Jacobi(_Explicit):
     With held values this is the scheme of most tools. With full damping in the shocks it needs small steps
     (docs/explanation/coupling.md).
 
-    Attributes:
-        values: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start
-            to this one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the
-            slope and its change.
-
     Raises:
         InputError: `values` is not one of these.
     """
 
+    #: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start to this
+    #: one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the slope and its
+    #: change.
     values: str = "held"
     name: str = "jacobi"
     _sweep: ClassVar[int] = JACOBI
@@ -171,18 +165,16 @@ class Jacobi(_Explicit):
 class GaussSeidel(_Explicit, _Sequenced):
     """Gauss-Seidel scheme: each component steps with the newest outputs of those that have stepped before it.
 
-    Attributes:
-        sequence: Order of the components. If empty, it follows from the declared dependencies: a component whose
-            outputs follow an input without delay comes after the one that feeds it (vehicle first, then its shocks).
-        values: Coupling values of components that have not stepped: `extrapolated` with the last step's slope,
-            `parabolic` with the slope and its change (third order, with a smaller stability limit), `interpolated` (a
-            step late), or `held`. With `held`, known values are held too, at the newest value.
-
     Raises:
         InputError: `values` is not one of these, or `sequence` is no tuple of names.
     """
 
+    #: Order of the components. If empty, it follows from the declared dependencies: a component whose outputs follow an
+    #: input without delay comes after the one that feeds it (vehicle first, then its shocks).
     sequence: tuple[str, ...] = ()
+    #: Coupling values of components that have not stepped: `extrapolated` with the last step's slope, `parabolic` with
+    #: the slope and its change (third order, with a smaller stability limit), `interpolated` (a step late), or `held`.
+    #: With `held`, known values are held too, at the newest value.
     values: str = "extrapolated"
     name: str = "gauss-seidel"
     _sweep: ClassVar[int] = GAUSS_SEIDEL
@@ -200,20 +192,17 @@ class Implicit(_Sequenced):
     a step, and their mean is that of a parabola that also passes through the start of the last step. Every component
     must save and restore its state.
 
-    Attributes:
-        sequence: Order of the components; see GaussSeidel.
-        tolerance: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times
-            that if iterations stall, since a component's output may jump slightly.
-        iterations: Maximum number of iterations of a step before its Jacobian is computed again, and after that before
-            the step is given up.
-
     Raises:
         InputError: The tolerance is not between 0 and 1, the number of iterations is less than 1, or `sequence` is no
             tuple of names.
     """
 
-    sequence: tuple[str, ...] = ()
+    sequence: tuple[str, ...] = ()  #: Order of the components; see GaussSeidel.
+    #: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times that if
+    #: iterations stall, since a component's output may jump slightly.
     tolerance: float = 1e-5
+    #: Maximum number of iterations of a step before its Jacobian is computed again, and after that before the step is
+    #: given up.
     iterations: int = 15
     name: str = "implicit"
 
@@ -249,24 +238,18 @@ class Adaptive:
     A proportional-integral controller sets the step. Steps end at recorded times, at points of the drive file and
     at the stop time. Every component must save and restore its state and accept steps of any size.
 
-    Attributes:
-        scheme: Scheme of each step.
-        relative: Allowed local error [1], relative to the largest value so far of each coupled signal.
-        absolute: Additional allowed local error per signal (`component.variable`), in its own unit; by default
-            1e-5 m/s, 1e-6 m, 0.01 N.
-        least: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
-        largest: Largest step [s].
-
     Raises:
         InputError: `scheme` is no scheme with a fixed step, `relative` or `least` is not positive, or `least` is above
             `largest`.
     """
 
-    scheme: GaussSeidel | Jacobi | Implicit = field(default_factory=GaussSeidel)
-    relative: float = 1e-4
+    scheme: GaussSeidel | Jacobi | Implicit = field(default_factory=GaussSeidel)  #: Scheme of each step.
+    relative: float = 1e-4  #: Allowed local error [1], relative to the largest value so far of each coupled signal.
+    #: Additional allowed local error per signal (`component.variable`), in its own unit; by default 1e-5 m/s, 1e-6 m,
+    #: 0.01 N.
     absolute: Mapping[str, float] = field(default_factory=dict)
-    least: float = 1e-7
-    largest: float = 0.02
+    least: float = 1e-7  #: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
+    largest: float = 0.02  #: Largest step [s].
     name: str = "adaptive"
 
     def __post_init__(self) -> None:

@@ -16,27 +16,20 @@ from eightpost.signals import Drivefile
 class Scenario(Summarized):
     """A run of a system.
 
-    Attributes:
-        stop: Duration [s].
-        drive: Signals for the inputs that no component feeds.
-        drive_start: Time in the drive at which the run starts [s]; the drive must cover the whole run.
-        targets: Input that each channel of `drive` feeds: `{"lf.road": "car.lf.road"}`. Empty: every channel feeds the
-            only component input of that name.
-        record: Variables to record, as `component.variable`; empty: every output.
-        record_step: Time between recorded samples [s], a whole number of coupling steps; None: every step.
-        settling: Time at the start that is excluded from response measures [s].
-
     Raises:
         InputError: A time is not positive and finite, or the drive does not cover the run.
     """
 
-    stop: float
-    drive: Drivefile | None = None
+    stop: float  #: Duration [s].
+    drive: Drivefile | None = None  #: Signals for the inputs that no component feeds.
+    #: Input that each channel of `drive` feeds: `{"lf.road": "car.lf.road"}`. Empty: every channel feeds the only
+    #: component input of that name.
     targets: Mapping[str, str] = field(default_factory=dict)
-    record: tuple[str, ...] = ()
+    record: tuple[str, ...] = ()  #: Variables to record, as `component.variable`; empty: every output.
+    #: Time between recorded samples [s], a whole number of coupling steps; None: every step.
     record_step: float | None = None
-    settling: float = 0.0
-    drive_start: float = 0.0
+    settling: float = 0.0  #: Time at the start that is excluded from response measures [s].
+    drive_start: float = 0.0  #: Time in the drive at which the run starts [s]; the drive must cover the whole run.
 
     def __post_init__(self) -> None:
         self._check_types()

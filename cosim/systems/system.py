@@ -80,25 +80,19 @@ class Bond:
 class System(Summarized):
     """Components and their connections; every rule that does not need a scenario is checked here.
 
-    Attributes:
-        components: Components by name; names have no dots.
-        bonds: Velocity/force ports.
-        connections: Any other connections.
-        sums: Inputs, as `component.variable`, that add up the values of several sources.
-        constants: Inputs with a constant value, in the component's own unit.
-        parameters: Values of parameters, and initial values of other variables with a start value, by component and in
-            the component's own units.
-
     Raises:
         WiringError: An unknown name, two sources for an input that is not declared a sum, incompatible units; the
             message names the connection and what to do.
     """
 
-    components: Mapping[str, Component]
-    bonds: tuple[Bond, ...] = ()
-    connections: tuple[Connection, ...] = ()
-    sums: frozenset[str] = frozenset()
+    components: Mapping[str, Component]  #: Components by name; names have no dots.
+    bonds: tuple[Bond, ...] = ()  #: Velocity/force ports.
+    connections: tuple[Connection, ...] = ()  #: Any other connections.
+    sums: frozenset[str] = frozenset()  #: Inputs, as `component.variable`, that add up the values of several sources.
+    #: Inputs with a constant value, in the component's own unit.
     constants: Mapping[str, float] = field(default_factory=dict)
+    #: Values of parameters, and initial values of other variables with a start value, by component and in the
+    #: component's own units.
     parameters: Mapping[str, Mapping[str, float | bool | str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -9,9 +9,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def main() -> None:
-    """Fit the three laws to record A and draw them."""
+    """Fit three laws to record A and draw them."""
     test = read_dyno_test(ROOT / "examples" / "data" / "dyno_A.csv")
-    laws = ("polylinear", "lpf1", "lpnl2")
+    laws = ("polylinear", "lpnl2", "hysteresis")
     fits = [fit_shock(test, law, gas="included", name="build A (synthetic)") for law in laws]
     plot_force_velocity(fits, ROOT / "docs" / "pictures" / "fit.png")
 

@@ -119,19 +119,8 @@ def _fit_bank(bank: Path) -> None:
                 call("dyno", "--build", build, "--amplitude", peak, "--duration", "12 s", "--seed", first + number,
                      "-o", test)  # fmt: skip
         if not (bank / f"{name}.json").exists():
-            # auto chose this law for all builds; the car's static loads and ride heights already include the gas force.
-            call(
-                "fit",
-                *tests,
-                "--law",
-                "hysteresis",
-                "--gas",
-                "included",
-                "--name",
-                f"build {build}",
-                "-o",
-                bank / f"{name}.json",
-            )
+            # The car's static loads and ride heights already include the gas force.
+            call("fit", *tests, "--gas", "included", "--name", f"build {build}", "-o", bank / f"{name}.json")
 
 
 def _predict(folder: Path, bank: Path, workers: int | None) -> None:

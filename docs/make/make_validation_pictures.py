@@ -17,7 +17,7 @@ from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 
 ROOT = Path(__file__).resolve().parents[2]
-LAWS = ("polylinear", "lpf1", "lpnl2")
+LAWS = ("polylinear", "lpnl2", "hysteresis")
 
 #: Table 3.3: amplitude [in] and peak velocity [in/s].
 SINES = (

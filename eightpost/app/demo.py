@@ -64,7 +64,7 @@ def demo(ctx: click.Context, output: Path) -> None:
 
 
 def _fit_builds(console: Console, examples: Path, output: Path) -> None:
-    """Fit all laws to the first record and LPNL2 to the others; write shock files and pictures."""
+    """Fit three laws to the first record and LPNL2 to the others; write shock files and pictures."""
     from eightpost.ident import fit_table, plot_force_velocity
     from eightpost.rig import read_dyno_test
     from eightpost.shock import write_shock

@@ -34,21 +34,13 @@ class State(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Outcome of one check.
+    """Outcome of one check."""
 
-    Attributes:
-        group: Subject, e.g. `versions`.
-        name: Name of what was checked.
-        state: Outcome.
-        statement: Sentence or value that was found.
-        remedy: Action to take; may be empty.
-    """
-
-    group: str
-    name: str
-    state: State
-    statement: str
-    remedy: str = ""
+    group: str  #: Subject, e.g. `versions`.
+    name: str  #: Name of what was checked.
+    state: State  #: Outcome.
+    statement: str  #: Sentence or value that was found.
+    remedy: str = ""  #: Action to take; may be empty.
 
 
 #: Oldest and newest version of Python with which `eightpost demo` passed (docs/development/platforms.md).

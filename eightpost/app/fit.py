@@ -36,8 +36,8 @@ GAS_TREATMENTS = ("estimate", "included", "subtracted")
               "for a peak-velocity table polylinear.")  # fmt: skip
 @click.option("-o", "--output",
               type=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
-              help="Output shock file; default: the name of the first DYNO with the suffix .json, in the current "
-              "folder.")  # fmt: skip
+              help="Output shock file; default: the name of the first DYNO with the suffix .json (of a .json file "
+              "_shock.json), in the current folder.")  # fmt: skip
 @click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
               help="Order of the fit. joint: all parameters together, a curve through knots. boggs: one after the "
               "other, a curve of polynomials, as in 3.3.")  # fmt: skip
@@ -189,7 +189,10 @@ def _read_tests(
     tests: list[DynoTest] = []
     for file in files:
         own = {"conditions": replace(reading["conditions"], build=builds[file])} if file in builds else {}
-        tests += read_dyno_tests(file, **{**reading, **own})
+        found = read_dyno_tests(file, **{**reading, **own})
+        if twin := next((test.source for test in tests if test.sha256 == found[0].sha256), None):
+            raise InputError(f"{file} has the content of {twin}: a record would predict itself; give it once")
+        tests += found
     if split:
         tests = [run for test in tests for run in split_runs(test)]
     for test in tests:

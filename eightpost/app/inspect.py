@@ -158,8 +158,9 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
 
 def show_table(console: Console, table: PeakVelocityTable) -> None:
     """Print a peak-velocity table's setting and ranges."""
+    name = " ".join(("peak-velocity table", table.clicks or "")).strip()
     console.print(
-        f"peak-velocity table {escape(table.clicks or '')}: {len(table)} speeds, {table.speed[0]:.4g} to "
+        f"{escape(name)}: {len(table)} speeds, {table.speed[0]:.4g} to "
         f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
         f"{table.rebound.min():.4g} N"
     )

@@ -134,8 +134,6 @@ class OutputFolder(FilePath):
         files: Kinds of the files that are written there, by name, as far as the names are known.
     """
 
-    default = None
-
     def __init__(self, files: Mapping[str, Kind] | None = None) -> None:
         super().__init__()
         self.name = "folder"
@@ -157,10 +155,9 @@ def check_outputs() -> None:
     for parameter in context.command.params:
         kind, name = parameter.type, parameter.name or ""
         if isinstance(kind, OutputFile | OutputFolder):
-            if given[name] is None and kind.default:
-                given[name] = kind.default(given)
-                if is_input(given[name]):
-                    continue  # a file of a wrong kind, about which its reader says more
+            if given[name] is None and isinstance(kind, OutputFile) and kind.default:
+                path = kind.default(given)
+                given[name] = path.with_stem(f"{path.stem}_{kind.kind.document or 'new'}") if is_input(path) else path
             if given[name] is not None:
                 kind.check(given[name], parameter.opts[0], given)
 

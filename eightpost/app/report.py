@@ -101,7 +101,8 @@ def report(  # one parameter per option
     the ratio of rebound to compression, damping ratios, hysteresis, lag, gas force, friction, energy, warming,
     repeatability, and the differences from the build of the first file (docs/how_to/dyno_report.md). It is one file
     that needs no network and can be printed. The exit code is 1 if the verdict on a record or a shock is "not usable"
-    (docs/reference/verdict.md), or if a run or table is outside the --limits; the page is written nevertheless.
+    (docs/reference/verdict.md), or if a run or table is outside the --limits, or none can be judged by them; the page
+    is written nevertheless.
 
     \b
     Examples:
@@ -141,10 +142,13 @@ def report(  # one parameter per option
     failed = [one for one in made.judgements if not one.passed]
     for one in failed:
         console.print(f"FAIL: {escape(one.entry.name)}, {one.stroke}: {one.text}")
+    for name in made.unjudged:
+        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--speed)")
     if made.judgements and not failed:
-        console.print(f"pass: all curves are within the limits of {escape(str(limits))}")
+        console.print(f"pass: all judged curves are within the limits of {escape(str(limits))}")
     console.print(f"wrote {escape(str(output))}")
-    ctx.exit(0 if verdict.is_acceptable and not failed else 1)
+    is_within = not failed and (limits is None or bool(made.judgements))
+    ctx.exit(0 if verdict.is_acceptable and is_within else 1)
 
 
 def _cycle(text: str) -> str | int:
@@ -162,6 +166,8 @@ def _tolerances(texts: Sequence[str], limits: Path | None) -> list[tuple[float, 
 
     if texts and limits is None:
         raise InputError("--tolerance is that of a master curve; add --limits FILE")
+    if wrong := [text for text in texts if text.strip()[-1:].isdigit()]:
+        raise InputError(f"--tolerance {wrong[0]!r} has no unit; write it as '5 %' or '20 N'")
     found = [quantity(text) for text in texts]
     return [(value, "%") if unit == "%" else (float(convert(value, unit, "N")), "N") for value, unit in found]
 

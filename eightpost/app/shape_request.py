@@ -17,33 +17,24 @@ _WIDEST = 0.33
 class Request:
     """What to search.
 
-    Attributes:
-        vary: Names of the numbers that vary; the others are those of the best build of the bank at each corner.
-        limits: Lower and upper limit [SI] by number; numbers without limits range over the bank.
-        corners: Corners whose shocks are searched, with those that are alike; empty: all.
-        tolerance: Standard deviation of every number from shock to shock, as a share of its value [1].
-        robustness: Draws of the tolerance, and weight of the scatter.
-        starts: Number of starts of the search: the best setup of the bank, the baseline, and random points.
-        keep: Share of the gain that the band keeps [1].
-        objective: Measure to minimise; empty: the objective of the study.
-        seed: Seed of the random starts.
-        uncertain: Whether the errors that the vehicle states are drawn too.
-
     Raises:
         InputError: There is no such number, limits are in the wrong order or of a number that does not vary, or the
             tolerance or the share of the gain is out of range.
     """
 
+    #: Names of the numbers that vary; the others are those of the best build of the bank at each corner.
     vary: tuple[str, ...] = CURVE_NUMBERS
+    #: Lower and upper limit [SI] by number; numbers without limits range over the bank.
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    corners: tuple[str, ...] = ()
-    tolerance: float = 0.03
+    corners: tuple[str, ...] = ()  #: Corners whose shocks are searched, with those that are alike; empty: all.
+    tolerance: float = 0.03  #: Standard deviation of every number from shock to shock, as a share of its value [1].
+    #: Draws of the tolerance, and weight of the scatter.
     robustness: Robustness = field(default_factory=lambda: Robustness(6))
-    starts: int = 3
-    keep: float = 0.8
-    objective: str = ""
-    seed: int = 0
-    uncertain: bool = True
+    starts: int = 3  #: Number of starts of the search: the best setup of the bank, the baseline, and random points.
+    keep: float = 0.8  #: Share of the gain that the band keeps [1].
+    objective: str = ""  #: Measure to minimise; empty: the objective of the study.
+    seed: int = 0  #: Seed of the random starts.
+    uncertain: bool = True  #: Whether the errors that the vehicle states are drawn too.
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance <= _WIDEST:

@@ -68,31 +68,18 @@ def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """Curves that a search found.
+    """Curves that a search found."""
 
-    Attributes:
-        trials: Runs of the study.
-        space: Numbers that varied at each group of corners, with their ranges.
-        fits: Shape of each build of the bank that has a shock file, with its residual.
-        bank: Builds of the best setup of the bank, by corner.
-        bases: Shape of the best setup of the bank, by group of corners.
-        reference: Values of that setup, its shocks as shapes.
-        optimum: Result of the search.
-        car: Cars that the true one may be; None if the vehicle is taken to be exact.
-        gains: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
-        band: Band that keeps the assured gain; None without one.
-    """
-
-    trials: Trials
-    space: ShockSpace
-    fits: Mapping[str, ShapeFit]
-    bank: Mapping[str, str]
-    bases: Mapping[tuple[str, ...], Shape]
-    reference: Evaluation
-    optimum: Optimum
-    car: DrawnCar | None
-    gains: Array
-    band: Band | None
+    trials: Trials  #: Runs of the study.
+    space: ShockSpace  #: Numbers that varied at each group of corners, with their ranges.
+    fits: Mapping[str, ShapeFit]  #: Shape of each build of the bank that has a shock file, with its residual.
+    bank: Mapping[str, str]  #: Builds of the best setup of the bank, by corner.
+    bases: Mapping[tuple[str, ...], Shape]  #: Shape of the best setup of the bank, by group of corners.
+    reference: Evaluation  #: Values of that setup, its shocks as shapes.
+    optimum: Optimum  #: Result of the search.
+    car: DrawnCar | None  #: Cars that the true one may be; None if the vehicle is taken to be exact.
+    gains: Array  #: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
+    band: Band | None  #: Band that keeps the assured gain; None without one.
 
     def shapes_at(self, point: Array) -> dict[tuple[str, ...], Shape]:
         """Return the shape of each group of corners at a point (n,)."""
@@ -153,25 +140,15 @@ def find_curves(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
-    """Curves to aim at, described and verified.
+    """Curves to aim at, described and verified."""
 
-    Attributes:
-        study: Study.
-        digest: Digest of the study's result.
-        request: Request.
-        curves: Curves that the search found.
-        targets: Target curve of each group of corners.
-        verified: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
-        runs: Number of setups that were run.
-    """
-
-    study: Study
-    digest: str
-    request: Request
-    curves: Curves
-    targets: tuple[Target, ...]
-    verified: StudyResult
-    runs: int
+    study: Study  #: Study.
+    digest: str  #: Digest of the study's result.
+    request: Request  #: Request.
+    curves: Curves  #: Curves that the search found.
+    targets: tuple[Target, ...]  #: Target curve of each group of corners.
+    verified: StudyResult  #: Runs of FMUs of their own through the study, in the order of `VERIFIED`.
+    runs: int  #: Number of setups that were run.
 
     def verified_objective(self, rank: int) -> float:
         """Return the objective of a run in `verified`, which are in the order of `VERIFIED`."""

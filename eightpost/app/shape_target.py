@@ -20,50 +20,30 @@ from eightpost.shock.shape_fit import ShapeFit, difference, fit_force
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """A build of the bank near a target.
+    """A build of the bank near a target."""
 
-    Attributes:
-        build: Name of the build.
-        difference: RMS difference of the forces [N].
-        relative: The same as a share of the target's RMS force [1].
-        objective: Objective with this build at the target's corners and the targets elsewhere.
-    """
-
-    build: str
-    difference: float
-    relative: float
-    objective: float
+    build: str  #: Name of the build.
+    difference: float  #: RMS difference of the forces [N].
+    relative: float  #: The same as a share of the target's RMS force [1].
+    objective: float  #: Objective with this build at the target's corners and the targets elsewhere.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """The curve to aim at for a group of corners.
+    """The curve to aim at for a group of corners."""
 
-    Attributes:
-        corners: Corners with this shock.
-        shape: Target.
-        low: Lowest force at `velocity` within the band (N,) [N].
-        high: Highest force at `velocity` within the band (N,) [N].
-        velocity: Velocities (N,) [m/s].
-        alone: Interval of each varied number that keeps the gain while the others stay [SI].
-        at_limit: Numbers that are at an end of their range.
-        neighbours: Builds of the bank, nearest first.
-        valving: Nearest valving of the virtual damper.
-        valving_shape: Shape of its static curve, with the lag of the target.
-        valving_objective: Objective with that shape at the target's corners and the targets elsewhere.
-    """
-
-    corners: tuple[str, ...]
-    shape: Shape
-    velocity: Array
-    low: Array
-    high: Array
+    corners: tuple[str, ...]  #: Corners with this shock.
+    shape: Shape  #: Target.
+    velocity: Array  #: Velocities (N,) [m/s].
+    low: Array  #: Lowest force at `velocity` within the band (N,) [N].
+    high: Array  #: Highest force at `velocity` within the band (N,) [N].
+    #: Interval of each varied number that keeps the gain while the others stay [SI].
     alone: Mapping[str, tuple[float, float]]
-    at_limit: tuple[str, ...]
-    neighbours: tuple[Neighbour, ...]
-    valving: NearestValving
-    valving_shape: Shape
-    valving_objective: float
+    at_limit: tuple[str, ...]  #: Numbers that are at an end of their range.
+    neighbours: tuple[Neighbour, ...]  #: Builds of the bank, nearest first.
+    valving: NearestValving  #: Nearest valving of the virtual damper.
+    valving_shape: Shape  #: Shape of its static curve, with the lag of the target.
+    valving_objective: float  #: Objective with that shape at the target's corners and the targets elsewhere.
 
     @property
     def name(self) -> str:

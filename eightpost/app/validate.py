@@ -135,23 +135,14 @@ def _refuse(kind: str, given: Mapping[str, object]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """Records and options that apply to shocks and to vehicles.
+    """Records and options that apply to shocks and to vehicles."""
 
-    Attributes:
-        console: Console of the output.
-        records: Files of the records.
-        kinds: Kinds of records, each `KIND` or `FILE=KIND`.
-        reading: Options of reading a record: channel map, units and reversed channels.
-        report: Page to write.
-        keep: Whether to write the verdict into the files of the models.
-    """
-
-    console: Console
-    records: list[Path]
-    kinds: tuple[str, ...]
-    reading: dict[str, Any]
-    report: Path | None
-    keep: bool
+    console: Console  #: Console of the output.
+    records: list[Path]  #: Files of the records.
+    kinds: tuple[str, ...]  #: Kinds of records, each `KIND` or `FILE=KIND`.
+    reading: dict[str, Any]  #: Options of reading a record: channel map, units and reversed channels.
+    report: Path | None  #: Page to write.
+    keep: bool  #: Whether to write the verdict into the files of the models.
 
     def kind_of(self, kinds: Sequence[str]) -> dict[Path, Any]:
         """Return the kind of each record for which one is given."""

@@ -28,28 +28,18 @@ _NO_STEP = 1e-16
 
 
 class PassSpectra(NamedTuple):
-    """Lines of one pass.
+    """Lines of one pass."""
 
-    Attributes:
-        drive: Commands (K, m).
-        record: Target channels measured on the rig (K, p).
-    """
-
-    drive: Complex
-    record: Complex
+    drive: Complex  #: Commands (K, m).
+    record: Complex  #: Target channels measured on the rig (K, p).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """Correction of the starting response by the passes so far.
+    """Correction of the starting response by the passes so far."""
 
-    Attributes:
-        factor: Factor of each target channel (K, p), by which the starting response is multiplied.
-        coherence: Coherence of the predicted and the measured change in the last step (K, p) [1].
-    """
-
-    factor: Complex
-    coherence: Array
+    factor: Complex  #: Factor of each target channel (K, p), by which the starting response is multiplied.
+    coherence: Array  #: Coherence of the predicted and the measured change in the last step (K, p) [1].
 
 
 def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: float) -> Correction:

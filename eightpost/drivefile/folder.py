@@ -38,21 +38,13 @@ _STATE = "iteration.json"
 
 @dataclass(frozen=True)
 class IterationFolder:
-    """An iteration in a folder. Every result is computed from its files, so it can resume at any point.
+    """An iteration in a folder. Every result is computed from its files, so it can resume at any point."""
 
-    Attributes:
-        path: Folder.
-        problem: Target, response and settings.
-        sources: SHA-256 digests of the files of track record and car, by name.
-        suffix: Format of the drive files for the rig, one of `FORMATS`.
-        edits: Reason if iteration.json was edited.
-    """
-
-    path: Path
-    problem: Problem
-    sources: Mapping[str, str]
-    suffix: str
-    edits: Verdict = field(default_factory=Verdict)
+    path: Path  #: Folder.
+    problem: Problem  #: Target, response and settings.
+    sources: Mapping[str, str]  #: SHA-256 digests of the files of track record and car, by name.
+    suffix: str  #: Format of the drive files for the rig, one of `FORMATS`.
+    edits: Verdict = field(default_factory=Verdict)  #: Reason if iteration.json was edited.
 
     @classmethod
     def start(

@@ -19,17 +19,11 @@ _FLOOR = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inverse:
-    """Regularised inverse of a response, with its conditioning.
+    """Regularised inverse of a response, with its conditioning."""
 
-    Attributes:
-        G: Inverse (K, m, p) in input unit per output unit.
-        singular: Singular values (K, r) of the scaled response, largest first [1].
-        kept: Share of each singular direction that the inverse uses (K, r) [1]: `s^2 / (s^2 + lambda^2)`.
-    """
-
-    G: Complex
-    singular: Array
-    kept: Array
+    G: Complex  #: Inverse (K, m, p) in input unit per output unit.
+    singular: Array  #: Singular values (K, r) of the scaled response, largest first [1].
+    kept: Array  #: Share of each singular direction that the inverse uses (K, r) [1]: `s^2 / (s^2 + lambda^2)`.
 
     @property
     def condition(self) -> Array:

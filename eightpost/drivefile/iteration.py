@@ -35,27 +35,18 @@ _STEADY = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of an iteration.
+    """Settings of an iteration."""
 
-    Attributes:
-        gain: Maximum gain K of Eq 2.7 [1].
-        width: Width of the bands in which coherence and correction are estimated [Hz].
-        regularisation: Regularisation relative to the largest singular value of each line [1].
-        acceleration: Accepted error of the accelerations, relative to their RMS [1].
-        displacement: Accepted error of the displacements and all other channels, relative to their RMS [1].
-        is_updated: Whether the response is corrected between passes and the gains follow the coherence of the passes.
-        has_means: Whether the means of the displacements are reproduced by steady loads.
-        limits: Limits of the actuators.
-    """
-
-    gain: float = 0.9
-    width: float = 1.0
-    regularisation: float = 0.02
-    acceleration: float = 0.025
+    gain: float = 0.9  #: Maximum gain K of Eq 2.7 [1].
+    width: float = 1.0  #: Width of the bands in which coherence and correction are estimated [Hz].
+    regularisation: float = 0.02  #: Regularisation relative to the largest singular value of each line [1].
+    acceleration: float = 0.025  #: Accepted error of the accelerations, relative to their RMS [1].
+    #: Accepted error of the displacements and all other channels, relative to their RMS [1].
     displacement: float = 0.01
+    #: Whether the response is corrected between passes and the gains follow the coherence of the passes.
     is_updated: bool = True
-    has_means: bool = True
-    limits: Limits = field(default_factory=Limits)
+    has_means: bool = True  #: Whether the means of the displacements are reproduced by steady loads.
+    limits: Limits = field(default_factory=Limits)  #: Limits of the actuators.
 
     def __post_init__(self) -> None:
         if not 0.0 < self.gain <= 1.0:
@@ -80,17 +71,11 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    """A target, the response that the iteration starts with, and the settings.
+    """A target, the response that the iteration starts with, and the settings."""
 
-    Attributes:
-        target: Target.
-        start: Starting response.
-        settings: Settings.
-    """
-
-    target: Target
-    start: StartResponse
-    settings: Settings
+    target: Target  #: Target.
+    start: StartResponse  #: Starting response.
+    settings: Settings  #: Settings.
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -129,44 +114,26 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pass:
-    """A drive and the record that the rig measured with it.
+    """A drive and the record that the rig measured with it."""
 
-    Attributes:
-        drive: Commands (m, N), SI, with their means.
-        record: Target channels (p, N), SI, with their means.
-    """
-
-    drive: Array
-    record: Array
+    drive: Array  #: Commands (m, N), SI, with their means.
+    record: Array  #: Target channels (p, N), SI, with their means.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """State of an iteration after some passes, and the next drive.
+    """State of an iteration after some passes, and the next drive."""
 
-    Attributes:
-        errors: Errors of each pass.
-        best: Index of the pass with the smallest error; -1 if no pass is better than a rig at rest.
-        rejections: Number of rejected passes at the end.
-        status: Status.
-        drive: Next commands (m, N), SI.
-        hits: Limits that changed the next commands.
-        H: Corrected response (K, p, m).
-        inverse: Regularised inverse of the corrected response.
-        gains: Gains of the next update (K, p) [1].
-        unreachable: RMS of the target that the inverse leaves by itself, by channel relative to its RMS (p,) [1].
-    """
-
-    errors: tuple[PassErrors, ...]
-    best: int
-    rejections: int
-    status: Status
-    drive: Array
-    hits: tuple[LimitHit, ...]
-    H: Complex
-    inverse: Inverse
-    gains: Array
-    unreachable: Array
+    errors: tuple[PassErrors, ...]  #: Errors of each pass.
+    best: int  #: Index of the pass with the smallest error; -1 if no pass is better than a rig at rest.
+    rejections: int  #: Number of rejected passes at the end.
+    status: Status  #: Status.
+    drive: Array  #: Next commands (m, N), SI.
+    hits: tuple[LimitHit, ...]  #: Limits that changed the next commands.
+    H: Complex  #: Corrected response (K, p, m).
+    inverse: Inverse  #: Regularised inverse of the corrected response.
+    gains: Array  #: Gains of the next update (K, p) [1].
+    unreachable: Array  #: RMS of the target that the inverse leaves by itself, by channel relative to its RMS (p,) [1].
 
 
 def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:

@@ -22,16 +22,12 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of the commands; the defaults are those of the rig in section 6.1.1.
+    """Limits of the commands; the defaults are those of the rig in section 6.1.1."""
 
-    Attributes:
-        stroke: Maximum distance of a wheelloader from the middle of its stroke [m]; half of 12.4 in.
-        velocity: Maximum velocity of a wheelloader [m/s]; 180 in/s.
-        force: Maximum force of an aeroloader [N]; 4300 lbf. Moments are not limited.
-    """
-
+    #: Maximum distance of a wheelloader from the middle of its stroke [m]; half of 12.4 in.
     stroke: float = 0.5 * convert(12.4, "in", "m")
-    velocity: float = convert(180.0, "in/s", "m/s")
+    velocity: float = convert(180.0, "in/s", "m/s")  #: Maximum velocity of a wheelloader [m/s]; 180 in/s.
+    #: Maximum force of an aeroloader [N]; 4300 lbf. Moments are not limited.
     force: float = convert(4300.0, "lbf", "N")
 
     def __post_init__(self) -> None:
@@ -42,25 +38,15 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class LimitHit:
-    """A command that a limit has changed.
+    """A command that a limit has changed."""
 
-    Attributes:
-        name: Name of the input.
-        kind: Kind of the limit: stroke, velocity or force.
-        wanted: Largest value without the limit, SI.
-        limit: Limit, SI.
-        unit: SI unit of both.
-        time: Time of the largest excess, from the start of the drive file [s].
-        share: Share of the time at which the limit was exceeded [1].
-    """
-
-    name: str
-    kind: str
-    wanted: float
-    limit: float
-    unit: str
-    time: float
-    share: float
+    name: str  #: Name of the input.
+    kind: str  #: Kind of the limit: stroke, velocity or force.
+    wanted: float  #: Largest value without the limit, SI.
+    limit: float  #: Limit, SI.
+    unit: str  #: SI unit of both.
+    time: float  #: Time of the largest excess, from the start of the drive file [s].
+    share: float  #: Share of the time at which the limit was exceeded [1].
 
     def __str__(self) -> str:
         return (

@@ -15,17 +15,11 @@ from eightpost.array_types import Array, Complex
 
 @dataclass(frozen=True)
 class Lines:
-    """Discrete Fourier transform of records of one length, limited to a band above 0 Hz.
+    """Discrete Fourier transform of records of one length, limited to a band above 0 Hz."""
 
-    Attributes:
-        samples: Number N of samples of a record.
-        rate: Sample rate [Hz].
-        high: Highest frequency of the band [Hz].
-    """
-
-    samples: int
-    rate: float
-    high: float
+    samples: int  #: Number N of samples of a record.
+    rate: float  #: Sample rate [Hz].
+    high: float  #: Highest frequency of the band [Hz].
 
     @cached_property
     def frequency(self) -> Array:

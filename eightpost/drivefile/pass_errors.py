@@ -18,22 +18,16 @@ EDGES = (0.0, 1.0, 4.0, 10.0, 16.0, 24.0, 1000.0)
 
 @dataclass(frozen=True, slots=True)
 class PassErrors:
-    """Errors of one pass between the fades of the target, up to its highest frequency.
+    """Errors of one pass between the fades of the target, up to its highest frequency."""
 
-    Attributes:
-        channels: RMS error by channel, relative to the RMS of the target without its mean [1].
-        peaks: Largest error by channel, relative to the largest value of the target [1].
-        bands: RMS errors by channel in the bands of `EDGES`, relative to the RMS of the whole target [1].
-        beyond: RMS of the measured minus the target above the highest frequency by channel, relative to the RMS of the
-            target [1]; it includes sensor noise.
-        means: Measured mean minus target mean by channel, relative to the RMS of the target [1].
-    """
-
-    channels: Mapping[str, float]
-    peaks: Mapping[str, float]
+    channels: Mapping[str, float]  #: RMS error by channel, relative to the RMS of the target without its mean [1].
+    peaks: Mapping[str, float]  #: Largest error by channel, relative to the largest value of the target [1].
+    #: RMS errors by channel in the bands of `EDGES`, relative to the RMS of the whole target [1].
     bands: Mapping[str, tuple[float, ...]]
+    #: RMS of the measured minus the target above the highest frequency by channel, relative to the RMS of the target
+    #: [1]; it includes sensor noise.
     beyond: Mapping[str, float]
-    means: Mapping[str, float]
+    means: Mapping[str, float]  #: Measured mean minus target mean by channel, relative to the RMS of the target [1].
 
     @property
     def total(self) -> float:

@@ -26,15 +26,10 @@ _OPPOSITE, _UNLIKE = -0.3, 0.3
 
 
 class RigRecord(NamedTuple):
-    """Record of a pass on the time axis of the drive file.
+    """Record of a pass on the time axis of the drive file."""
 
-    Attributes:
-        rows: Target channels (p, N), SI, with their means.
-        notes: Notes for the user, one sentence each.
-    """
-
-    rows: Array
-    notes: tuple[str, ...]
+    rows: Array  #: Target channels (p, N), SI, with their means.
+    notes: tuple[str, ...]  #: Notes for the user, one sentence each.
 
 
 def read_rig_record(

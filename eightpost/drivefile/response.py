@@ -25,16 +25,12 @@ _CUTOFF = 50.0
 class ActuatorBands:
     """Control bandwidths of the rig's actuators, second-order Butterworth low-passes.
 
-    Attributes:
-        wheelloader: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
-        aeroloader: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
-
     Raises:
         ParameterError: A bandwidth is not above 0 Hz.
     """
 
-    wheelloader: float = 125.0
-    aeroloader: float = 9.0
+    wheelloader: float = 125.0  #: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
+    aeroloader: float = 9.0  #: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
 
     def __post_init__(self) -> None:
         if not (self.wheelloader > 0.0 and self.aeroloader > 0.0):
@@ -49,18 +45,13 @@ class ActuatorBands:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartResponse:
-    """Response that an iteration starts with.
+    """Response that an iteration starts with."""
 
-    Attributes:
-        response: Response from the commands to the target channels at the lines of a drive file, with the coherence of
-            the identification.
-        static: Change of the target channels per steady input (p, m); zero in columns of roads.
-        notes: Notes for the user, one sentence each.
-    """
-
+    #: Response from the commands to the target channels at the lines of a drive file, with the coherence of the
+    #: identification.
     response: FrequencyResponse
-    static: Array
-    notes: tuple[str, ...] = ()
+    static: Array  #: Change of the target channels per steady input (p, m); zero in columns of roads.
+    notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
 
 
 def start_response(

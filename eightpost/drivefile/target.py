@@ -41,14 +41,10 @@ class Target:
     A drive file has a rest, the time of the target, and another rest, which makes the number of samples a product of
     small primes. The target fades in and out, because the rig
     starts and ends at rest. Errors are evaluated between the fades.
-
-    Attributes:
-        series: Track record with the C target channels, evenly sampled.
-        high: Highest frequency to reproduce [Hz].
     """
 
-    series: TimeSeries
-    high: float
+    series: TimeSeries  #: Track record with the C target channels, evenly sampled.
+    high: float  #: Highest frequency to reproduce [Hz].
 
     def __post_init__(self) -> None:
         """Check the record."""

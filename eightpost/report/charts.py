@@ -31,53 +31,33 @@ _AXIS = {"gridcolor": "#e6e9ee", "zerolinecolor": "#c3cad3", "linecolor": "#b9c1
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis of a panel.
+    """An axis of a panel."""
 
-    Attributes:
-        title: Name of the quantity on the axis.
-        unit: SI unit; empty for a plain number. The page appends the unit to the title.
-        kind: `linear` or `log`.
-        span: Fixed range in plotly's terms, for axes without unit; None: the range follows the data.
-    """
-
-    title: str
-    unit: str = ""
-    kind: str = "linear"
+    title: str  #: Name of the quantity on the axis.
+    unit: str = ""  #: SI unit; empty for a plain number. The page appends the unit to the title.
+    kind: str = "linear"  #: `linear` or `log`.
+    #: Fixed range in plotly's terms, for axes without unit; None: the range follows the data.
     span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A panel of a figure.
+    """A panel of a figure."""
 
-    Attributes:
-        x: Horizontal axis.
-        y: Vertical axis.
-        column: Start and end as shares of the figure's width [1].
-        row: Start and end as shares of the figure's height [1], from below.
-        title: Heading above the panel.
-    """
-
-    x: Axis
-    y: Axis
-    column: tuple[float, float]
-    row: tuple[float, float]
-    title: str = ""
+    x: Axis  #: Horizontal axis.
+    y: Axis  #: Vertical axis.
+    column: tuple[float, float]  #: Start and end as shares of the figure's width [1].
+    row: tuple[float, float]  #: Start and end as shares of the figure's height [1], from below.
+    title: str = ""  #: Heading above the panel.
 
 
 @dataclass
 class Figure:
-    """A figure under construction.
+    """A figure under construction."""
 
-    Attributes:
-        caption: Text below the figure.
-        height: Height [px].
-        panels: Panels with their axes and positions.
-    """
-
-    caption: str
-    height: int
-    panels: Sequence[Panel]
+    caption: str  #: Text below the figure.
+    height: int  #: Height [px].
+    panels: Sequence[Panel]  #: Panels with their axes and positions.
     _traces: list[dict[str, Any]] = field(default_factory=list)
     _shapes: list[dict[str, Any]] = field(default_factory=list)
     _named: set[str] = field(default_factory=set)

@@ -22,21 +22,14 @@ class Mark(NamedTuple):
 
 
 class Cloud(NamedTuple):
-    """Points of a figure.
+    """Points of a figure."""
 
-    Attributes:
-        values: Values (R,) of the horizontal and the vertical axis; NaN for points that are not drawn.
-        labels: Labels of both axes.
-        kept: Whether each point (R,) is drawn in colour; the others are grey.
-        marks: Named points.
-        is_line: Whether the points are joined, from left to right.
-    """
-
+    #: Values (R,) of the horizontal and the vertical axis; NaN for points that are not drawn.
     values: tuple[Array, Array]
-    labels: tuple[str, str]
-    kept: Flags
-    marks: tuple[Mark, ...] = ()
-    is_line: bool = False
+    labels: tuple[str, str]  #: Labels of both axes.
+    kept: Flags  #: Whether each point (R,) is drawn in colour; the others are grey.
+    marks: tuple[Mark, ...] = ()  #: Named points.
+    is_line: bool = False  #: Whether the points are joined, from left to right.
 
 
 def cloud(points: Cloud, *, title: str = "") -> Picture:

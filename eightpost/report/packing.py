@@ -67,19 +67,12 @@ _FEWEST = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """One-sided power spectral densities.
+    """One-sided power spectral densities."""
 
-    Attributes:
-        frequency: Frequencies (K,) above zero [Hz].
-        density: Densities (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
-        block: Length of a block [s].
-        duration: Length of the series [s].
-    """
-
-    frequency: Array
-    density: Array
-    block: float
-    duration: float
+    frequency: Array  #: Frequencies (K,) above zero [Hz].
+    density: Array  #: Densities (C, K) in the SI unit squared per Hz; the integral over frequency is the variance.
+    block: float  #: Length of a block [s].
+    duration: float  #: Length of the series [s].
 
 
 def spectra(series: Series) -> Spectra | None:
@@ -112,19 +105,12 @@ TRACES_CAPACITY = 1_250_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """Traces that the page draws.
+    """Traces that the page draws."""
 
-    Attributes:
-        time: Times (M,) [s].
-        values: Values (C, M) in SI.
-        samples: Number of recorded samples per pair of values; 1 if all are kept.
-        interval: Time span of these samples [s].
-    """
-
-    time: Array
-    values: Array
-    samples: int
-    interval: float
+    time: Array  #: Times (M,) [s].
+    values: Array  #: Values (C, M) in SI.
+    samples: int  #: Number of recorded samples per pair of values; 1 if all are kept.
+    interval: float  #: Time span of these samples [s].
 
 
 def traces(series: Series, *, capacity: int = TRACES_CAPACITY) -> Traces:

@@ -105,17 +105,11 @@ Block = str | tuple[str, ...] | ResultTable | Figure
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of a document.
+    """A section of a document."""
 
-    Attributes:
-        name: Identifier of the section on the page.
-        heading: Heading of the section, which is also its link at the top of the page.
-        blocks: Contents in their order.
-    """
-
-    name: str
-    heading: str
-    blocks: Sequence[Block]
+    name: str  #: Identifier of the section on the page.
+    heading: str  #: Heading of the section, which is also its link at the top of the page.
+    blocks: Sequence[Block]  #: Contents in their order.
 
 
 def document(

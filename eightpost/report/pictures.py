@@ -134,13 +134,9 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 110, **options: Any) ->
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure that a notebook shows.
+    """A figure that a notebook shows."""
 
-    Attributes:
-        figure: Figure of matplotlib, to be changed before it is shown or saved.
-    """
-
-    figure: Figure
+    figure: Figure  #: Figure of matplotlib, to be changed before it is shown or saved.
 
     def save(self, path: str | Path, *, dpi: int = 110) -> None:
         """Save the picture; the suffix of the file name is the format (.png, .svg, .pdf).

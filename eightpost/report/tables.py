@@ -32,18 +32,13 @@ NONE = "–"
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """A table.
+    """A table."""
 
-    Attributes:
-        title: Heading of the table; may be empty.
-        heads: Column headers: text, and the SI unit of the amounts below or an empty text. The texts below the header
-            `unit` are SI units.
-        rows: Rows with a cell for each column.
-    """
-
-    title: str
+    title: str  #: Heading of the table; may be empty.
+    #: Column headers: text, and the SI unit of the amounts below or an empty text. The texts below the header `unit`
+    #: are SI units.
     heads: tuple[tuple[str, str], ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[Cell, ...], ...]  #: Rows with a cell for each column.
 
     @classmethod
     def of(cls, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell | float | None]]) -> ResultTable:
@@ -146,16 +141,9 @@ def _in_both_units(us: str, si: str) -> Markup:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A value at the top of a page.
+    """A value at the top of a page."""
 
-    Attributes:
-        what: Name of the value.
-        us: Value with its unit, in US customary units.
-        detail: Remark on the value, such as a channel or a limit.
-        si: The same value in SI units; default: as in `us`.
-    """
-
-    what: str
-    us: str
-    detail: str
-    si: str = ""
+    what: str  #: Name of the value.
+    us: str  #: Value with its unit, in US customary units.
+    detail: str  #: Remark on the value, such as a channel or a limit.
+    si: str = ""  #: The same value in SI units; default: as in `us`.

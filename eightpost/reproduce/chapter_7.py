@@ -69,17 +69,11 @@ def _law(build: str) -> Lpnl2:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Study:
-    """Measures of all setups on the identified car.
+    """Measures of all setups on the identified car."""
 
-    Attributes:
-        builds: Names of the builds.
-        setups: Bank indices (S, 4) of lf, rf, lr, rr.
-        measures: RMS (S,) of each measure, SI.
-    """
-
-    builds: tuple[str, ...]
-    setups: Array
-    measures: dict[str, Array]
+    builds: tuple[str, ...]  #: Names of the builds.
+    setups: Array  #: Bank indices (S, 4) of lf, rf, lr, rr.
+    measures: dict[str, Array]  #: RMS (S,) of each measure, SI.
 
     def scaled(self, name: str) -> Array:
         """Return a measure (S,) from 0, the lowest, to 1, the highest."""

@@ -7,29 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Lengths and counts of the computations.
+    """Lengths and counts of the computations."""
 
-    Attributes:
-        name: Name of the effort.
-        configurations: Configurations of Table 3.1 that are fitted.
-        quarter_seconds: Duration of the simulated tests of 4.4 [s]; 100 in the dissertation.
-        quarter_rig_seconds: Duration of the quarter-car rig's tests [s]; 120 in the dissertation.
-        car_seconds: Duration of each simulated test of chapter 5 [s]; 800 in the dissertation.
-        rig_seconds: Duration of each identification test of chapter 6 [s]; 800 in the dissertation.
-        single_seconds: Duration of each test with one actuator [s]; 100 in the dissertation.
-        lap_seconds: Duration of the lap [s].
-        builds: Number of builds per corner in chapter 7; 7 in the dissertation, with 2401 setups.
-    """
-
-    name: str
-    configurations: tuple[int, ...]
-    quarter_seconds: float
-    quarter_rig_seconds: float
-    car_seconds: float
-    rig_seconds: float
-    single_seconds: float
-    lap_seconds: float
-    builds: int
+    name: str  #: Name of the effort.
+    configurations: tuple[int, ...]  #: Configurations of Table 3.1 that are fitted.
+    quarter_seconds: float  #: Duration of the simulated tests of 4.4 [s]; 100 in the dissertation.
+    quarter_rig_seconds: float  #: Duration of the quarter-car rig's tests [s]; 120 in the dissertation.
+    car_seconds: float  #: Duration of each simulated test of chapter 5 [s]; 800 in the dissertation.
+    rig_seconds: float  #: Duration of each identification test of chapter 6 [s]; 800 in the dissertation.
+    single_seconds: float  #: Duration of each test with one actuator [s]; 100 in the dissertation.
+    lap_seconds: float  #: Duration of the lap [s].
+    builds: int  #: Number of builds per corner in chapter 7; 7 in the dissertation, with 2401 setups.
 
 
 #: The dissertation's program, with shorter random tests in chapters 5 and 6 (docs/evidence/reproduce.md).

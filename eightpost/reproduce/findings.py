@@ -28,34 +28,23 @@ _IN_PERCENT = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Result of an item's computation.
+    """Result of an item's computation."""
 
-    Attributes:
-        values: Our value for each printed value, in SI units; percent, dB and plain numbers as they are.
-        claims: Whether each statement holds, and the finding behind it.
-        blocks: Figures and tables to show.
-        note: Remark, such as the reason for a difference.
-        is_partial: Whether values were left out to save time.
-    """
-
+    #: Our value for each printed value, in SI units; percent, dB and plain numbers as they are.
     values: Mapping[str, float] = field(default_factory=dict)
+    #: Whether each statement holds, and the finding behind it.
     claims: Mapping[str, tuple[bool, str]] = field(default_factory=dict)
-    blocks: Sequence[Block] = ()
-    note: str = ""
-    is_partial: bool = False
+    blocks: Sequence[Block] = ()  #: Figures and tables to show.
+    note: str = ""  #: Remark, such as the reason for a difference.
+    is_partial: bool = False  #: Whether values were left out to save time.
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A printed value beside ours.
+    """A printed value beside ours."""
 
-    Attributes:
-        printed: Printed value.
-        ours: Our value in the printed unit.
-    """
-
-    printed: PrintedValue
-    ours: float
+    printed: PrintedValue  #: Printed value.
+    ours: float  #: Our value in the printed unit.
 
     @classmethod
     def of(cls, printed: PrintedValue, value: float) -> Comparison:
@@ -138,17 +127,11 @@ def _in_words(excess: float, target: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class CheckedClaim:
-    """A statement of the text and what we found.
+    """A statement of the text and what we found."""
 
-    Attributes:
-        claim: Statement.
-        holds: Whether it holds.
-        finding: Numbers behind it.
-    """
-
-    claim: Claim
-    holds: bool
-    finding: str
+    claim: Claim  #: Statement.
+    holds: bool  #: Whether it holds.
+    finding: str  #: Numbers behind it.
 
 
 class State(StrEnum):
@@ -165,19 +148,12 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """An item with its computation.
+    """An item with its computation."""
 
-    Attributes:
-        item: Item.
-        findings: Result of the computation; None for an item without one.
-        seconds: Time of the computation [s].
-        error: Error message of a computation that failed.
-    """
-
-    item: Item
-    findings: Findings | None = None
-    seconds: float = 0.0
-    error: str = ""
+    item: Item  #: Item.
+    findings: Findings | None = None  #: Result of the computation; None for an item without one.
+    seconds: float = 0.0  #: Time of the computation [s].
+    error: str = ""  #: Error message of a computation that failed.
 
     def __post_init__(self) -> None:
         found = self.findings

@@ -41,20 +41,13 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PrintedValue:
-    """A number in print.
+    """A number in print."""
 
-    Attributes:
-        key: Name of the value in the item.
-        what: Description of the value.
-        text: Digits as printed: `3.04`, a range `45..75`, or a limit `<25` or `>30`.
-        unit: Unit in print; empty for a plain number, `%` and `dB` are kept.
-        within: Tolerance: `digits`, a share such as `2 %`, a factor such as `x 3`, or empty if it is reported only.
-    """
-
-    key: str
-    what: str
-    text: str
-    unit: str = ""
+    key: str  #: Name of the value in the item.
+    what: str  #: Description of the value.
+    text: str  #: Digits as printed: `3.04`, a range `45..75`, or a limit `<25` or `>30`.
+    unit: str = ""  #: Unit in print; empty for a plain number, `%` and `dB` are kept.
+    #: Tolerance: `digits`, a share such as `2 %`, a factor such as `x 3`, or empty if it is reported only.
     within: str = ""
 
     def __post_init__(self) -> None:
@@ -76,44 +69,26 @@ _WITHIN = re.compile(r"|digits|\d+(\.\d+)? %|x \d+(\.\d+)?")
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A statement in words that can be checked.
+    """A statement in words that can be checked."""
 
-    Attributes:
-        key: Name of the statement in the item.
-        statement: Statement, in our words.
-        is_judged: Whether the item differs if the statement does not hold.
-    """
-
-    key: str
-    statement: str
-    is_judged: bool = True
+    key: str  #: Name of the statement in the item.
+    statement: str  #: Statement, in our words.
+    is_judged: bool = True  #: Whether the item differs if the statement does not hold.
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A numbered figure, table or equation.
+    """A numbered figure, table or equation."""
 
-    Attributes:
-        kind: Kind of the item.
-        number: Number such as `7.2`.
-        title: Content, in our words.
-        section: Section that states the values.
-        page: Printed page; 0 if it is unknown.
-        basis: Source of the data of the reproduction.
-        reason: Reason for the basis, if it is not the printed text alone.
-        values: Printed numbers.
-        claims: Statements to check.
-    """
-
-    kind: Kind
-    number: str
-    title: str
-    section: str
-    page: int
-    basis: Basis
-    reason: str
-    values: tuple[PrintedValue, ...]
-    claims: tuple[Claim, ...]
+    kind: Kind  #: Kind of the item.
+    number: str  #: Number such as `7.2`.
+    title: str  #: Content, in our words.
+    section: str  #: Section that states the values.
+    page: int  #: Printed page; 0 if it is unknown.
+    basis: Basis  #: Source of the data of the reproduction.
+    reason: str  #: Reason for the basis, if it is not the printed text alone.
+    values: tuple[PrintedValue, ...]  #: Printed numbers.
+    claims: tuple[Claim, ...]  #: Statements to check.
 
     @property
     def name(self) -> str:

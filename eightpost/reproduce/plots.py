@@ -24,36 +24,22 @@ COHERENCE = Axis("coherence", span=(0.0, 1.05))
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line of a panel.
+    """A line of a panel."""
 
-    Attributes:
-        name: Name in the legend; `truth` is drawn wide and grey.
-        x: Horizontal values (N,) in SI units.
-        y: Vertical values (N,) in SI units.
-        style: `line`, `dots`, `marks` (joined by a line), or `points` (marks alone).
-    """
-
-    name: str
-    x: Array
-    y: Array
-    style: str = "line"
+    name: str  #: Name in the legend; `truth` is drawn wide and grey.
+    x: Array  #: Horizontal values (N,) in SI units.
+    y: Array  #: Vertical values (N,) in SI units.
+    style: str = "line"  #: `line`, `dots`, `marks` (joined by a line), or `points` (marks alone).
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A panel with its lines.
+    """A panel with its lines."""
 
-    Attributes:
-        title: Heading of the panel.
-        x: Horizontal axis.
-        y: Vertical axis.
-        lines: Lines in the order in which they are drawn.
-    """
-
-    title: str
-    x: Axis
-    y: Axis
-    lines: Sequence[Line] = field(default_factory=list)
+    title: str  #: Heading of the panel.
+    x: Axis  #: Horizontal axis.
+    y: Axis  #: Vertical axis.
+    lines: Sequence[Line] = field(default_factory=list)  #: Lines in the order in which they are drawn.
 
 
 def figure_of(caption: str, plots: Sequence[Plot], *, columns: int = 3, row: int = 230) -> Figure:

@@ -54,19 +54,12 @@ _SPEED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A car on a virtual rig.
+    """A car on a virtual rig."""
 
-    Attributes:
-        truth: Name of the true car.
-        noise: Noise relative to each channel's standard deviation [1].
-        baseline: Damping of the baseline shocks [lbf/(in/s)].
-        alternate: Damping of the alternate shock [lbf/(in/s)].
-    """
-
-    truth: str
-    noise: float
-    baseline: float
-    alternate: float
+    truth: str  #: Name of the true car.
+    noise: float  #: Noise relative to each channel's standard deviation [1].
+    baseline: float  #: Damping of the baseline shocks [lbf/(in/s)].
+    alternate: float  #: Damping of the alternate shock [lbf/(in/s)].
 
     @property
     def car(self) -> AnyCar:

@@ -1,11 +1,14 @@
-"""Half cycles of a shock's motion: turning points, and where a steady sine ends."""
+"""Motion of a shock: its path, the turning points of half cycles, and where a steady sine ends."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
+from eightpost.signals.filters import lowpass
+from eightpost.signals.timeseries import TimeSeries
 
 #: Half cycles are alike if stroke and duration are within this share of their medians.
 ALIKE = 0.1
@@ -19,6 +22,20 @@ FEWEST_OTHER = 3
 SMALLEST = 0.02
 #: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
 SLOWED = 0.7
+
+
+def displacement_of(series: TimeSeries) -> Array:
+    """Return the displacement (N,) [m]; if it was not measured, the integral of the velocity minus its mean."""
+    if "displacement" in series:
+        return series["displacement"]
+    velocity = series["velocity"]
+    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
+
+
+def path_of(series: TimeSeries) -> Array:
+    """Return the displacement (N,) [m], low-passed at a tenth of the sample rate or 50 Hz."""
+    rate = series.sample_rate
+    return lowpass(displacement_of(series), rate, min(50.0, 0.1 * rate), order=2)
 
 
 def turning_points(path: Array, *, threshold: float) -> list[int]:

@@ -81,15 +81,12 @@ class Actuator:
         x = x_cmd + r sin(2 pi x_cmd / p)
 
     The ripple is real motion: it acts on the damper, and the sensors measure it.
-
-    Attributes:
-        ripple: Amplitude r of the ripple [m]. The velocity ripple is 2 pi r / p of the velocity: 1 % with the defaults;
-            plausible values are 0 to 3 %.
-        pitch: Pitch p of the magnets [m]; 20 to 60 mm for motors of this force.
     """
 
+    #: Amplitude r of the ripple [m]. The velocity ripple is 2 pi r / p of the velocity: 1 % with the defaults;
+    #: plausible values are 0 to 3 %.
     ripple: float = 5e-5
-    pitch: float = convert(1.2, "in", "m")
+    pitch: float = convert(1.2, "in", "m")  #: Pitch p of the magnets [m]; 20 to 60 mm for motors of this force.
 
     def follow(self, command: TimeSeries) -> TimeSeries:
         """Return the motion along a command with the channel `displacement` [m]."""
@@ -114,15 +111,10 @@ class Damper(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor that adds white noise and rounds to its resolution.
+    """A sensor that adds white noise and rounds to its resolution."""
 
-    Attributes:
-        noise: Standard deviation of the noise, in the channel's SI unit.
-        resolution: Step between readings, in the channel's SI unit.
-    """
-
-    noise: float
-    resolution: float
+    noise: float  #: Standard deviation of the noise, in the channel's SI unit.
+    resolution: float  #: Step between readings, in the channel's SI unit.
 
     def read(self, values: Array, generator: np.random.Generator) -> Array:
         """Return the readings (N,) of `values` (N,)."""
@@ -132,19 +124,12 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Sensors of a dynamometer; the default resolutions are 0.1 lbf, 0.0001 in, 0.01 in/s and 0.1 K.
+    """Sensors of a dynamometer; the default resolutions are 0.1 lbf, 0.0001 in, 0.01 in/s and 0.1 K."""
 
-    Attributes:
-        displacement: Displacement sensor [m].
-        velocity: Velocity sensor [m/s].
-        force: Load cell [N].
-        temperature: Temperature sensor [K].
-    """
-
-    displacement: Sensor = Sensor(convert(1e-4, "in", "m"), convert(1e-4, "in", "m"))
-    velocity: Sensor = Sensor(convert(0.02, "in/s", "m/s"), convert(0.01, "in/s", "m/s"))
-    force: Sensor = Sensor(convert(0.5, "lbf", "N"), convert(0.1, "lbf", "N"))
-    temperature: Sensor = Sensor(0.05, 0.1)
+    displacement: Sensor = Sensor(convert(1e-4, "in", "m"), convert(1e-4, "in", "m"))  #: Displacement sensor [m].
+    velocity: Sensor = Sensor(convert(0.02, "in/s", "m/s"), convert(0.01, "in/s", "m/s"))  #: Velocity sensor [m/s].
+    force: Sensor = Sensor(convert(0.5, "lbf", "N"), convert(0.1, "lbf", "N"))  #: Load cell [N].
+    temperature: Sensor = Sensor(0.05, 0.1)  #: Temperature sensor [K].
 
 
 #: Start temperature [K] and its rate of change [K/s] for a damper without the channel `warming`; plausible for a short

@@ -16,25 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DynoConditions:
-    """Conditions of a dynamometer test; unknown conditions are None.
+    """Conditions of a dynamometer test; unknown conditions are None."""
 
-    Attributes:
-        build: Team's own name for the shock build.
-        clicks: Adjuster settings and how they are counted, in the team's words (`1 from closed, rebound`).
-        gas_pressure: Gas pressure [Pa].
-        gas_force: Static gas force at the ride height of the test [N], positive in compression.
-        temperature: Temperature of the shock at the start of the test [K].
-        run: Name of the test in the file.
-        date: Date of the test, as written in the file.
-    """
-
-    build: str | None = None
+    build: str | None = None  #: Team's own name for the shock build.
+    #: Adjuster settings and how they are counted, in the team's words (`1 from closed, rebound`).
     clicks: str | None = None
-    gas_pressure: float | None = None
-    gas_force: float | None = None
-    temperature: float | None = None
-    run: str | None = None
-    date: str | None = None
+    gas_pressure: float | None = None  #: Gas pressure [Pa].
+    gas_force: float | None = None  #: Static gas force at the ride height of the test [N], positive in compression.
+    temperature: float | None = None  #: Temperature of the shock at the start of the test [K].
+    run: str | None = None  #: Name of the test in the file.
+    date: str | None = None  #: Date of the test, as written in the file.
 
     def over(self, other: DynoConditions) -> DynoConditions:
         """Return these conditions, with unknown ones taken from `other`."""

@@ -47,25 +47,18 @@ SHORTEST, FEWEST = 0.5, 200
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DynoTest(Recording):
-    """A dynamometer test that passed all checks.
+    """A dynamometer test that passed all checks."""
 
-    Attributes:
-        series: Record with `velocity` [m/s] and `force` [N], and if known `displacement` [m] and `temperature` [K]; all
-            except the temperature are positive in compression.
-        conditions: Build, clicks, gas pressure and other known conditions.
-        source: Path of the file, None for a record created in memory.
-        sha256: SHA-256 digest of the file, empty without a file.
-        derived: Descriptions of what was computed, or read in one of several possible ways.
-        notes: Notes of the reader: what it left out or could not read.
-        reasons: Findings about the record and notes (`eightpost.rig.plausibility`), as reasons of a verdict.
-    """
-
+    #: Record with `velocity` [m/s] and `force` [N], and if known `displacement` [m] and `temperature` [K]; all except
+    #: the temperature are positive in compression.
     series: TimeSeries
+    #: Build, clicks, gas pressure and other known conditions.
     conditions: DynoConditions = field(default_factory=DynoConditions)
-    source: Path | None = None
-    sha256: str = ""
-    derived: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    source: Path | None = None  #: Path of the file, None for a record created in memory.
+    sha256: str = ""  #: SHA-256 digest of the file, empty without a file.
+    derived: tuple[str, ...] = ()  #: Descriptions of what was computed, or read in one of several possible ways.
+    notes: tuple[str, ...] = ()  #: Notes of the reader: what it left out or could not read.
+    #: Findings about the record and notes (`eightpost.rig.plausibility`), as reasons of a verdict.
     reasons: tuple[Reason, ...] = ()
 
     def __post_init__(self) -> None:

@@ -99,19 +99,12 @@ STEADY, LONGEST = 3.0, 3600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineTest:
-    """A sine test of the dynamometer.
+    """A sine test of the dynamometer."""
 
-    Attributes:
-        amplitude: Amplitude [m].
-        speed: Peak velocity [m/s].
-        start: Start time of the steady part [s], which has whole cycles.
-        drivefile: Drive file with the channel `displacement` [m].
-    """
-
-    amplitude: float
-    speed: float
-    start: float
-    drivefile: Drivefile
+    amplitude: float  #: Amplitude [m].
+    speed: float  #: Peak velocity [m/s].
+    start: float  #: Start time of the steady part [s], which has whole cycles.
+    drivefile: Drivefile  #: Drive file with the channel `displacement` [m].
 
     @property
     def frequency(self) -> float:

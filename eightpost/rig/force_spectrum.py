@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import welch
 
 from eightpost.array_types import Array
+from eightpost.rig.cycles import displacement_of
 from eightpost.rig.drift import explained
 from eightpost.rig.plausibility_rules import HUM, SMOOTHED
 from eightpost.signals.timeseries import TimeSeries
@@ -29,8 +29,8 @@ AVERAGES, DEPTH = (0.01, 0.12), 2.0
 CANDIDATES, GAPS = 250, 8
 #: Length of the segments of the spectrum in periods of the motion, and smallest one [s].
 PERIODS, SEGMENT = 10.0, 4.0
-#: Distances of the gaps, in frequencies of the motion, that the odd harmonics of a sine leave as well.
-ODD = (1.7, 2.3)
+#: Smallest distance of the gaps in frequencies of the motion: the harmonics of a sine leave narrower ones as well.
+NARROWEST = 4.0
 #: Half width of a gap or of the top of a lobe, as a share of their distance; quantile that is noise between harmonics.
 WIDTH, FLOOR = 0.1, 0.25
 
@@ -50,7 +50,7 @@ def spectrum_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str)
             figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
         if figure:
             yield HUM.reason(f"the {name} has hum", figure=figure, origin=origin)
-    frequency = float(np.gradient(velocity, series.time).std() / velocity.std()) / (2.0 * np.pi)
+    frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)
     if seconds := _average(force, rate, frequency):
         figure = f"a moving average over about {1e3 * seconds:.3g} ms"
         yield SMOOTHED.reason("the force is smoothed", figure=figure, origin=origin)
@@ -78,16 +78,25 @@ def _hum(values: Array, rate: float, span: float = 0.0) -> str:
 
 def _average(values: Array, rate: float, motion: float) -> float:
     """Return the duration [s] of a moving average that made `values` (N,) of a motion [Hz]; 0 if none did."""
+    if values.size * motion < PERIODS * rate:  # the ends of a short record leave lobes
+        return 0.0
     count = min(values.size - 1, round(max(SEGMENT, PERIODS / motion) * rate))
-    frequency, power = welch(np.diff(values), rate, nperseg=count)
-    level = np.log(np.maximum(power, 1e-300))
+    level = _level(np.diff(values), count)
     best, found = DEPTH, 0.0
     shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
     for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
-        depth = _depth(level, rate / samples / frequency[1])
-        if depth > best and not ODD[0] * motion < rate / samples < ODD[1] * motion:
+        depth = _depth(level, count / samples)
+        if depth > best and rate / samples > NARROWEST * motion:
             best, found = depth, samples / rate
     return found
+
+
+def _level(values: Array, count: int) -> Array:
+    """Return the logarithm of the mean power of half overlapping segments of `count` of the values, in any unit."""
+    segments = np.lib.stride_tricks.sliding_window_view(values, count)[:: count - count // 2]
+    window = np.sin(np.pi * np.arange(count) / count) ** 2
+    spectra = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window)
+    return np.asarray(np.log(np.maximum(np.mean(np.abs(spectra) ** 2, axis=0), 1e-300)))
 
 
 def _depth(level: Array, spacing: float) -> float:

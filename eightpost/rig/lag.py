@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eightpost.array_types import Array
+from eightpost.rig.cycles import displacement_of
 from eightpost.rig.plausibility_rules import EARLY, LATE
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
@@ -56,19 +56,12 @@ _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
 
 
 class Lag(NamedTuple):
-    """Delay of a channel behind another one; negative if it leads.
+    """Delay of a channel behind another one; negative if it leads."""
 
-    Attributes:
-        seconds: Delay [s].
-        low: Lower end of its 95 % interval [s].
-        high: Upper end [s].
-        stiffness: Stiffness K of the model [N/m]; 0 between channels of motion.
-    """
-
-    seconds: float
-    low: float
-    high: float
-    stiffness: float = 0.0
+    seconds: float  #: Delay [s].
+    low: float  #: Lower end of its 95 % interval [s].
+    high: float  #: Upper end [s].
+    stiffness: float = 0.0  #: Stiffness K of the model [N/m]; 0 between channels of motion.
 
     def __str__(self) -> str:
         """Return the delay and its interval in milliseconds."""
@@ -82,8 +75,7 @@ def force_lag(series: TimeSeries) -> Lag | None:
         series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
     """
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    path = even["displacement"] if "displacement" in even else _integral(even)
-    rows = _compared(np.stack([even["velocity"], path, even["force"]]), even.sample_rate)
+    rows = _compared(np.stack([even["velocity"], displacement_of(even), even["force"]]), even.sample_rate)
     if not rows.std(axis=1).all():
         return None
     velocity, path, force = rows
@@ -104,11 +96,6 @@ def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
         return None
     period = 2.0 * np.pi * float(rows[1].std() / (_RATE * np.diff(rows[1])).std())
     return _lag(rows[0], rows[1], rows[1][:, None], None, period)
-
-
-def _integral(series: TimeSeries) -> Array:
-    velocity = series["velocity"]
-    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
 
 # ---- The estimate ---------------------------------------------------------------------------------------------------
@@ -211,7 +198,7 @@ def _interval(lags: Array, profile: Array, best: int, independent: float) -> tup
         best: Number of the delay with the smallest residual.
         independent: Number of independent values of the residual.
     """
-    limit = profile[best] * (1.0 + float(student.ppf(0.975, independent)) ** 2 / independent)
+    limit = profile[best] * (1.0 + float(stdtrit(independent, 0.975)) ** 2 / independent)
     likely = np.flatnonzero(profile <= limit)
     first, last = int(likely[0]), int(likely[-1])
     if first == 0 or last == lags.size - 1 or lags[last] - lags[first] > 2.0 * WIDEST:
@@ -244,4 +231,5 @@ def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
     if lag.low > LAG:
         yield LATE.reason("the force is later than a shock makes it", figure=f"by {lag}", origin=origin)
     elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
-        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lag}", origin=origin)
+        lead = Lag(-lag.seconds, -lag.high, -lag.low)
+        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lead}", origin=origin)

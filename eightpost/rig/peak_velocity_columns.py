@@ -116,21 +116,13 @@ def _speed_of(name: str) -> str:
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a table and their contents.
+    """Columns of a table and their contents."""
 
-    Attributes:
-        record: Columns of the file.
-        units: Units of the caller, by column name, or for `speed` and `force`.
-        stroke: Stroke of the whole table, if the lines above it name one.
-        reversed_by: Statement of the file that a positive speed is rebound; empty without one.
-        notes: Sentences on what was left out or computed, which `points` adds.
-    """
-
-    record: RawRecord
-    units: Mapping[str, str]
-    stroke: str | None = None
-    reversed_by: str = ""
-    notes: list[str] = field(default_factory=list)
+    record: RawRecord  #: Columns of the file.
+    units: Mapping[str, str]  #: Units of the caller, by column name, or for `speed` and `force`.
+    stroke: str | None = None  #: Stroke of the whole table, if the lines above it name one.
+    reversed_by: str = ""  #: Statement of the file that a positive speed is rebound; empty without one.
+    notes: list[str] = field(default_factory=list)  #: Sentences on what was left out or computed, which `points` adds.
 
     def points(self) -> Iterator[Point]:
         """Yield the points of the table in any of the layouts.

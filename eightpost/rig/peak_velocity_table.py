@@ -24,33 +24,21 @@ FEWEST = 2
 class PeakVelocityTable(Summarized):
     """Force by speed in both strokes, at one setting of the adjusters and without dynamics.
 
-    Attributes:
-        speed: Peak speeds (K,) [m/s], positive and increasing.
-        compression: Force in compression (K,) [N], positive.
-        rebound: Force in rebound (K,) [N], negative.
-        clicks: Adjuster settings and how they are counted, in the team's words.
-        source: Path of the file, None for a table created in memory.
-        sha256: SHA-256 digest of the file, empty without a file.
-        gas_force: Gas force in the table [N]; `compression` and `rebound` are without it.
-        gas_source: Description of how the gas force was found; empty without a gas force.
-        rest_force: Mean force at zero speed [N]; 0 without such points.
-        notes: Sentences on what was left out or computed while reading.
-
     Raises:
         TooShortError: There are fewer than two speeds.
         DataError: The columns differ in length or contain NaN, or the speeds are not positive and increasing.
     """
 
-    speed: Array
-    compression: Array
-    rebound: Array
-    clicks: str | None = None
-    source: Path | None = None
-    sha256: str = ""
-    gas_force: float = 0.0
-    gas_source: str = ""
-    rest_force: float = 0.0
-    notes: tuple[str, ...] = ()
+    speed: Array  #: Peak speeds (K,) [m/s], positive and increasing.
+    compression: Array  #: Force in compression (K,) [N], positive.
+    rebound: Array  #: Force in rebound (K,) [N], negative.
+    clicks: str | None = None  #: Adjuster settings and how they are counted, in the team's words.
+    source: Path | None = None  #: Path of the file, None for a table created in memory.
+    sha256: str = ""  #: SHA-256 digest of the file, empty without a file.
+    gas_force: float = 0.0  #: Gas force in the table [N]; `compression` and `rebound` are without it.
+    gas_source: str = ""  #: Description of how the gas force was found; empty without a gas force.
+    rest_force: float = 0.0  #: Mean force at zero speed [N]; 0 without such points.
+    notes: tuple[str, ...] = ()  #: Sentences on what was left out or computed while reading.
 
     def __post_init__(self) -> None:
         for name in ("speed", "compression", "rebound"):

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
-from eightpost.rig.cycles import run_down
+from eightpost.rig.cycles import path_of, run_down
 from eightpost.rig.drift import drift_reasons, explained
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.force_spectrum import spectrum_reasons
@@ -30,7 +29,7 @@ from eightpost.rig.plausibility_rules import (
 )
 from eightpost.rig.rest_force import rest_force
 from eightpost.rig.sample_faults import sample_reasons
-from eightpost.signals.filters import lowpass, white_noise
+from eightpost.signals.filters import white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 from eightpost.verdict import Reason
@@ -106,7 +105,7 @@ def part_reasons(
         until: End of the fitted seconds, from the start of the series [s].
     """
     yield from sample_reasons(series, measured, origin)
-    stop = _stop(series)
+    stop = run_down(series.time, path_of(series), series["velocity"])
     steady = series if stop is None else series.window(float(series.time[0]), stop)
     if not rectified_force(series):
         changed = list(setting_reasons(steady, origin))
@@ -115,18 +114,6 @@ def part_reasons(
         figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
         remedy = f"fit the part before it: --segment '0 s' '{stop - series.time[0]:.4g} s'"
         yield RUN_DOWN.reason("the machine stops within the record", figure=figure, origin=origin, remedy=remedy)
-
-
-def _stop(series: TimeSeries) -> float | None:
-    """Return the time [s] from which a steady sine runs down before the end of a record; None if it does not."""
-    velocity, rate = series["velocity"], series.sample_rate
-    path = series["displacement"] if "displacement" in series else _integral(series)
-    return run_down(series.time, lowpass(path, rate, min(50.0, 0.1 * rate), order=2), velocity)
-
-
-def _integral(series: TimeSeries) -> Array:
-    path = cumulative_trapezoid(series["velocity"] - series["velocity"].mean(), series.time, initial=0)
-    return np.asarray(path)
 
 
 # ---- Units ----------------------------------------------------------------------------------------------------------

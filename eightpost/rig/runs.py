@@ -7,13 +7,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
-from eightpost.rig.cycles import turning_points
+from eightpost.rig.cycles import path_of, turning_points
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, DynoTest
-from eightpost.signals.filters import lowpass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +69,7 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
     Returns:
         Runs in their order, or only the test itself if there is nothing to split.
     """
-    path = _path(test)
+    path = path_of(test.series)
     stretches = _stretches(test, path, pause)
     pieces = [piece for stretch in stretches for piece in _blocks(test, path, *stretch)]
     kept = [piece for piece in pieces if _long_enough(test, *piece)]
@@ -83,18 +81,6 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
         left_out = f"{count} runs with less than {SHORTEST:g} s or {FEWEST} samples are left out"
         runs[0] = replace(runs[0], notes=(left_out, *runs[0].notes))
     return tuple(runs) or (test,)
-
-
-def _path(test: DynoTest) -> Array:
-    """Return displacement (N,) [m], low-passed at a tenth of the sample rate or 50 Hz."""
-    series = test.series
-    if "displacement" in series:
-        path = series["displacement"]
-    else:
-        velocity = series["velocity"] - series["velocity"].mean()
-        path = cumulative_trapezoid(velocity, series.time, initial=0)
-    rate = series.sample_rate
-    return lowpass(path, rate, min(50.0, 0.1 * rate), order=2)
 
 
 def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int]]:

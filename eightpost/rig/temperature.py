@@ -18,19 +18,12 @@ SMALLEST_SPREAD = 1.0
 
 @dataclass(frozen=True, slots=True)
 class TemperatureEffect:
-    """Change of force with temperature, estimated from repeated runs.
+    """Change of force with temperature, estimated from repeated runs."""
 
-    Attributes:
-        per_kelvin: Relative change of the force's standard deviation [1/K]; negative if the shock becomes softer.
-        error: Standard error of per_kelvin [1/K]; NaN if it is determined exactly by two runs.
-        runs: Number of runs.
-        spread: Range of the mean temperatures of the runs [K].
-    """
-
-    per_kelvin: float
-    error: float
-    runs: int
-    spread: float
+    per_kelvin: float  #: Relative change of the force's standard deviation [1/K]; negative if the shock becomes softer.
+    error: float  #: Standard error of per_kelvin [1/K]; NaN if it is determined exactly by two runs.
+    runs: int  #: Number of runs.
+    spread: float  #: Range of the mean temperatures of the runs [K].
 
     def __str__(self) -> str:
         return (

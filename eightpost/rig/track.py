@@ -35,29 +35,20 @@ _MARGIN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Parameters of a track drive file, from section 6.1.3 if it gives them, otherwise our own choice.
+    """Parameters of a track drive file, from section 6.1.3 if it gives them, otherwise our own choice."""
 
-    Attributes:
-        speed: Speed of the car [m/s].
-        wheelbase: Wheelbase [m]; the rear axle follows the road of the front axle after wheelbase / speed.
-        track_width: Distance between the wheels of an axle [m].
-        coherence_width: Ratio [1]; left and right are similar above wavelengths of track_width / coherence_width.
-        road_peak: Maximum wheelloader displacement [m]; 0.4 in (6.1.3).
-        downforce: Mean downforce [N].
-        heave_rms: Root mean square of the heave force about its mean [N]; 160 lbf, the value per aeroloader in 6.1.3.
-        roll_rms: Root mean square of the roll moment [N.m].
-        pitch_rms: Root mean square of the pitch moment [N.m].
-    """
-
-    speed: float = 45.0
+    speed: float = 45.0  #: Speed of the car [m/s].
+    #: Wheelbase [m]; the rear axle follows the road of the front axle after wheelbase / speed.
     wheelbase: float = convert(110.0, "in", "m")
-    track_width: float = convert(70.0, "in", "m")
+    track_width: float = convert(70.0, "in", "m")  #: Distance between the wheels of an axle [m].
+    #: Ratio [1]; left and right are similar above wavelengths of track_width / coherence_width.
     coherence_width: float = 0.3
-    road_peak: float = convert(0.4, "in", "m")
-    downforce: float = convert(1000.0, "lbf", "N")
+    road_peak: float = convert(0.4, "in", "m")  #: Maximum wheelloader displacement [m]; 0.4 in (6.1.3).
+    downforce: float = convert(1000.0, "lbf", "N")  #: Mean downforce [N].
+    #: Root mean square of the heave force about its mean [N]; 160 lbf, the value per aeroloader in 6.1.3.
     heave_rms: float = convert(160.0, "lbf", "N")
-    roll_rms: float = convert(4800.0, "lbf.in", "N.m")
-    pitch_rms: float = convert(8000.0, "lbf.in", "N.m")
+    roll_rms: float = convert(4800.0, "lbf.in", "N.m")  #: Root mean square of the roll moment [N.m].
+    pitch_rms: float = convert(8000.0, "lbf.in", "N.m")  #: Root mean square of the pitch moment [N.m].
 
     @property
     def delay(self) -> float:

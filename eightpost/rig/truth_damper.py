@@ -36,20 +36,13 @@ class ValveSide:
         blow-off:  u = (w / c) [ln(1 + exp((|F| - F_open) / w)) - ln(1 + exp(-F_open / w))]
 
     The two flows are added; u is the flow velocity at the piston.
-
-    Attributes:
-        bleed_linear: Laminar resistance R of the bleed [N.s/m].
-        bleed_square: Turbulent resistance Q of the bleed [N.s2/m2].
-        opening_force: Force F_open at which the stack opens [N].
-        opening_width: Force range w over which the stack opens [N].
-        open_damping: Slope c of the open stack [N.s/m].
     """
 
-    bleed_linear: float
-    bleed_square: float
-    opening_force: float
-    opening_width: float
-    open_damping: float
+    bleed_linear: float  #: Laminar resistance R of the bleed [N.s/m].
+    bleed_square: float  #: Turbulent resistance Q of the bleed [N.s2/m2].
+    opening_force: float  #: Force F_open at which the stack opens [N].
+    opening_width: float  #: Force range w over which the stack opens [N].
+    open_damping: float  #: Slope c of the open stack [N.s/m].
 
     def flow(self, force: float) -> float:
         """Return the flow velocity [m/s] at a valve force of magnitude `force` [N]."""
@@ -72,26 +65,16 @@ class TruthDamper:
         dF/dt = k0 (1 + |F| / F1) (v - g(F)),  port force = F + K x + F0 + F_seal tanh(v / v_seal)
 
     Here v is the velocity, x the displacement and g the flow velocity of the valve, which differs between the sides.
-
-    Attributes:
-        compression: Valve side for positive force.
-        rebound: Valve side for negative force.
-        fluid_stiffness: Fluid stiffness k0 at zero force [N/m].
-        stiffening_force: Force F1 at which the fluid is twice as stiff [N].
-        gas_stiffness: Gas stiffness K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
-        gas_preload: Gas force F0 at zero displacement [N] (Eq 3.18); that of 150 psi.
-        seal_drag: Seal friction F_seal [N]; 3 to 5 lbf (3.4.3).
-        seal_velocity: Transition velocity v_seal of the seal friction [m/s].
     """
 
-    compression: ValveSide
-    rebound: ValveSide
-    fluid_stiffness: float
-    stiffening_force: float
-    gas_stiffness: float = convert(4.0, "lbf/in", "N/m")
-    gas_preload: float = 46.0 * _POUND
-    seal_drag: float = 4.0 * _POUND
-    seal_velocity: float = convert(0.2, "in/s", "m/s")
+    compression: ValveSide  #: Valve side for positive force.
+    rebound: ValveSide  #: Valve side for negative force.
+    fluid_stiffness: float  #: Fluid stiffness k0 at zero force [N/m].
+    stiffening_force: float  #: Force F1 at which the fluid is twice as stiff [N].
+    gas_stiffness: float = convert(4.0, "lbf/in", "N/m")  #: Gas stiffness K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
+    gas_preload: float = 46.0 * _POUND  #: Gas force F0 at zero displacement [N] (Eq 3.18); that of 150 psi.
+    seal_drag: float = 4.0 * _POUND  #: Seal friction F_seal [N]; 3 to 5 lbf (3.4.3).
+    seal_velocity: float = convert(0.2, "in/s", "m/s")  #: Transition velocity v_seal of the seal friction [m/s].
 
     def valve_velocity(self, force: float) -> float:
         """Return the flow velocity g [m/s] at a valve force [N], both signed."""

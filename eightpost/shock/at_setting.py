@@ -17,19 +17,12 @@ from eightpost.verdict import Grade, Reason, Rules
 
 @dataclass(frozen=True, slots=True)
 class Beyond:
-    """A setting of an axis outside the measured ones.
+    """A setting of an axis outside the measured ones."""
 
-    Attributes:
-        axis: Axis.
-        value: Setting.
-        distance: Distance from the nearest measured setting.
-        intervals: The same, in multiples of the nearest interval between measured settings; infinite without one.
-    """
-
-    axis: Axis
-    value: float
-    distance: float
-    intervals: float
+    axis: Axis  #: Axis.
+    value: float  #: Setting.
+    distance: float  #: Distance from the nearest measured setting.
+    intervals: float  #: The same, in multiples of the nearest interval between measured settings; infinite without one.
 
 
 def settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:

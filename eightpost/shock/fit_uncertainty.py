@@ -20,24 +20,15 @@ from eightpost.shock.laws import own_parameters
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedParameters:
-    """Parameters of a fitted shock's FMU that are not known exactly. n parameters.
+    """Parameters of a fitted shock's FMU that are not known exactly. n parameters."""
 
-    Attributes:
-        names: Names of the parameters.
-        values: Fitted values (n,).
-        covariance: Covariance of the parameters (n, n), which are independent.
-        lowest: Lower limits (n,).
-        highest: Upper limits (n,).
-        held: A sentence for each parameter that is kept constant.
-        left_out: Changes of the parameters when blocks of the test are left out; None if the file does not state them.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    lowest: Array
-    highest: Array
-    held: tuple[str, ...]
+    names: tuple[str, ...]  #: Names of the parameters.
+    values: Array  #: Fitted values (n,).
+    covariance: Array  #: Covariance of the parameters (n, n), which are independent.
+    lowest: Array  #: Lower limits (n,).
+    highest: Array  #: Upper limits (n,).
+    held: tuple[str, ...]  #: A sentence for each parameter that is kept constant.
+    #: Changes of the parameters when blocks of the test are left out; None if the file does not state them.
     left_out: LeftOutBlocks | None = None
 
 

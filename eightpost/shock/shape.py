@@ -42,22 +42,15 @@ SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 class Side:
     """One side of a curve, compression or rebound; all numbers are positive, `rise` may be 0.
 
-    Attributes:
-        bleed: Slope at rest [N.s/m].
-        low: Slope between bleed and knee [N.s/m].
-        knee: Speed of the knee [m/s].
-        high: Slope beyond the knee, extrapolated to zero speed [N.s/m].
-        rise: Growth of that slope with speed [N.s2/m2].
-
     Raises:
         ParameterError: A number is not finite or not positive; the message names it.
     """
 
-    bleed: float
-    low: float
-    knee: float
-    high: float
-    rise: float
+    bleed: float  #: Slope at rest [N.s/m].
+    low: float  #: Slope between bleed and knee [N.s/m].
+    knee: float  #: Speed of the knee [m/s].
+    high: float  #: Slope beyond the knee, extrapolated to zero speed [N.s/m].
+    rise: float  #: Growth of that slope with speed [N.s2/m2].
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -78,22 +71,15 @@ UNITS = {"bleed": "N.s/m", "low": "N.s/m", "knee": "m/s", "high": "N.s/m", "rise
 class Shape:
     """A shock as shape numbers: both sides of the curve, lag and gas.
 
-    Attributes:
-        compression: Compression side.
-        rebound: Rebound side.
-        lag: Time constant of the lag [s] (LPNL2).
-        lag_force: Force from which there is no lag [N] (LPNL2).
-        gas: Gas force at zero displacement [N]; 0 if the vehicle's static state contains it.
-
     Raises:
         ParameterError: A number is out of range; the message names it.
     """
 
-    compression: Side
-    rebound: Side
-    lag: float = 1e-3
-    lag_force: float = 3000.0
-    gas: float = 0.0
+    compression: Side  #: Compression side.
+    rebound: Side  #: Rebound side.
+    lag: float = 1e-3  #: Time constant of the lag [s] (LPNL2).
+    lag_force: float = 3000.0  #: Force from which there is no lag [N] (LPNL2).
+    gas: float = 0.0  #: Gas force at zero displacement [N]; 0 if the vehicle's static state contains it.
 
     def __post_init__(self) -> None:
         for name in ("lag", "lag_force"):

@@ -62,17 +62,11 @@ _KNOTS = REACH * SHARES
 
 @dataclass(frozen=True, slots=True)
 class ShapeFit:
-    """The shape that comes closest to a curve.
+    """The shape that comes closest to a curve."""
 
-    Attributes:
-        shape: Shape; a curve alone gives the default lag and gas.
-        residual: RMS difference of the forces over both sides [N].
-        relative: The same as a share of the curve's RMS force [1].
-    """
-
-    shape: Shape
-    residual: float
-    relative: float
+    shape: Shape  #: Shape; a curve alone gives the default lag and gas.
+    residual: float  #: RMS difference of the forces over both sides [N].
+    relative: float  #: The same as a share of the curve's RMS force [1].
 
 
 def fit_law(law: ShockLaw) -> ShapeFit:
@@ -116,15 +110,10 @@ def fit_force(force: Callable[[float], float], compression_speed: float, rebound
 
 @dataclass(frozen=True)
 class _Problem:
-    """Forces of both sides to fit; N speeds of each side, K knots.
+    """Forces of both sides to fit; N speeds of each side, K knots."""
 
-    Attributes:
-        weights: Weight of the slope at each knot of both sides in each force (2 N, 2 K).
-        forces: Forces (2 N,).
-    """
-
-    weights: Array
-    forces: Array
+    weights: Array  #: Weight of the slope at each knot of both sides in each force (2 N, 2 K).
+    forces: Array  #: Forces (2 N,).
 
     def errors(self, numbers: Array) -> Array:
         """Return the errors (2 N,) of the logarithms of the numbers of both sides (10,)."""

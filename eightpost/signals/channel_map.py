@@ -23,19 +23,12 @@ TIME_NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
-    """A channel, computed as `gain * column + offset` in the column's unit, then converted to SI.
+    """A channel, computed as `gain * column + offset` in the column's unit, then converted to SI."""
 
-    Attributes:
-        source: Name of the column, without the unit.
-        unit: Unit of the column; None to use the unit in the file.
-        gain: Factor [1]; -1 changes the sign.
-        offset: Value added after the gain, in the column's unit.
-    """
-
-    source: str
-    unit: str | None = None
-    gain: float = 1.0
-    offset: float = 0.0
+    source: str  #: Name of the column, without the unit.
+    unit: str | None = None  #: Unit of the column; None to use the unit in the file.
+    gain: float = 1.0  #: Factor [1]; -1 changes the sign.
+    offset: float = 0.0  #: Value added after the gain, in the column's unit.
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +46,11 @@ class ChannelMap:
         unit = "lbf"
         gain = -1.0
         offset = 12.5
-
-    Attributes:
-        channels: Column of each channel, by channel name.
-        time: Time column; None to use the column with a usual name (`TIME_NAMES`).
-        path: Path of the file that the map was read from.
     """
 
-    channels: Mapping[str, MappedChannel] = field(default_factory=dict)
-    time: MappedChannel | None = None
-    path: Path | None = None
+    channels: Mapping[str, MappedChannel] = field(default_factory=dict)  #: Column of each channel, by channel name.
+    time: MappedChannel | None = None  #: Time column; None to use the column with a usual name (`TIME_NAMES`).
+    path: Path | None = None  #: Path of the file that the map was read from.
 
     @classmethod
     def read(cls, path: str | Path) -> ChannelMap:

@@ -27,13 +27,9 @@ _EVEN_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Drivefile(Recording):
-    """A time series as a continuous signal: linear between the samples, constant before the first and after the last.
+    """A time series as a continuous signal: linear between samples, constant before the first and after the last."""
 
-    Attributes:
-        series: Samples of the signal.
-    """
-
-    series: TimeSeries
+    series: TimeSeries  #: Samples of the signal.
     _integral: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -30,17 +30,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:
-    """File of a record and line number of each sample.
+    """File of a record and line number of each sample."""
 
-    Attributes:
-        path: Path of the file, or None for a record created in memory.
-        lines: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
-        header_line: Number of the line with the channel names and units, None for binary files.
-    """
-
-    path: Path | None = None
+    path: Path | None = None  #: Path of the file, or None for a record created in memory.
+    #: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
     lines: NDArray[np.int64] | None = None
-    header_line: int | None = None
+    header_line: int | None = None  #: Number of the line with the channel names and units, None for binary files.
 
     def line(self, sample: int) -> int:
         """Return the one-based file line (sample number in binary files) of a zero-based sample."""
@@ -54,6 +49,9 @@ class Origin:
         """Return an exception of the class `kind` about a whole column."""
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
+
+#: A correlation above minus this is not one of a wrong sign.
+WEAK_SIGN = 0.3
 
 #: Origin of a record created in memory.
 IN_MEMORY = Origin()
@@ -232,12 +230,16 @@ def check_sign(
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
         other = against.rpartition("derived from ")[2]
+        advice = (
+            f"so one of the two has the wrong sign (both must be positive in compression): `--flip {channel}` if "
+            f"{against} is right, otherwise `--flip {other}`, or gain = -1 in the channel map. A wrong choice swaps "
+            "compression and rebound; check that the gas force is positive"
+        )
+        if correlation > -WEAK_SIGN:
+            advice = "so it does not follow it; check the column (--channel), its delay, and its sign (--flip)"
         raise origin.header_fault(
             WrongSignError,
             (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
-            + f"its correlation with {against} is {correlation:.3f}, so one of the two has the wrong sign (both must "
-            f"be positive in compression): `--flip {channel}` if {against} is right, otherwise `--flip {other}`, or "
-            "gain = -1 in the channel map. A wrong choice swaps compression and rebound; check that the gas force is "
-            "positive",
+            + f"its correlation with {against} is {correlation:.3f}, {advice}",
             channel=channel,
         )

@@ -38,25 +38,15 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawRecord:
-    """Named columns with the units stated in the file.
+    """Named columns with the units stated in the file."""
 
-    Attributes:
-        origin: File and line number of each sample.
-        names: C column names without units.
-        units: C units as written in the file, None for columns without a unit.
-        columns: C vectors (N,) of numbers, or of texts if a cell is not a number.
-        preamble: Lines above the table, one tuple of cells per line.
-        notes: Sentences on what was left out while reading.
-        steps: Sentences on how cells were understood that could be understood otherwise.
-    """
-
-    origin: Origin
-    names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    columns: tuple[NDArray[Any], ...]
-    preamble: tuple[tuple[str, ...], ...] = ()
-    notes: tuple[str, ...] = ()
-    steps: tuple[str, ...] = ()
+    origin: Origin  #: File and line number of each sample.
+    names: tuple[str, ...]  #: C column names without units.
+    units: tuple[str | None, ...]  #: C units as written in the file, None for columns without a unit.
+    columns: tuple[NDArray[Any], ...]  #: C vectors (N,) of numbers, or of texts if a cell is not a number.
+    preamble: tuple[tuple[str, ...], ...] = ()  #: Lines above the table, one tuple of cells per line.
+    notes: tuple[str, ...] = ()  #: Sentences on what was left out while reading.
+    steps: tuple[str, ...] = ()  #: Sentences on how cells were understood that could be understood otherwise.
 
     def __post_init__(self) -> None:
         """Number repeated names and convert columns of times of day to seconds."""

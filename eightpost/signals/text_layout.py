@@ -20,26 +20,16 @@ _DELIMITERS = (";", "\t", ",")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The layout of a delimited text file.
+    """The layout of a delimited text file."""
 
-    Attributes:
-        delimiter: Delimiter: `,`, `;` or a tab.
-        names: Column names without units.
-        units: Units of the columns as written in the file, None for columns without a unit.
-        header_line: One-based line number of the header; None without one, when names are numbers from 1.
-        unit_line: One-based line number of the units: a separate row, or the header.
-        first_line: One-based line number of the first sample.
-        padding: Number of columns without a name at the end of each line (a trailing delimiter).
-        short: Number of cells of lines without the last columns, which only some lines have; 0 if all have them.
-    """
-
-    delimiter: str
-    names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    header_line: int | None
-    unit_line: int | None
-    first_line: int
-    padding: int
+    delimiter: str  #: Delimiter: `,`, `;` or a tab.
+    names: tuple[str, ...]  #: Column names without units.
+    units: tuple[str | None, ...]  #: Units of the columns as written in the file, None for columns without a unit.
+    header_line: int | None  #: One-based line number of the header; None without one, when names are numbers from 1.
+    unit_line: int | None  #: One-based line number of the units: a separate row, or the header.
+    first_line: int  #: One-based line number of the first sample.
+    padding: int  #: Number of columns without a name at the end of each line (a trailing delimiter).
+    #: Number of cells of lines without the last columns, which only some lines have; 0 if all have them.
     short: int = 0
 
     def filled(self, line: str) -> str:
@@ -189,17 +179,11 @@ _SHARED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A part of a text file with one table.
+    """A part of a text file with one table."""
 
-    Attributes:
-        start: Zero-based number of the first line.
-        stop: Zero-based number of the line after the last line.
-        preamble: Lines above the header, one tuple of cells for each.
-    """
-
-    start: int
-    stop: int
-    preamble: tuple[tuple[str, ...], ...]
+    start: int  #: Zero-based number of the first line.
+    stop: int  #: Zero-based number of the line after the last line.
+    preamble: tuple[tuple[str, ...], ...]  #: Lines above the header, one tuple of cells for each.
 
 
 def find_blocks(lines: list[str]) -> tuple[Block, ...]:

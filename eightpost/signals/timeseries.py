@@ -32,12 +32,6 @@ JITTER = 0.25
 class TimeSeries(Summarized):
     """Channels sampled at common times; all checks are done when the object is created.
 
-    Attributes:
-        time: Strictly increasing times (N,) [s].
-        values: Samples (C, N), each row in the SI unit of its channel.
-        names: C unique channel names.
-        units: C SI unit symbols, such as `m/s`.
-
     Raises:
         ValueError: Shapes disagree, a name is not unique, or a unit is not SI.
         NotANumberError: A sample is NaN or infinite.
@@ -47,10 +41,10 @@ class TimeSeries(Summarized):
     The arrays are read-only. Input arrays that other code could write to are copied.
     """
 
-    time: Array
-    values: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    time: Array  #: Strictly increasing times (N,) [s].
+    values: Array  #: Samples (C, N), each row in the SI unit of its channel.
+    names: tuple[str, ...]  #: C unique channel names.
+    units: tuple[str, ...]  #: C SI unit symbols, such as `m/s`.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _protected(self.time))

@@ -40,19 +40,13 @@ def deflection_after(z: Any, v: Any, h: Any, reach: Any, static_ratio: Any, stri
 
 @dataclass(frozen=True, slots=True)
 class Bristle:
-    """Parameters of a bristle.
+    """Parameters of a bristle."""
 
-    Attributes:
-        force: Sliding force F_s [N], not below zero; zero is no friction.
-        reach: Deflection z_s at which the bristle slides with the sliding force [m], above zero.
-        static_ratio: Static over sliding force rho [1], at least 1.
-        stribeck_velocity: Velocity v_s at which the static force has fallen to the sliding force [m/s], above zero: the
-            excess at v_s is 1 / e of that at rest.
-    """
-
-    force: float = 0.0
-    reach: float = 1e-4
-    static_ratio: float = 1.0
+    force: float = 0.0  #: Sliding force F_s [N], not below zero; zero is no friction.
+    reach: float = 1e-4  #: Deflection z_s at which the bristle slides with the sliding force [m], above zero.
+    static_ratio: float = 1.0  #: Static over sliding force rho [1], at least 1.
+    #: Velocity v_s at which the static force has fallen to the sliding force [m/s], above zero: the excess at v_s is 1
+    #: / e of that at rest.
     stribeck_velocity: float = 0.01
 
     @property

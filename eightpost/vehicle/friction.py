@@ -133,21 +133,15 @@ class PortFriction:
     The state of a vehicle with them is that of its linear model, followed by the deflections of its bristles (P,) [m]
     if the argument `bristles` is given.
 
-    Attributes:
-        ports: Ports at which they act (P).
-        force: Coulomb force F_c (P,) [N], not below zero; a port with zero has no such friction.
-        width: Smoothing velocity v_f (P,) [m/s], above zero.
-        bristles: Bristles of the ports, None for no states of bristles.
-        spring: Coefficient k2 of the port springs (P,) [N/m2]; zero without a spring. The port needs a displacement.
-
     Raises:
         ValueError: A value is not finite or outside its range; the message gives the port.
     """
 
-    ports: Ports
-    force: Array
-    width: Array
-    bristles: Bristles | None = None
+    ports: Ports  #: Ports at which they act (P).
+    force: Array  #: Coulomb force F_c (P,) [N], not below zero; a port with zero has no such friction.
+    width: Array  #: Smoothing velocity v_f (P,) [m/s], above zero.
+    bristles: Bristles | None = None  #: Bristles of the ports, None for no states of bristles.
+    #: Coefficient k2 of the port springs (P,) [N/m2]; zero without a spring. The port needs a displacement.
     spring: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:

@@ -43,26 +43,16 @@ class ModalForm:
 
     The pairs come first, then the real modes (omega = 0, B_im = 0, C_im = 0, so that z is real). Each group is in
     increasing order of |lambda|. In each mode the largest entries of B and C have about the same size.
-
-    Attributes:
-        sigma: Real parts (K,) [1/s].
-        omega: Imaginary parts (K,) [1/s], above zero for a pair, zero for a real mode.
-        B_re: Real parts of the modes' inputs (K, m).
-        B_im: Imaginary parts of the modes' inputs (K, m).
-        C_re: Outputs per Re z (p, K).
-        C_im: Outputs per Im z (p, K).
-        D: Direct terms (p, m).
-        steady: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
     """
 
-    sigma: Array
-    omega: Array
-    B_re: Array
-    B_im: Array
-    C_re: Array
-    C_im: Array
-    D: Array
-    steady: bool
+    sigma: Array  #: Real parts (K,) [1/s].
+    omega: Array  #: Imaginary parts (K,) [1/s], above zero for a pair, zero for a real mode.
+    B_re: Array  #: Real parts of the modes' inputs (K, m).
+    B_im: Array  #: Imaginary parts of the modes' inputs (K, m).
+    C_re: Array  #: Outputs per Re z (p, K).
+    C_im: Array  #: Outputs per Im z (p, K).
+    D: Array  #: Direct terms (p, m).
+    steady: bool  #: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""

@@ -15,20 +15,13 @@ INPUTS = (Channel("road", "m"), Channel("aero_force", "N"), Channel("force", "N"
 
 @dataclass(frozen=True, slots=True)
 class QuarterCar:
-    """Parameters of the quarter car; stiffness and damping are wheel rates.
+    """Parameters of the quarter car; stiffness and damping are wheel rates."""
 
-    Attributes:
-        sprung_mass: Sprung mass m_1 [kg].
-        unsprung_mass: Unsprung mass m_2 [kg].
-        suspension_stiffness: Suspension stiffness k [N/m].
-        tire_stiffness: Tire stiffness k_t [N/m].
-        damping: Rate c of the linear damper [N.s/m]; only `with_damper` uses it.
-    """
-
-    sprung_mass: float = positive("kg")
-    unsprung_mass: float = positive("kg")
-    suspension_stiffness: float = not_negative("N/m")
-    tire_stiffness: float = positive("N/m")
+    sprung_mass: float = positive("kg")  #: Sprung mass m_1 [kg].
+    unsprung_mass: float = positive("kg")  #: Unsprung mass m_2 [kg].
+    suspension_stiffness: float = not_negative("N/m")  #: Suspension stiffness k [N/m].
+    tire_stiffness: float = positive("N/m")  #: Tire stiffness k_t [N/m].
+    #: Rate c of the linear damper [N.s/m]; only `with_damper` uses it.
     damping: float = not_negative("N.s/m", default=0.0)
 
     def __post_init__(self) -> None:

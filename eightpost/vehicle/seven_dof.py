@@ -34,42 +34,33 @@ _CHASSIS, _WHEELS = slice(0, 3), slice(3, 7)
 
 @dataclass(frozen=True, slots=True)
 class SevenDof:
-    """Parameters of the seven-DOF car; stiffness and damping are wheel rates.
+    """Parameters of the seven-DOF car; stiffness and damping are wheel rates."""
 
-    Attributes:
-        track_width: Track width t of both axles [m].
-        cg_to_front_axle: Distance a from the centre of gravity to the front axle [m].
-        cg_to_rear_axle: Distance b from the centre of gravity to the rear axle [m].
-        sprung_mass: Sprung mass M [kg].
-        roll_inertia: Roll inertia J_theta [kg.m2].
-        pitch_inertia: Pitch inertia J_phi [kg.m2].
-        unsprung_mass: Unsprung mass m_t of each corner [kg].
-        spring_rate: Spring rate k of each corner [N/m].
-        tire_stiffness: Tire stiffness k_t of each corner [N/m].
-        damping: Rate c of the linear damper of each corner [N.s/m]; only `with_damper` uses it.
-        front_anti_roll_rate: Roll moment per relative roll angle k_R^F [N.m/rad]; not in Table 5.1.
-        rear_anti_roll_rate: Roll moment per relative roll angle k_R^R [N.m/rad]; not in Table 5.1.
-        front_overhang: Distance l_1 from the front axle to the nose, where the front ride height is defined [m].
-        rear_overhang: Distance l_2 from the rear axle to the spoiler, where the rear ride height is defined [m].
-        driver_ahead_of_cg: Distance of the driver's accelerometer ahead of the centre of gravity [m], or None.
-        driver_left_of_centreline: Distance of the driver's accelerometer left of the centreline [m], or None.
-    """
-
-    track_width: float = positive("m")
-    cg_to_front_axle: float = positive("m")
-    cg_to_rear_axle: float = positive("m")
-    sprung_mass: float = positive("kg")
-    roll_inertia: float = positive("kg.m2")
-    pitch_inertia: float = positive("kg.m2")
+    track_width: float = positive("m")  #: Track width t of both axles [m].
+    cg_to_front_axle: float = positive("m")  #: Distance a from the centre of gravity to the front axle [m].
+    cg_to_rear_axle: float = positive("m")  #: Distance b from the centre of gravity to the rear axle [m].
+    sprung_mass: float = positive("kg")  #: Sprung mass M [kg].
+    roll_inertia: float = positive("kg.m2")  #: Roll inertia J_theta [kg.m2].
+    pitch_inertia: float = positive("kg.m2")  #: Pitch inertia J_phi [kg.m2].
+    #: Unsprung mass m_t of each corner [kg].
     unsprung_mass: Corners = positive("kg")  # noqa: RUF009
+    #: Spring rate k of each corner [N/m].
     spring_rate: Corners = not_negative("N/m")  # noqa: RUF009
+    #: Tire stiffness k_t of each corner [N/m].
     tire_stiffness: Corners = positive("N/m")  # noqa: RUF009
+    #: Rate c of the linear damper of each corner [N.s/m]; only `with_damper` uses it.
     damping: Corners = not_negative("N.s/m", default=Corners.same(0.0))  # noqa: RUF009
+    #: Roll moment per relative roll angle k_R^F [N.m/rad]; not in Table 5.1.
     front_anti_roll_rate: float = not_negative("N.m/rad", default=0.0)
+    #: Roll moment per relative roll angle k_R^R [N.m/rad]; not in Table 5.1.
     rear_anti_roll_rate: float = not_negative("N.m/rad", default=0.0)
+    #: Distance l_1 from the front axle to the nose, where the front ride height is defined [m].
     front_overhang: float = anywhere("m", default=DEFAULT_OVERHANG)
+    #: Distance l_2 from the rear axle to the spoiler, where the rear ride height is defined [m].
     rear_overhang: float = anywhere("m", default=DEFAULT_OVERHANG)
+    #: Distance of the driver's accelerometer ahead of the centre of gravity [m], or None.
     driver_ahead_of_cg: float | None = anywhere("m", default=None)
+    #: Distance of the driver's accelerometer left of the centreline [m], or None.
     driver_left_of_centreline: float | None = anywhere("m", default=None)
 
     def __post_init__(self) -> None:

@@ -69,26 +69,16 @@ class StateSpace:
 
     The model is `x' = A x + B u` (or `x[k+1] = A x[k] + B u[k]` if `dt` is given) and `y = C x + D u`. Frequency
     responses are (output, input, frequency), as in python-control.
-
-    Attributes:
-        A: State matrix (n, n).
-        B: Input matrix (n, m).
-        C: Output matrix (p, n).
-        D: Direct terms (p, m).
-        inputs: Input channels (m).
-        outputs: Output channels (p).
-        dt: Sample time [s], or None for a continuous model.
-        name: Name of the model.
     """
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
-    dt: float | None = None
-    name: str = "model"
+    A: Array  #: State matrix (n, n).
+    B: Array  #: Input matrix (n, m).
+    C: Array  #: Output matrix (p, n).
+    D: Array  #: Direct terms (p, m).
+    inputs: tuple[Channel, ...]  #: Input channels (m).
+    outputs: tuple[Channel, ...]  #: Output channels (p).
+    dt: float | None = None  #: Sample time [s], or None for a continuous model.
+    name: str = "model"  #: Name of the model.
 
     def __post_init__(self) -> None:
         """Make the matrices read-only and check names and shapes."""

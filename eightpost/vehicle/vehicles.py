@@ -24,17 +24,12 @@ Model = Literal["quarter_car", "seven_dof", "state_space"]
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StructuralVehicle(Summarized):
-    """Vehicle that is defined by its masses, springs and dampers.
+    """Vehicle that is defined by its masses, springs and dampers."""
 
-    Attributes:
-        name: Name of the vehicle.
-        parameters: Parameters, SI.
-        static: Values of the static state by output, SI: `{"lf.tire_force": 3300.0, "front.ride_height":
-            0.1}`. Outputs of the model are changes from it; the FMU adds it. Missing values are 0.
-    """
-
-    name: str
-    parameters: QuarterCar | SevenDof
+    name: str  #: Name of the vehicle.
+    parameters: QuarterCar | SevenDof  #: Parameters, SI.
+    #: Values of the static state by output, SI: `{"lf.tire_force": 3300.0, "front.ride_height": 0.1}`. Outputs of the
+    #: model are changes from it; the FMU adds it. Missing values are 0.
     static: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -78,17 +73,12 @@ class Friction(NamedTuple):
         F_f tanh(v / v_f) + F_s z / z_s + k2 d^2
 
     with the velocity v and the displacement d of the port from the static state, and the bristle's deflection z.
-
-    Attributes:
-        force: Friction force F_f of the part that creeps [N], not below zero.
-        velocity: Smoothing velocity v_f of the change of sign [m/s], above zero.
-        bristle: The part that sticks; its default has no force.
-        spring: Coefficient k2 of the port spring [N/m2]: a spring that is stiffer in compression has a positive one.
     """
 
-    force: float = 0.0
-    velocity: float = 0.005
-    bristle: Bristle = Bristle()
+    force: float = 0.0  #: Friction force F_f of the part that creeps [N], not below zero.
+    velocity: float = 0.005  #: Smoothing velocity v_f of the change of sign [m/s], above zero.
+    bristle: Bristle = Bristle()  #: The part that sticks; its default has no force.
+    #: Coefficient k2 of the port spring [N/m2]: a spring that is stiffer in compression has a positive one.
     spring: float = 0.0
 
     @property
@@ -133,27 +123,22 @@ def _plain(law: Friction) -> Friction:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class IdentifiedVehicle(Summarized):
-    """Vehicle that is defined by an identified linear model.
+    """Vehicle that is defined by an identified linear model."""
 
-    Attributes:
-        name: Name of the vehicle.
-        state_space: Identified model, around the baseline damping: its shock inputs are shock force minus `c v`.
-        baseline_damping: Damping rate c by port [N.s/m] ("lf", ...; "" for a quarter car), the dissertation's C-bar.
-            The input of a port that is missing here is the whole force.
-        static: Values of the static state by output, SI; see `StructuralVehicle`.
-        sources: SHA-256 digests of the files that the vehicle was identified from, by name.
-        friction: Friction and springs by port; the shock forces of the identification included them. Missing ports have
-            none.
-        validity: Verdict on the model and the ranges that it covers; None if they are not known. It is "unknown" if
-            `numbers` are not those that were judged.
-    """
-
-    name: str
+    name: str  #: Name of the vehicle.
+    #: Identified model, around the baseline damping: its shock inputs are shock force minus `c v`.
     state_space: StateSpace
+    #: Damping rate c by port [N.s/m] ("lf", ...; "" for a quarter car), the dissertation's C-bar. The input of a port
+    #: that is missing here is the whole force.
     baseline_damping: Mapping[str, float] = field(default_factory=dict)
+    #: Values of the static state by output, SI; see `StructuralVehicle`.
     static: Mapping[str, float] = field(default_factory=dict)
+    #: SHA-256 digests of the files that the vehicle was identified from, by name.
     sources: Mapping[str, str] = field(default_factory=dict)
+    #: Friction and springs by port; the shock forces of the identification included them. Missing ports have none.
     friction: Mapping[str, Friction] = field(default_factory=dict)
+    #: Verdict on the model and the ranges that it covers; None if they are not known. It is "unknown" if `numbers` are
+    #: not those that were judged.
     validity: Validity | None = None
 
     def __post_init__(self) -> None:

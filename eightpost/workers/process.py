@@ -118,17 +118,11 @@ def _wait(parent: int) -> None:
 
 @dataclass(frozen=True)
 class _Ended:
-    """A process that has ended: its exit code, and what it printed.
+    """A process that has ended: its exit code, and what it printed."""
 
-    Attributes:
-        code: Exit code; negative for a signal, None if the process was ended after its time limit.
-        output: Standard output, and standard error if both were to be kept together.
-        errors: Standard error.
-    """
-
-    code: int | None
-    output: bytes
-    errors: bytes = b""
+    code: int | None  #: Exit code; negative for a signal, None if the process was ended after its time limit.
+    output: bytes  #: Standard output, and standard error if both were to be kept together.
+    errors: bytes = b""  #: Standard error.
 
 
 def run(

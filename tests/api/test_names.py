@@ -32,6 +32,12 @@ def test_a_name_loads_no_numerical_library_before_it_is_called():
     assert not {"numpy", "scipy", "numba", "cosim", "builder", "matplotlib", "pandas"} & loaded
 
 
+@pytest.mark.slow
+def test_a_fit_loads_neither_of_the_libraries_that_take_half_a_second():
+    loaded = loaded_after("import eightpost.app.fit, eightpost.ident.shock.hysteresis_fit")
+    assert "scipy.optimize" in loaded and not {"scipy.signal", "scipy.stats"} & loaded
+
+
 @pytest.mark.nightly
 def test_no_module_below_loads_the_api():
     loaded = loaded_after(f"import {', '.join(BELOW)}")

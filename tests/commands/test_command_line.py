@@ -1,12 +1,14 @@
 """The command line reports its results and exits with 0 (done), 1 (not acceptable) or 2 (wrong input)."""
 
 import contextlib
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -166,6 +168,25 @@ def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fm
     assert (tmp_path / "changes.png").stat().st_size > 5_000
     assert eightpost("compare", tmp_path / "a").exit_code == 2
     assert eightpost("compare", tmp_path / "a", tmp_path).exit_code == 2
+
+
+def test_the_default_output_of_a_json_record_has_another_name(eightpost, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(1500) / 500.0
+    speed = np.cos(10.0 * time) + 0.3 * np.cos(23.0 * time)
+    columns = {"time [s]": time, "velocity [m/s]": 0.1 * speed, "force [N]": 100.0 * np.tanh(speed)}
+    (tmp_path / "run.json").write_text(json.dumps({name: values.tolist() for name, values in columns.items()}))
+    shown = eightpost("fit", "run.json", "--law", "polylinear")
+    assert "wrote run_shock.json" in shown.output, shown.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.json", "run_shock.json"]
+
+
+def test_a_record_is_not_fitted_together_with_itself(eightpost, tmp_path):
+    record = tmp_path / "own.csv"
+    shutil.copy(ROOT / "examples" / "data" / "dyno_A.csv", record)
+    shown = eightpost("fit", record, record, "-o", tmp_path / "a.json")
+    assert shown.exit_code == 2
+    assert "own.csv has the content of" in shown.output
 
 
 def test_fit_never_overwrites_a_record(eightpost, tmp_path):

@@ -65,8 +65,7 @@ GIVEN = {
     "docs/evidence/reproduce.md": Given(shorter={"--all": "--all --quick"}),
     "docs/explanation/identification.md": Given("take('rig')"),
     "docs/explanation/shock_law.md": Given(
-        "record('dyno_A', 'run1.csv', 'run2.csv', 'a1.csv', 'a2.csv')\nrecord('dyno_B', 'b1.csv', 'b2.csv')"
-        + _DYNO_TESTS
+        "record('dyno_A', 'run1.csv', 'run2.csv', 'a1.csv', 'a2.csv', 'b1.csv', 'b2.csv')" + _DYNO_TESTS
     ),
     "docs/explanation/linearity.md": Given(
         _RIG_TESTS + "records, inputs, outputs = [tests[0].series], ['lf.road', 'rf.road'], ['lf.velocity']"

@@ -176,6 +176,7 @@ def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monke
 
 
 @pytest.mark.nightly
+@pytest.mark.usefixtures("all_platforms")  # pages check their FMUs, and a missing platform is a finding
 @pytest.mark.parametrize("page", sorted(RUN))
 def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, take):
     lay_out(tmp_path)

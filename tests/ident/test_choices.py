@@ -8,6 +8,8 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.curve import _curve_coefficients, fitted_curve
+from eightpost.ident.shock.result import interval_of
+from eightpost.ident.shock.tables import parameter_table
 from eightpost.shock import Lpf1
 
 
@@ -34,7 +36,12 @@ def test_a_parameter_at_its_bound_is_reported(laggard):
     fit = fit_shock(laggard, "lpf1")
     assert fit.parameter("time_constant").at_bound == "upper"
     assert any("time_constant = 1" in warning and "at its upper bound" in warning for warning in fit.warnings)
-    assert fit.shock.fit["parameters"]["time_constant"]["at_bound"] == "upper"
+    stated = fit.shock.fit["parameters"]["time_constant"]
+    assert (stated["at_bound"], stated["interval_95"]) == ("upper", None)
+    assert interval_of(fit.parameter("gas_preload")) == fit.parameter("gas_preload").interval
+    assert np.isnan(fit.to_pandas().loc["time_constant", "low"])
+    columns = [list(column.cells) for column in parameter_table(fit).columns]
+    assert columns[2][columns[0].index("time_constant")] == "-"
 
 
 @pytest.mark.nightly

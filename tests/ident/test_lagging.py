@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eightpost.ident.shock.lag import lag, lag_sensitivity
+from eightpost.ident.shock.lag import RowFilter, lag, lag_sensitivity
 from eightpost.shock.lag import advance
+from eightpost.signals import lowpass
 
 forces = arrays(np.float64, 40, elements=st.floats(-3000.0, 3000.0, allow_subnormal=False))
 
@@ -43,3 +44,14 @@ def test_the_sensitivity_is_the_central_difference(time_constant):
     expected = (lag(static, time_constant + small, 5e-4) - lag(static, time_constant - small, 5e-4)) / (2 * small)
     found = lag_sensitivity(static, lag(static, time_constant, 5e-4), time_constant, 5e-4)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("rate", "cutoff"), [(120.0, 45.0), (300.0, 50.0), (3000.0, 50.0)])
+def test_the_rows_are_those_of_the_low_pass(rate, cutoff):
+    values = np.cumsum(np.random.default_rng(5).normal(size=(2, 3000)), axis=1)
+    inside = np.zeros(3000, dtype=bool)
+    inside[400:2500] = True
+    rows = RowFilter.of(inside, rate, cutoff)
+    expected = lowpass(values, rate, cutoff)[:, rows.rows]
+    # Frequencies above half the rate of the rows are left out, where the low-pass leaves 1e-5 of them.
+    np.testing.assert_allclose(rows(values), expected, atol=1e-5 * np.abs(values).max())

@@ -271,6 +271,14 @@ def test_only_a_lag_that_a_shock_certainly_does_not_have_is_a_reason():
     assert rules(record(sines([0.2], cycles=8), curve=lambda v: 2000.0 * v, lag=30e-3)) == []
 
 
+def test_a_lead_is_stated_without_a_minus():
+    series = record(random_motion(), lag=-5e-3)
+    (reason,) = lag_reasons(series, "run")
+    lag = force_lag(series)
+    assert reason.figure == f"by {Lag(-lag.seconds, -lag.high, -lag.low)}"
+    assert 0.0 < -lag.high < -lag.low
+
+
 def test_a_velocity_that_is_a_difference_of_positions_makes_no_early_force():
     """It is half a sample late; at 100 Hz this is 5 ms."""
     assert rules(record(sines(rate=100.0), lag=-5e-3)) == []

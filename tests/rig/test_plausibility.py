@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from eightpost.errors import WrongSignError
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.cycles import run_down
+from eightpost.rig.force_spectrum import _level, spectrum_reasons
 from eightpost.rig.one_setting import setting_reasons
 from eightpost.rig.plausibility import rectified_force
 from eightpost.rig.rest_force import rest_force
@@ -113,6 +114,21 @@ FAULTS = {
 def test_a_record_that_is_not_what_its_header_says_is_reported(fault, tmp_path):
     rule, change, other = FAULTS[fault]
     assert set(rules(tmp_path, change(sine()))) & {rule, other}
+
+
+@pytest.mark.parametrize(
+    ("cycles", "frequency"), [(1.03, 1.3), (2.06, 3.0), (4.12, 1.3), (6.18, 3.0), (8.24, 4.0), (20.6, 3.0), (20.6, 8.0)]
+)
+def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(cycles, frequency):
+    """Before, one of five clean sines was called smoothed."""
+    time = np.arange(0.0, cycles / frequency, 1.0 / RATE)
+    path = 0.025 * np.sin(2.0 * np.pi * frequency * time)
+    speed = np.gradient(path, time)
+    force = np.where(speed > 0.0, 110.0 * np.tanh(speed / 0.06), 180.0 * np.tanh(speed / 0.07)) + 900.0 * speed
+    noise = 0.3 * np.random.default_rng(0).standard_normal(time.size)
+    channels = {"velocity": ("m/s", speed), "force": ("N", force + 180.0 + 3000.0 * path + noise)}
+    series = TimeSeries.from_channels(time, channels)
+    assert list(spectrum_reasons(series, series.names, "run")) == []
 
 
 def test_a_good_record_has_no_reason(tmp_path):
@@ -318,3 +334,13 @@ def test_a_sine_that_follows_another_is_no_run_down(strokes, frequencies):
     ]
     path = np.concatenate(parts)
     assert run_down(np.arange(path.size) / 500.0, path, np.gradient(path, 1.0 / 500.0)) is None
+
+
+@pytest.mark.parametrize("count", [400, 333])
+def test_the_spectrum_of_a_channel_is_welchs_up_to_its_unit(count):
+    values = np.cumsum(np.random.default_rng(6).standard_normal(1800))
+    _, power = welch(values, nperseg=count)
+    # Welch's density counts the ends of the spectrum half.
+    found = _level(values, count)[1:-1]
+    np.testing.assert_allclose(np.diff(found), np.diff(np.log(power[1:-1])), atol=1e-9)
+    assert _level(np.zeros(1800), count).max() < -600.0

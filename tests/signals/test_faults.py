@@ -20,6 +20,8 @@ from eightpost.signals.faults import Origin
 
 TIME = np.arange(2000) / 1000.0
 SINE = np.sin(2 * np.pi * 2.0 * TIME)
+#: Channels with correlations of -0.295 and -0.305 with the sine.
+WEAK, STRONG = (np.cos(2 * np.pi * 2.0 * TIME) - ratio * SINE for ratio in (0.3087, 0.3203))
 #: The first sample is in line 11 of the file.
 ORIGIN = Origin(Path("run.csv"), np.arange(2000) + 11, 10)
 
@@ -75,6 +77,16 @@ FAULTS = {
         ClippedChannelError,
         r"run\.csv, line \d+, channel 'force': .* lowest value -0.95 ",
         lambda: faults.check_not_clipped(np.maximum(SINE, -0.95), channel="force", origin=ORIGIN),
+    ),
+    "no relation": (
+        WrongSignError,
+        r"its correlation with velocity is -0.29\d, so it does not follow it; check the column \(--channel\)",
+        lambda: faults.check_sign(WEAK, SINE, channel="force", against="velocity", origin=ORIGIN),
+    ),
+    "weak sign": (
+        WrongSignError,
+        r"is -0.30\d, so one of the two has the wrong sign",
+        lambda: faults.check_sign(STRONG, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
     "sign": (
         WrongSignError,

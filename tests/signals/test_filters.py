@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from eightpost.signals import derivative, lowpass, velocity_from_displacement
+from eightpost.signals.filters import recursion
 
 RATE = 2000.0
 TIME = np.arange(8000) / RATE
@@ -17,6 +19,25 @@ def test_the_gain_is_that_of_butterworth_squared_and_the_phase_is_zero(frequency
     # The bilinear transform's frequency, then 1 / (1 + (f / fc)^16).
     warped = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 50.0 / RATE)
     np.testing.assert_allclose(gain, 1.0 / (1.0 + warped**16), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("count", "rate", "cutoff", "order"),
+    [(3000, 300.0, 50.0, 8), (500, 100.0, 10.0, 2), (300, 1e4, 50.0, 8), (2, 9.0, 1.0, 4)],
+)
+def test_the_low_pass_is_that_of_scipy_to_rounding(count, rate, cutoff, order):
+    values = 100.0 + np.cumsum(np.random.default_rng(3).standard_normal((2, 3, count)), axis=-1)
+    pad = min(count - 1, int(np.ceil(3 * order * rate / cutoff)))
+    exact = scipy.signal.sosfiltfilt(scipy.signal.butter(order, cutoff, fs=rate, output="sos"), values, padlen=pad)
+    np.testing.assert_allclose(lowpass(values, rate, cutoff, order=order), exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("feedback", [[-0.9], [-1.6, 0.7], [0.2, -0.3, 0.1]])
+def test_a_recursion_is_a_filter_that_starts_at_rest(feedback):
+    values = np.random.default_rng(4).standard_normal((3, 50))
+    given = values.copy()
+    np.testing.assert_allclose(recursion(values, feedback), scipy.signal.lfilter([1.0], [1.0, *feedback], given))
+    np.testing.assert_array_equal(values, given)
 
 
 @pytest.mark.parametrize("cutoff", [50.0, 60.0, 0.0, -1.0])

@@ -105,21 +105,13 @@ def library_of(description: Description, path: Path, progress: Path) -> Library:
 
 @dataclass
 class Step3:
-    """What the last step reported, and what happened in it.
+    """What the last step reported, and what happened in it."""
 
-    Attributes:
-        event: eventHandlingNeeded.
-        terminate: terminateSimulation.
-        early: earlyReturn.
-        last: lastSuccessfulTime [s].
-        requests: Times [s] of intermediate updates in which inputs were requested.
-    """
-
-    event: bool
-    terminate: bool
-    early: bool
-    last: float
-    requests: tuple[float, ...]
+    event: bool  #: eventHandlingNeeded.
+    terminate: bool  #: terminateSimulation.
+    early: bool  #: earlyReturn.
+    last: float  #: lastSuccessfulTime [s].
+    requests: tuple[float, ...]  #: Times [s] of intermediate updates in which inputs were requested.
 
 
 @dataclass

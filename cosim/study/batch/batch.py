@@ -23,37 +23,21 @@ STATISTICS = ("shift", "sum", "squares", "least", "largest", "inside", "first", 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchResult:
-    """Sums of one batch of n setups. C corners, W limits, Q quantities, S channels, R rows.
+    """Sums of one batch of n setups. C corners, W limits, Q quantities, S channels, R rows."""
 
-    Attributes:
-        residual: Energy that the coupling added at each corner [J] (C, n).
-        transferred: Energy through each bond [J] (C, n).
-        defect: Squared differences of assumed and actual velocities and forces, over time (2, C, n).
-        total: Velocities and forces over time (2, C, n).
-        squares: Squares of velocities and forces over time (2, C, n).
-        beyond: Time beyond the fit of each shock [s] (C, n).
-        watched: Time beyond each limit [s] (W, n).
-        statistics: Statistics of each quantity (Q, 8, n).
-        series: Recorded channels (R, S, n).
-        ended: Step at which a setup was retired; -1 for none (n,).
-        sweeps: Number of evaluations of the equilibrium start (n,).
-        duration: Duration of the run [s].
-        settled: Duration of the part after settling [s].
-    """
-
-    residual: Array
-    transferred: Array
-    defect: Array
-    total: Array
-    squares: Array
-    beyond: Array
-    watched: Array
-    statistics: Array
-    series: Array
-    ended: Integers
-    sweeps: Integers
-    duration: float
-    settled: float
+    residual: Array  #: Energy that the coupling added at each corner [J] (C, n).
+    transferred: Array  #: Energy through each bond [J] (C, n).
+    defect: Array  #: Squared differences of assumed and actual velocities and forces, over time (2, C, n).
+    total: Array  #: Velocities and forces over time (2, C, n).
+    squares: Array  #: Squares of velocities and forces over time (2, C, n).
+    beyond: Array  #: Time beyond the fit of each shock [s] (C, n).
+    watched: Array  #: Time beyond each limit [s] (W, n).
+    statistics: Array  #: Statistics of each quantity (Q, 8, n).
+    series: Array  #: Recorded channels (R, S, n).
+    ended: Integers  #: Step at which a setup was retired; -1 for none (n,).
+    sweeps: Integers  #: Number of evaluations of the equilibrium start (n,).
+    duration: float  #: Duration of the run [s].
+    settled: float  #: Duration of the part after settling [s].
 
     def kept(self, statistics: Sequence[Array]) -> BatchResult:
         """Return a copy that the next run does not overwrite, without series and with further statistics."""

@@ -31,19 +31,12 @@ _AT_EQUILIBRIUM = "start_at_equilibrium"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarData:
-    """A vehicle of a batch.
+    """A vehicle of a batch."""
 
-    Attributes:
-        sizes: Content of sizes.h.
-        data: Bytes of the structure Car of fmus/batch/car.h.
-        inputs: Names of the inputs, in order.
-        outputs: Names of the outputs, in order.
-    """
-
-    sizes: str
-    data: bytes
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    sizes: str  #: Content of sizes.h.
+    data: bytes  #: Bytes of the structure Car of fmus/batch/car.h.
+    inputs: tuple[str, ...]  #: Names of the inputs, in order.
+    outputs: tuple[str, ...]  #: Names of the outputs, in order.
 
 
 def read_car(component: FmuComponent, path: Path, given: Parameters, corners: int) -> CarData:

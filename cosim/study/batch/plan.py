@@ -29,23 +29,15 @@ _MOST_LIMITS, MOST_CHANNELS, MOST_QUANTITIES = 8, 256, 512
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A weighted sum of channels, or the product of two, whose statistics are summed over some recorded rows.
+    """A weighted sum of channels, or the product of two, whose statistics are summed over some recorded rows."""
 
-    Attributes:
-        channels: Names of the channels.
-        weights: Factor for each channel.
-        rows: First recorded row, and the one after the last.
-        product: Whether the channels are multiplied.
-        inside: Limits of the values that are counted: from the first up to, but not including, the second.
-        limits: Whether the smallest and the largest value and the number inside are needed.
-    """
-
-    channels: tuple[str, ...]
-    weights: tuple[float, ...]
-    rows: tuple[int, int]
-    product: bool = False
+    channels: tuple[str, ...]  #: Names of the channels.
+    weights: tuple[float, ...]  #: Factor for each channel.
+    rows: tuple[int, int]  #: First recorded row, and the one after the last.
+    product: bool = False  #: Whether the channels are multiplied.
+    #: Limits of the values that are counted: from the first up to, but not including, the second.
     inside: tuple[float, float] = (-np.inf, np.inf)
-    limits: bool = False
+    limits: bool = False  #: Whether the smallest and the largest value and the number inside are needed.
 
     def structure(self, first: int = 0) -> Any:
         """Return the structure Quantity of fmus/batch/batch.h; `first` is the place of its first term."""

@@ -32,15 +32,10 @@ _HYSTERESIS = {"time_constant": 3, "stop_stiffness": 1, "stop_yield": 1, "stop_t
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockData:
-    """A shock of a batch.
+    """A shock of a batch."""
 
-    Attributes:
-        law: Number of its law in fmus/batch/port.h.
-        parameters: Parameters in the order of fmus/batch/component.h (P,).
-    """
-
-    law: int
-    parameters: Array
+    law: int  #: Number of its law in fmus/batch/port.h.
+    parameters: Array  #: Parameters in the order of fmus/batch/component.h (P,).
 
 
 def read_shock(component: FmuComponent, path: Path, given: Parameters) -> ShockData:

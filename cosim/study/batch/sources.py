@@ -24,15 +24,10 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|inf|nan)")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Constants of a generated C file.
+    """Constants of a generated C file."""
 
-    Attributes:
-        sizes: Enumeration constants by name.
-        numbers: Numbers of every table, in their order, by name.
-    """
-
-    sizes: Mapping[str, int]
-    numbers: Mapping[str, Array]
+    sizes: Mapping[str, int]  #: Enumeration constants by name.
+    numbers: Mapping[str, Array]  #: Numbers of every table, in their order, by name.
 
     @classmethod
     def of(cls, text: str) -> Constants:
@@ -58,15 +53,10 @@ def _numbers(text: str) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Sources of an FMU of this project.
+    """Sources of an FMU of this project."""
 
-    Attributes:
-        kind: Interface: `vehicle_ss`, `shock_lpnl2` and so on.
-        files: Content of the files in sources/ by name.
-    """
-
-    kind: str
-    files: Mapping[str, str]
+    kind: str  #: Interface: `vehicle_ss`, `shock_lpnl2` and so on.
+    files: Mapping[str, str]  #: Content of the files in sources/ by name.
 
     @classmethod
     def of(cls, component: FmuComponent, path: Path) -> Sources:

@@ -46,23 +46,14 @@ TOP, TESTS, SEED = 10, 3, 20260
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What is known about a study beyond its table.
+    """What is known about a study beyond its table."""
 
-    Attributes:
-        effects: Effects of uncertain parameters of shocks and vehicle.
-        unstated: Builds whose parameters' uncertainty is not known.
-        run_to_run: Standard deviation of one rig run by measure, SI.
-        runs: Rig runs.
-        notes: Sentences about the uncertain parameters.
-        vehicle: Origin of the uncertainty of the vehicle.
-    """
-
-    effects: tuple[Effect, ...] = ()
-    unstated: tuple[str, ...] = ()
-    run_to_run: Mapping[str, float] = field(default_factory=dict)
-    runs: tuple[ConfirmedRun, ...] = ()
-    notes: tuple[str, ...] = ()
-    vehicle: VehicleSource = VehicleSource.MODEL
+    effects: tuple[Effect, ...] = ()  #: Effects of uncertain parameters of shocks and vehicle.
+    unstated: tuple[str, ...] = ()  #: Builds whose parameters' uncertainty is not known.
+    run_to_run: Mapping[str, float] = field(default_factory=dict)  #: Standard deviation of one rig run by measure, SI.
+    runs: tuple[ConfirmedRun, ...] = ()  #: Rig runs.
+    notes: tuple[str, ...] = ()  #: Sentences about the uncertain parameters.
+    vehicle: VehicleSource = VehicleSource.MODEL  #: Origin of the uncertainty of the vehicle.
 
     @classmethod
     def of(cls, certainty: Certainty) -> Knowledge:

@@ -47,41 +47,29 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """One contribution to the uncertainty.
+    """One contribution to the uncertainty."""
 
-    Attributes:
-        name: Name: vehicle, shock fits, build to build, run to run, coupling, parameters.
-        status: Whether it is included, not included, or unknown.
-        text: Origin of its values, or what is missing, as a clause.
-    """
-
-    name: str
-    status: Status
-    text: str
+    name: str  #: Name: vehicle, shock fits, build to build, run to run, coupling, parameters.
+    status: Status  #: Whether it is included, not included, or unknown.
+    text: str  #: Origin of its values, or what is missing, as a clause.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """True levels of one measure for R setups, as a distribution.
+    """True levels of one measure for R setups, as a distribution."""
 
-    Attributes:
-        expected: Median of the true level (R,), SI; that of the objective in its own unit. NaN if the setup failed.
-        half_widths: Half-widths of the intervals of `PROBABILITIES` (3, R): of ln(true / expected) if `relative`, else
-            of true - expected. NaN if the uncertainty is not known.
-        best: Probability of having the lowest true level of all feasible setups (R,); NaN if it is not known.
-        relative: Whether the half-widths are those of a logarithm.
-        basis: Origin of the vehicle's uncertainty of this measure: "stated" by the vehicle for this measure, "output"
-            if it is that of the RMS of the measure's outputs (an approximation), "file" if an uncertainty file states
-            the vehicle's, "terms" for the objective, "unknown".
-        run_to_run: Standard deviation of one rig run, in the unit of `expected`; NaN if it is not known.
-    """
-
+    #: Median of the true level (R,), SI; that of the objective in its own unit. NaN if the setup failed.
     expected: Array
+    #: Half-widths of the intervals of `PROBABILITIES` (3, R): of ln(true / expected) if `relative`, else of true -
+    #: expected. NaN if the uncertainty is not known.
     half_widths: Array
-    best: Array
-    relative: bool
+    best: Array  #: Probability of having the lowest true level of all feasible setups (R,); NaN if it is not known.
+    relative: bool  #: Whether the half-widths are those of a logarithm.
+    #: Origin of the vehicle's uncertainty of this measure: "stated" by the vehicle for this measure, "output" if it is
+    #: that of the RMS of the measure's outputs (an approximation), "file" if an uncertainty file states the vehicle's,
+    #: "terms" for the objective, "unknown".
     basis: str
-    run_to_run: float = np.nan
+    run_to_run: float = np.nan  #: Standard deviation of one rig run, in the unit of `expected`; NaN if it is not known.
 
     @property
     def is_known(self) -> bool:
@@ -104,34 +92,22 @@ class Levels:
 
 @dataclass(frozen=True, slots=True)
 class TradeOff:
-    """Level of a measure of the leading setup relative to the baseline's (without a baseline: to the median setup's).
+    """Level of a measure of the leading setup relative to the baseline's (without one: to the median setup's)."""
 
-    Attributes:
-        measure: Name of the measure.
-        change: Median of the true ratio minus 1 [1]; positive: the leading setup is higher, i.e. worse.
-        low: Lower end of its 95 % interval [1].
-        high: Upper end of its 95 % interval [1].
-        lowest: The leading setup's level above the lowest predicted level of all feasible setups, relative [1].
-    """
-
-    measure: str
-    change: float
-    low: float
-    high: float
-    lowest: float
+    measure: str  #: Name of the measure.
+    change: float  #: Median of the true ratio minus 1 [1]; positive: the leading setup is higher, i.e. worse.
+    low: float  #: Lower end of its 95 % interval [1].
+    high: float  #: Upper end of its 95 % interval [1].
+    lowest: float  #: The leading setup's level above the lowest predicted level of all feasible setups, relative [1].
 
 
 @dataclass(frozen=True, slots=True)
 class NextTest:
-    """A setup to confirm on the rig.
+    """A setup to confirm on the rig."""
 
-    Attributes:
-        setup: Number of the setup.
-        remaining: Expected share of the variance of the differences within the ties that remains after this test and
-            those before it [1].
-    """
-
-    setup: int
+    setup: int  #: Number of the setup.
+    #: Expected share of the variance of the differences within the ties that remains after this test and those before
+    #: it [1].
     remaining: float
 
 
@@ -140,118 +116,72 @@ class Effect:
     """Effect of one uncertain parameter on the measures, linear in the parameter and additive over the corners.
 
     Changes are ln(changed / nominal) of a measure for a change of the parameter by one `deviation`.
-
-    Attributes:
-        part: Build whose parameter it is, or name of the vehicle's component.
-        parameter: Name of the parameter.
-        deviation: Standard deviation of the parameter, in its unit.
-        copies: Standard deviation between copies of the build, in units of `deviation`; 0 if it is not known.
-        shared: Change of the measures of all setups, by measure.
-        changes: Change of the measures of setups with a build at a corner, by corner, build and measure.
-        correlations: Correlation of the parameter's error with that of the same parameter of other builds, by build;
-            builds that are not listed are independent. Copies are always independent.
     """
 
-    part: str
-    parameter: str
-    deviation: float
-    copies: float
-    shared: Mapping[str, float]
+    part: str  #: Build whose parameter it is, or name of the vehicle's component.
+    parameter: str  #: Name of the parameter.
+    deviation: float  #: Standard deviation of the parameter, in its unit.
+    copies: float  #: Standard deviation between copies of the build, in units of `deviation`; 0 if it is not known.
+    shared: Mapping[str, float]  #: Change of the measures of all setups, by measure.
+    #: Change of the measures of setups with a build at a corner, by corner, build and measure.
     changes: Mapping[str, Mapping[str, Mapping[str, float]]]
+    #: Correlation of the parameter's error with that of the same parameter of other builds, by build; builds that are
+    #: not listed are independent. Copies are always independent.
     correlations: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedRun:
-    """A rig run that the certainty takes into account.
+    """A rig run that the certainty takes into account."""
 
-    Attributes:
-        file: Name of the record.
-        setup: Number of the setup.
-        drive: Name of the drive.
-        digest: SHA-256 of the record.
-        values: Measured levels by measure, SI.
-    """
-
-    file: str
-    setup: int
-    drive: str
-    digest: str
-    values: Mapping[str, float]
+    file: str  #: Name of the record.
+    setup: int  #: Number of the setup.
+    drive: str  #: Name of the drive.
+    digest: str  #: SHA-256 of the record.
+    values: Mapping[str, float]  #: Measured levels by measure, SI.
 
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """A measured level that the prediction and its uncertainty do not explain.
+    """A measured level that the prediction and its uncertainty do not explain."""
 
-    Attributes:
-        file: Name of the record.
-        setup: Number of the setup.
-        measure: Name of the measure.
-        predicted: Predicted level, SI.
-        measured: Measured level, SI.
-        probability: Probability of a deviation at least as large.
-        used: Whether the certainty takes the level into account nevertheless: a level that contradicts the other rig
-            runs is left out, one that agrees with them is not.
-    """
-
-    file: str
-    setup: int
-    measure: str
-    predicted: float
-    measured: float
-    probability: float
+    file: str  #: Name of the record.
+    setup: int  #: Number of the setup.
+    measure: str  #: Name of the measure.
+    predicted: float  #: Predicted level, SI.
+    measured: float  #: Measured level, SI.
+    probability: float  #: Probability of a deviation at least as large.
+    #: Whether the certainty takes the level into account nevertheless: a level that contradicts the other rig runs is
+    #: left out, one that agrees with them is not.
     used: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certainty:
-    """Certainty of a study of R setups.
+    """Certainty of a study of R setups."""
 
-    Attributes:
-        digest: Digest of the study's result.
-        criterion: Quantity by which setups are ranked, lowest first: `OBJECTIVE` or the name of a measure.
-        top: Number k of `among`.
-        setups: Numbers of the setups (R,), as in the table of the study.
-        best: Probability of being the best feasible setup by the criterion (R,).
-        among: Probability of being among the best k feasible setups (R,).
-        feasible: Probability of meeting all constraints (R,).
-        ties: Numbers of the setups of the smallest set that contains the best one with a probability of 95 %, most
-            probable first; empty if nothing about the uncertainty is known.
-        levels: True levels by measure, and of `OBJECTIVE` if the study has one.
-        contributions: Contributions to the uncertainty.
-        tests: Setups to confirm on the rig, the most informative first.
-        trade_offs: Other measures of the leading setup.
-        effects: Effects of uncertain parameters of shocks and vehicle.
-        runs: Rig runs that are taken into account.
-        contradictions: Measured levels that the prediction does not explain.
-        draws: Number of draws of the probabilities.
-        unstated: Builds whose parameters' uncertainty is not known.
-        vehicle: Origin of the uncertainty of the vehicle.
-        notes: Sentences about the uncertain parameters.
-        remarks: Sentences about approximations of the computation.
-    """
-
-    digest: str
-    criterion: str
-    top: int
-    setups: Integers
-    best: Array
-    among: Array
-    feasible: Array
+    digest: str  #: Digest of the study's result.
+    criterion: str  #: Quantity by which setups are ranked, lowest first: `OBJECTIVE` or the name of a measure.
+    top: int  #: Number k of `among`.
+    setups: Integers  #: Numbers of the setups (R,), as in the table of the study.
+    best: Array  #: Probability of being the best feasible setup by the criterion (R,).
+    among: Array  #: Probability of being among the best k feasible setups (R,).
+    feasible: Array  #: Probability of meeting all constraints (R,).
+    #: Numbers of the setups of the smallest set that contains the best one with a probability of 95 %, most probable
+    #: first; empty if nothing about the uncertainty is known.
     ties: tuple[int, ...]
-    levels: Mapping[str, Levels]
-    contributions: tuple[Contribution, ...] = ()
-    tests: tuple[NextTest, ...] = ()
-    trade_offs: tuple[TradeOff, ...] = ()
-    effects: tuple[Effect, ...] = ()
-    runs: tuple[ConfirmedRun, ...] = ()
-    contradictions: tuple[Contradiction, ...] = ()
-    draws: int = 0
-    unstated: tuple[str, ...] = ()
-    vehicle: VehicleSource = VehicleSource.MODEL
-    notes: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    levels: Mapping[str, Levels]  #: True levels by measure, and of `OBJECTIVE` if the study has one.
+    contributions: tuple[Contribution, ...] = ()  #: Contributions to the uncertainty.
+    tests: tuple[NextTest, ...] = ()  #: Setups to confirm on the rig, the most informative first.
+    trade_offs: tuple[TradeOff, ...] = ()  #: Other measures of the leading setup.
+    effects: tuple[Effect, ...] = ()  #: Effects of uncertain parameters of shocks and vehicle.
+    runs: tuple[ConfirmedRun, ...] = ()  #: Rig runs that are taken into account.
+    contradictions: tuple[Contradiction, ...] = ()  #: Measured levels that the prediction does not explain.
+    draws: int = 0  #: Number of draws of the probabilities.
+    unstated: tuple[str, ...] = ()  #: Builds whose parameters' uncertainty is not known.
+    vehicle: VehicleSource = VehicleSource.MODEL  #: Origin of the uncertainty of the vehicle.
+    notes: tuple[str, ...] = ()  #: Sentences about the uncertain parameters.
+    remarks: tuple[str, ...] = ()  #: Sentences about approximations of the computation.
 
     def __post_init__(self) -> None:
         for what in ("best", "among", "feasible"):

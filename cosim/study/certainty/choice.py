@@ -27,19 +27,12 @@ CANDIDATES, _LEAST = 2000, 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Criterion:
-    """What setups are ranked by: a weighted sum of measures, lowest first.
+    """What setups are ranked by: a weighted sum of measures, lowest first."""
 
-    Attributes:
-        name: `OBJECTIVE` or the name of a measure.
-        measures: Positions of its measures (I,).
-        weights: Factors of the measures in SI (I,).
-        offset: Constant added to the sum.
-    """
-
-    name: str
-    measures: Integers
-    weights: Array
-    offset: float = 0.0
+    name: str  #: `OBJECTIVE` or the name of a measure.
+    measures: Integers  #: Positions of its measures (I,).
+    weights: Array  #: Factors of the measures in SI (I,).
+    offset: float = 0.0  #: Constant added to the sum.
 
     @classmethod
     def of(cls, result: StudyResult, name: str) -> Criterion:
@@ -148,25 +141,17 @@ def candidates(posterior: Posterior, criterion: Criterion, feasible: Array, top:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """Drawn true values of K setups.
+    """Drawn true values of K setups."""
 
-    Attributes:
-        rows: Rows of the setups (K,).
-        best: Number of draws in which each setup is the best, in the first and the second half of the draws (2, K);
-            setups with the same value share a draw.
-        among: Share of the draws in which each setup is among the best k (K,).
-        count: Number of draws.
-        covariance: Covariance of the criterion (K, K), or of its first rows by `best`.
-        none: Share of the draws in which no setup is feasible.
-    """
-
-    rows: Integers
+    rows: Integers  #: Rows of the setups (K,).
+    #: Number of draws in which each setup is the best, in the first and the second half of the draws (2, K); setups
+    #: with the same value share a draw.
     best: Array
-    among: Array
-    count: int
-    covariance: Array
+    among: Array  #: Share of the draws in which each setup is among the best k (K,).
+    count: int  #: Number of draws.
+    covariance: Array  #: Covariance of the criterion (K, K), or of its first rows by `best`.
     covered: Integers
-    none: float
+    none: float  #: Share of the draws in which no setup is feasible.
 
     @property
     def probability(self) -> Array:

@@ -30,18 +30,12 @@ _CHANGED = " with another "
 
 @dataclass(frozen=True, slots=True)
 class UncertainParameter:
-    """An uncertain parameter of a build or of the vehicle.
+    """An uncertain parameter of a build or of the vehicle."""
 
-    Attributes:
-        part: Name of the build, or of the vehicle's component.
-        value: Value in the study.
-        stated: Uncertainty of the parameter.
-        left_out: Changes of the build's fit when blocks of its test are left out; None if they are not known.
-    """
-
-    part: str
-    value: float
-    stated: ParameterUncertainty
+    part: str  #: Name of the build, or of the vehicle's component.
+    value: float  #: Value in the study.
+    stated: ParameterUncertainty  #: Uncertainty of the parameter.
+    #: Changes of the build's fit when blocks of its test are left out; None if they are not known.
     left_out: LeftOutBlocks | None = None
 
     @property
@@ -175,19 +169,12 @@ _Table = dict[tuple[str, str], dict[str, float]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Runs:
-    """Runs about the best setup.
+    """Runs about the best setup."""
 
-    Attributes:
-        result: Result of the study.
-        base: Builds of the best setup.
-        folder: Folder of completed runs.
-        workers: Workers that run the setups.
-    """
-
-    result: StudyResult
-    base: Mapping[str, str]
-    folder: Path
-    workers: Workers
+    result: StudyResult  #: Result of the study.
+    base: Mapping[str, str]  #: Builds of the best setup.
+    folder: Path  #: Folder of completed runs.
+    workers: Workers  #: Workers that run the setups.
 
     def at(self, corner: str, study: Study, parameters: Sequence[UncertainParameter] = ()) -> _Table:
         """Return the measures of the best setup with each build at a corner, and with each changed build."""

@@ -17,18 +17,13 @@ _DISTANCE = ("rms", "joint_rms")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Axes:
-    """Axes of the positions of setups: O outputs, their local features, then all M measures; Z in all.
+    """Axes of the positions of setups: O outputs, their local features, then all M measures; Z in all."""
 
-    Attributes:
-        outputs: Positions of the measures of the outputs (O,): each output of the vehicle counts once, as in the
-            vehicle's own distance.
-        positive: Whether a measure is positive for all setups (M,); the coordinate of any other one is 0.
-        middle: Means of the logarithms over the setups of the study (O + M,).
-    """
-
+    #: Positions of the measures of the outputs (O,): each output of the vehicle counts once, as in the vehicle's own
+    #: distance.
     outputs: Integers
-    positive: Flags
-    middle: Array
+    positive: Flags  #: Whether a measure is positive for all setups (M,); the coordinate of any other one is 0.
+    middle: Array  #: Means of the logarithms over the setups of the study (O + M,).
 
     @classmethod
     def of(cls, result: StudyResult) -> Axes:

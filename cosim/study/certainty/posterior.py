@@ -23,21 +23,13 @@ _FLOOR = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
-    """N measured levels.
+    """N measured levels."""
 
-    Attributes:
-        rows: Rows of the setups (N,).
-        measures: Positions of the measures (N,).
-        changes: ln(measured / predicted) (N,).
-        deviations: Standard deviations due to run-to-run noise and coupling (N,) [1].
-        files: Names of the records.
-    """
-
-    rows: Integers
-    measures: Integers
-    changes: Array
-    deviations: Array
-    files: tuple[str, ...] = ()
+    rows: Integers  #: Rows of the setups (N,).
+    measures: Integers  #: Positions of the measures (N,).
+    changes: Array  #: ln(measured / predicted) (N,).
+    deviations: Array  #: Standard deviations due to run-to-run noise and coupling (N,) [1].
+    files: tuple[str, ...] = ()  #: Names of the records.
 
     @classmethod
     def none(cls) -> Observations:
@@ -53,15 +45,10 @@ class Observations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaleKnowledge:
-    """Distributions of the squared scales of M measures: factor degrees / chi^2(degrees).
+    """Distributions of the squared scales of M measures: factor degrees / chi^2(degrees)."""
 
-    Attributes:
-        factors: Factors of the common and own errors (2, M).
-        degrees: Degrees of freedom (2, M).
-    """
-
-    factors: Array
-    degrees: Array
+    factors: Array  #: Factors of the common and own errors (2, M).
+    degrees: Array  #: Degrees of freedom (2, M).
 
     def groups(self, count: int, generator: np.random.Generator) -> list[Scales]:
         """Return equally probable scales, a Latin hypercube over the measures."""
@@ -79,15 +66,10 @@ class ScaleKnowledge:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Errors of R setups given N measured levels.
+    """Errors of R setups given N measured levels."""
 
-    Attributes:
-        sources: Sources of the errors.
-        observations: Measured levels.
-    """
-
-    sources: ErrorSources
-    observations: Observations
+    sources: ErrorSources  #: Sources of the errors.
+    observations: Observations  #: Measured levels.
 
     @cached_property
     def scales(self) -> ScaleKnowledge:

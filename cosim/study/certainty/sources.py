@@ -38,51 +38,32 @@ class Scales(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variables:
-    """Drawn variables of the error model: D draws.
+    """Drawn variables of the error model: D draws."""
 
-    Attributes:
-        common: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
-        own: Gradient of each measure's own error (D, M, Z).
-        shocks: Error due to each build at each corner (D, C, B, M).
-    """
-
+    #: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
     common: Array
-    own: Array
-    shocks: Array
+    own: Array  #: Gradient of each measure's own error (D, M, Z).
+    shocks: Array  #: Error due to each build at each corner (D, C, B, M).
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Sources of the errors of M measures of R setups with C corners and B builds.
+    """Sources of the errors of M measures of R setups with C corners and B builds."""
 
-    Attributes:
-        names: Names of the measures.
-        predicted: Predicted levels (R, M), SI; NaN if a setup failed.
-        common: Scale of the common error (M,) [1]; 0 if it is not known.
-        own: Scale of the own error per distance (M,) [1]; 0 if it is not known.
-        bases: Origin of both, by measure (Levels.basis).
-        positions: Positions z of the setups (R, Z); 0 for setups that failed.
-        builds: Positions of the builds at the corners (R, C) in the list of all builds.
-        shared: Change of all setups by a standard deviation of each of F modes (F, M).
-        changes: Change by a build at a corner by a standard deviation of each mode (F, C, B, M).
-        copies: Change by a build at a corner by a standard deviation between copies, for each of P parameters for which
-            it is known (P, C, B, M).
-        coupling: Standard deviation due to the coupling (R, M) [1].
-        run_to_run: Standard deviation of one rig run (M,), SI; NaN if it is not known.
-    """
-
-    names: tuple[str, ...]
-    predicted: Array
-    common: Array
-    own: Array
-    bases: tuple[str, ...]
-    positions: Array
-    builds: Integers
-    shared: Array
-    changes: Array
+    names: tuple[str, ...]  #: Names of the measures.
+    predicted: Array  #: Predicted levels (R, M), SI; NaN if a setup failed.
+    common: Array  #: Scale of the common error (M,) [1]; 0 if it is not known.
+    own: Array  #: Scale of the own error per distance (M,) [1]; 0 if it is not known.
+    bases: tuple[str, ...]  #: Origin of both, by measure (Levels.basis).
+    positions: Array  #: Positions z of the setups (R, Z); 0 for setups that failed.
+    builds: Integers  #: Positions of the builds at the corners (R, C) in the list of all builds.
+    shared: Array  #: Change of all setups by a standard deviation of each of F modes (F, M).
+    changes: Array  #: Change by a build at a corner by a standard deviation of each mode (F, C, B, M).
+    #: Change by a build at a corner by a standard deviation between copies, for each of P parameters for which it is
+    #: known (P, C, B, M).
     copies: Array
-    coupling: Array
-    run_to_run: Array
+    coupling: Array  #: Standard deviation due to the coupling (R, M) [1].
+    run_to_run: Array  #: Standard deviation of one rig run (M,), SI; NaN if it is not known.
 
     @property
     def directions(self) -> Array:

@@ -19,17 +19,11 @@ _FEWEST = 3
 
 
 class Surprise(NamedTuple):
-    """A measured level that is improbable.
+    """A measured level that is improbable."""
 
-    Attributes:
-        position: Position of the level.
-        probability: Probability of a deviation at least as large.
-        used: Whether it agrees with the other rig runs, so that it is taken into account.
-    """
-
-    position: int
-    probability: float
-    used: bool
+    position: int  #: Position of the level.
+    probability: float  #: Probability of a deviation at least as large.
+    used: bool  #: Whether it agrees with the other rig runs, so that it is taken into account.
 
 
 def surprises_of(sources: ErrorSources, seen: Observations) -> list[Surprise]:

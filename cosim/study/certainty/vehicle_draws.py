@@ -25,21 +25,14 @@ _SEED = 20270
 class VehicleDraws:
     """D drawn errors of M measures, as functions of the levels that the vehicle predicts for a setup.
 
-        ln(true / predicted) = common + own . z,    z: position of the setup
-
-    Attributes:
-        names: Names of the measures.
-        common: Common error (D, M).
-        own: Gradient of the own error (D, M, Z).
-        axes: Axes of the positions of setups.
-        unknown: Measures whose uncertainty is not known; their errors are 0.
+    ln(true / predicted) = common + own . z,    z: position of the setup
     """
 
-    names: tuple[str, ...]
-    common: Array
-    own: Array
-    axes: Axes
-    unknown: tuple[str, ...]
+    names: tuple[str, ...]  #: Names of the measures.
+    common: Array  #: Common error (D, M).
+    own: Array  #: Gradient of the own error (D, M, Z).
+    axes: Axes  #: Axes of the positions of setups.
+    unknown: tuple[str, ...]  #: Measures whose uncertainty is not known; their errors are 0.
 
     @classmethod
     def of(cls, result: StudyResult, posterior: Posterior, seed: int = _SEED) -> VehicleDraws | None:
@@ -85,18 +78,12 @@ class DrawnCar:
 
     An error of the objective that the reference has too, such as a common one, says nothing on which setup is better;
     it is left out of the objective, but not of the constraints.
-
-    Attributes:
-        draws: Drawn errors.
-        criterion: Objective.
-        limits: Constraints.
-        reference: Predicted levels of the reference (M,), SI.
     """
 
-    draws: VehicleDraws
-    criterion: Criterion
-    limits: tuple[Limits, ...]
-    reference: Array
+    draws: VehicleDraws  #: Drawn errors.
+    criterion: Criterion  #: Objective.
+    limits: tuple[Limits, ...]  #: Constraints.
+    reference: Array  #: Predicted levels of the reference (M,), SI.
 
     @classmethod
     def of(cls, result: StudyResult, draws: VehicleDraws, name: str, row: int) -> DrawnCar:

@@ -30,23 +30,14 @@ _UPPER = 0.975
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Best-fit line by least squares: measured = intercept + slope * predicted.
+    """Best-fit line by least squares: measured = intercept + slope * predicted."""
 
-    Attributes:
-        slope: Slope [1].
-        intercept: Intercept, in the unit of the measure.
-        scatter: Standard deviation of the measured levels about the line.
-        setups: Number of setups to which the line was fitted.
-        center: Mean of the predicted levels.
-        breadth: Sum of squares of the predicted levels about their mean.
-    """
-
-    slope: float
-    intercept: float
-    scatter: float
-    setups: int
-    center: float
-    breadth: float
+    slope: float  #: Slope [1].
+    intercept: float  #: Intercept, in the unit of the measure.
+    scatter: float  #: Standard deviation of the measured levels about the line.
+    setups: int  #: Number of setups to which the line was fitted.
+    center: float  #: Mean of the predicted levels.
+    breadth: float  #: Sum of squares of the predicted levels about their mean.
 
     @property
     def slope_error(self) -> float:
@@ -71,28 +62,19 @@ class Line:
 class Comparison:
     """Predicted and measured levels of one measure for K setups, in one unit.
 
-    Attributes:
-        measure: Name of the measure.
-        setups: Numbers of the setups (K,).
-        predicted: Levels predicted by the study (K,).
-        measured: Levels measured on the rig (K,), averaged over repeated runs of a setup.
-        runs: Number of rig runs of each setup (K,).
-        run_to_run: Standard deviation of one rig run; 0 if not known.
-        true: 95 % interval of the true level of each setup (2, K), as the certainty of the study states it: lower ends,
-            then upper ends. NaN where it is not known or already contains rig runs of the setup; None without a
-            certainty.
-
     Raises:
         InputError: The shapes disagree, there are fewer than three setups, or all predicted or measured levels are
             equal.
     """
 
-    measure: str
-    setups: Integers
-    predicted: Array
-    measured: Array
-    runs: Integers
-    run_to_run: float = 0.0
+    measure: str  #: Name of the measure.
+    setups: Integers  #: Numbers of the setups (K,).
+    predicted: Array  #: Levels predicted by the study (K,).
+    measured: Array  #: Levels measured on the rig (K,), averaged over repeated runs of a setup.
+    runs: Integers  #: Number of rig runs of each setup (K,).
+    run_to_run: float = 0.0  #: Standard deviation of one rig run; 0 if not known.
+    #: 95 % interval of the true level of each setup (2, K), as the certainty of the study states it: lower ends, then
+    #: upper ends. NaN where it is not known or already contains rig runs of the setup; None without a certainty.
     true: Array | None = None
 
     def __post_init__(self) -> None:

@@ -20,17 +20,11 @@ from eightpost.signals import TimeSeries
 
 @dataclass(frozen=True, slots=True)
 class _Confirmed:
-    """Knowledge with new rig runs.
+    """Knowledge with new rig runs."""
 
-    Attributes:
-        known: Knowledge with the new runs.
-        new: The new runs.
-        notes: Sentences about records and measures that are left out.
-    """
-
-    known: Knowledge
-    new: tuple[ConfirmedRun, ...]
-    notes: tuple[str, ...]
+    known: Knowledge  #: Knowledge with the new runs.
+    new: tuple[ConfirmedRun, ...]  #: The new runs.
+    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
 
 
 def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[MeasuredRun, ...], list[str]]:

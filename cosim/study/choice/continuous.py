@@ -50,20 +50,14 @@ def groups_of(study: Study) -> tuple[tuple[str, ...], ...]:
 class Range:
     """Range of one number of a shock.
 
-    Attributes:
-        name: Name of the number.
-        low: Lower limit, in the number's own unit.
-        high: Upper limit.
-        tolerance: Standard deviation from shock to shock, as a share of the value [1].
-
     Raises:
         InputError: The range is empty, or the tolerance is negative.
     """
 
-    name: str
-    low: float
-    high: float
-    tolerance: float = 0.0
+    name: str  #: Name of the number.
+    low: float  #: Lower limit, in the number's own unit.
+    high: float  #: Upper limit.
+    tolerance: float = 0.0  #: Standard deviation from shock to shock, as a share of the value [1].
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
@@ -99,18 +93,12 @@ class ShockSpace:
     """Numbers of a shock at each corner, or group of corners with the same shock.
 
     A point is an array (n,) of places between 0 and 1, the numbers of the first group first.
-
-    Attributes:
-        groups: Corners of each group that varies.
-        ranges: Ranges of the numbers, the same at each group.
-        build: Function that returns the build of a shock with these numbers.
-        fixed: Builds of the other corners.
     """
 
-    groups: tuple[tuple[str, ...], ...]
-    ranges: tuple[Range, ...]
-    build: BuildOf
-    fixed: Mapping[str, Build] = field(default_factory=dict)
+    groups: tuple[tuple[str, ...], ...]  #: Corners of each group that varies.
+    ranges: tuple[Range, ...]  #: Ranges of the numbers, the same at each group.
+    build: BuildOf  #: Function that returns the build of a shock with these numbers.
+    fixed: Mapping[str, Build] = field(default_factory=dict)  #: Builds of the other corners.
 
     @property
     def size(self) -> int:
@@ -144,18 +132,13 @@ class ShockSpace:
 class Robustness:
     """Draws of the tolerances, the same for every point, and the weight of the scatter.
 
-    Attributes:
-        draws: Number of draws; 0: shocks are exactly as planned.
-        weight: Number of standard deviations that are added to the mean of objective and constraints.
-        seed: Seed of the draws.
-
     Raises:
         InputError: There is a single draw, or the weight is negative.
     """
 
-    draws: int = 0
-    weight: float = 1.0
-    seed: int = 0
+    draws: int = 0  #: Number of draws; 0: shocks are exactly as planned.
+    weight: float = 1.0  #: Number of standard deviations that are added to the mean of objective and constraints.
+    seed: int = 0  #: Seed of the draws.
 
     def __post_init__(self) -> None:
         if self.draws < 0 or self.draws == 1 or not self.weight >= 0.0:
@@ -171,21 +154,13 @@ class Robustness:
 
 
 class Evaluation(NamedTuple):
-    """Values of K points.
+    """Values of K points."""
 
-    Attributes:
-        objective: Robust objective (K,): mean plus weighted scatter; NaN if a run failed.
-        violations: Robust violation of each constraint (K, C), as a share of the limit.
-        nominal: Predicted objective of the shocks exactly as planned (K,).
-        scatter: Standard deviation of the objective over the draws (K,); 0 without draws.
-        assured: Objective that is exceeded with a probability of 5 % over the draws (K,).
-    """
-
-    objective: Array
-    violations: Array
-    nominal: Array
-    scatter: Array
-    assured: Array
+    objective: Array  #: Robust objective (K,): mean plus weighted scatter; NaN if a run failed.
+    violations: Array  #: Robust violation of each constraint (K, C), as a share of the limit.
+    nominal: Array  #: Predicted objective of the shocks exactly as planned (K,).
+    scatter: Array  #: Standard deviation of the objective over the draws (K,); 0 without draws.
+    assured: Array  #: Objective that is exceeded with a probability of 5 % over the draws (K,).
 
     @property
     def allowed(self) -> Flags:
@@ -261,29 +236,17 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimum:
-    """Result of a continuous search.
+    """Result of a continuous search."""
 
-    Attributes:
-        point: Best point (n,).
-        objective: Robust objective there.
-        nominal: Objective of the shocks exactly as planned.
-        scatter: Standard deviation of the objective over the draws.
-        assured: Objective that is exceeded with a probability of 5 % over the draws.
-        allowed: Whether the point meets all constraints.
-        starts: Objective at each start, and at the end of its search.
-        runs: Number of setups that were run.
-        status: Reasons why the searches ended.
-    """
-
-    point: Array
-    objective: float
-    nominal: float
-    scatter: float
-    assured: float
-    allowed: bool
-    starts: tuple[tuple[float, float], ...]
-    runs: int
-    status: tuple[str, ...]
+    point: Array  #: Best point (n,).
+    objective: float  #: Robust objective there.
+    nominal: float  #: Objective of the shocks exactly as planned.
+    scatter: float  #: Standard deviation of the objective over the draws.
+    assured: float  #: Objective that is exceeded with a probability of 5 % over the draws.
+    allowed: bool  #: Whether the point meets all constraints.
+    starts: tuple[tuple[float, float], ...]  #: Objective at each start, and at the end of its search.
+    runs: int  #: Number of setups that were run.
+    status: tuple[str, ...]  #: Reasons why the searches ended.
 
 
 Progress = Callable[[int], None]

@@ -20,21 +20,13 @@ _SIZES = (0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.02, 0.01)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """Points around an optimum that keep a share of its gain.
+    """Points around an optimum that keep a share of its gain."""
 
-    Attributes:
-        share: Share of the gain that is kept [1].
-        size: Half-width of the box around the optimum, as a share of each range; 0: no box was large enough.
-        kept: Share of the random points in the box that keep the gain and meet the constraints [1].
-        points: Random points in the box (P, n).
-        alone: Lower and upper place (n, 2) of each number within which the gain is kept while the others stay.
-    """
-
-    share: float
-    size: float
-    kept: float
-    points: Array
-    alone: Array
+    share: float  #: Share of the gain that is kept [1].
+    size: float  #: Half-width of the box around the optimum, as a share of each range; 0: no box was large enough.
+    kept: float  #: Share of the random points in the box that keep the gain and meet the constraints [1].
+    points: Array  #: Random points in the box (P, n).
+    alone: Array  #: Lower and upper place (n, 2) of each number within which the gain is kept while the others stay.
 
 
 def band(problem: Problem, optimum: Optimum, reference: float, *, share: float = 0.8, seed: int = 1) -> Band:

@@ -78,21 +78,13 @@ Evaluate = Callable[[Integers], Scores]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimum:
-    """All setups that an optimisation evaluated. N setups, O objectives, C constraints.
+    """All setups that an optimisation evaluated. N setups, O objectives, C constraints."""
 
-    Attributes:
-        indices: Numbers of the setups (N,) in the order of evaluation, each once.
-        objectives: Objectives (N, O); lower is better.
-        violations: Constraint violations (N, C), as shares of the limits.
-        seed: Seed of the random number generator.
-        status: Reason why the search ended.
-    """
-
-    indices: Integers
-    objectives: Array
-    violations: Array
-    seed: int
-    status: str
+    indices: Integers  #: Numbers of the setups (N,) in the order of evaluation, each once.
+    objectives: Array  #: Objectives (N, O); lower is better.
+    violations: Array  #: Constraint violations (N, C), as shares of the limits.
+    seed: int  #: Seed of the random number generator.
+    status: str  #: Reason why the search ended.
 
     @property
     def allowed(self) -> Flags:
@@ -155,19 +147,12 @@ def optimise(
 
 @dataclass(slots=True)
 class _Trials:
-    """Setups evaluated so far.
+    """Setups evaluated so far."""
 
-    Attributes:
-        space: Space of the setups.
-        evaluate: Function that runs setups by number.
-        indices: Numbers of the setups, batch by batch.
-        scores: Objectives and violations of the setups, batch by batch.
-    """
-
-    space: SetupSpace
-    evaluate: Evaluate
-    indices: list[Integers] = field(default_factory=list)
-    scores: list[Scores] = field(default_factory=list)
+    space: SetupSpace  #: Space of the setups.
+    evaluate: Evaluate  #: Function that runs setups by number.
+    indices: list[Integers] = field(default_factory=list)  #: Numbers of the setups, batch by batch.
+    scores: list[Scores] = field(default_factory=list)  #: Objectives and violations of the setups, batch by batch.
 
     def run(self, levels: Integers) -> Scores:
         """Evaluate a batch of setups by their levels (K, F)."""
@@ -196,18 +181,13 @@ def _first_generation(counts: tuple[int, ...], population: int, start: Integers,
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Objectives and settings of a search.
+    """Objectives and settings of a search."""
 
-    Attributes:
-        objectives: Measures to minimise, several for their trade-off; empty: the study's objective (Eq 2.6), or its
-            first measure if it has none.
-        evaluations: Maximum number of setups to evaluate.
-        seed: Seed of the random number generator.
-    """
-
+    #: Measures to minimise, several for their trade-off; empty: the study's objective (Eq 2.6), or its first measure if
+    #: it has none.
     objectives: tuple[str, ...] = ()
-    evaluations: int = 400
-    seed: int = 0
+    evaluations: int = 400  #: Maximum number of setups to evaluate.
+    seed: int = 0  #: Seed of the random number generator.
 
 
 def search_study(

@@ -22,14 +22,10 @@ _FAILED = 1e12
 
 
 class Scores(NamedTuple):
-    """Objectives and constraint violations of a batch of K setups.
+    """Objectives and constraint violations of a batch of K setups."""
 
-    Attributes:
-        objectives: Objectives (K, O); lower is better; NaN if the setup failed.
-        violations: Violation of each constraint (K, C), as a share of its limit; 0 or less if the constraint is met.
-    """
-
-    objectives: Array
+    objectives: Array  #: Objectives (K, O); lower is better; NaN if the setup failed.
+    #: Violation of each constraint (K, C), as a share of its limit; 0 or less if the constraint is met.
     violations: Array
 
 

@@ -28,32 +28,20 @@ _MISSING = 2.0
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """One run on the rig.
+    """One run on the rig."""
 
-    Attributes:
-        file: Record of the run.
-        setup: Number of the setup.
-        drive: Name of the drive.
-    """
-
-    file: Path
-    setup: int
-    drive: str
+    file: Path  #: Record of the run.
+    setup: int  #: Number of the setup.
+    drive: str  #: Name of the drive.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Measures of R runs on one or several drives.
+    """Measures of R runs on one or several drives."""
 
-    Attributes:
-        setups: Setup number of each run (R,).
-        values: Values of each measure (R,) [SI]; NaN for runs on another drive.
-        missing: Measures that cannot be computed from any run, each with the reason.
-    """
-
-    setups: Integers
-    values: Mapping[str, Array]
-    missing: Mapping[str, str]
+    setups: Integers  #: Setup number of each run (R,).
+    values: Mapping[str, Array]  #: Values of each measure (R,) [SI]; NaN for runs on another drive.
+    missing: Mapping[str, str]  #: Measures that cannot be computed from any run, each with the reason.
 
 
 def read_run_list(path: str | Path, study: Study) -> tuple[MeasuredRun, ...]:
@@ -225,17 +213,11 @@ def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _RigComparison:
-    """A study beside its rig runs.
+    """A study beside its rig runs."""
 
-    Attributes:
-        runs: Rig runs that have a record.
-        comparisons: Comparison of each measure.
-        notes: Sentences about records and measures that are left out.
-    """
-
-    runs: tuple[MeasuredRun, ...]
-    comparisons: tuple[Comparison, ...]
-    notes: tuple[str, ...]
+    runs: tuple[MeasuredRun, ...]  #: Rig runs that have a record.
+    comparisons: tuple[Comparison, ...]  #: Comparison of each measure.
+    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
 
 
 def compare_with_rig(

@@ -33,24 +33,16 @@ REACH = 2.0
 class Spread:
     """Values of one measure of K setups with their uncertainty, in one unit.
 
-    Attributes:
-        measure: Name of the measure.
-        setups: Numbers of the setups (K,).
-        values: Values with the best parameters (K,); NaN if the setup failed.
-        draws: Values with drawn parameters (S, K); S = 0 if shocks and vehicle are treated as known exactly.
-        run_to_run: Standard deviation of one rig run; 0 to ignore run-to-run noise.
-        runs: Number of rig runs of each setup that would be averaged.
-
     Raises:
         InputError: The shapes disagree, there is a single draw, or run_to_run or runs are invalid.
     """
 
-    measure: str
-    setups: Integers
-    values: Array
-    draws: Array
-    run_to_run: float = 0.0
-    runs: int = 1
+    measure: str  #: Name of the measure.
+    setups: Integers  #: Numbers of the setups (K,).
+    values: Array  #: Values with the best parameters (K,); NaN if the setup failed.
+    draws: Array  #: Values with drawn parameters (S, K); S = 0 if shocks and vehicle are treated as known exactly.
+    run_to_run: float = 0.0  #: Standard deviation of one rig run; 0 to ignore run-to-run noise.
+    runs: int = 1  #: Number of rig runs of each setup that would be averaged.
 
     def __post_init__(self) -> None:
         if self.values.shape != self.setups.shape or self.draws.shape[1:] != self.setups.shape:
@@ -149,26 +141,18 @@ _ROUNDING = 1e-9
 class Uncertain:
     """Parameters of one FMU with their covariance, such as that of a fit. n parameters.
 
-    Attributes:
-        part: Name of the build, or of the vehicle's component. A build has the same errors at every corner.
-        names: Names of the FMU's parameters.
-        values: Best values (n,), each in the parameter's unit.
-        covariance: Covariance of the parameters (n, n).
-        lowest: Lower limits (n,), or one number for all; draws below are set to the limit.
-        highest: Upper limits (n,), or one number for all.
-        left_out: Changes of the parameters when blocks of the fit's test are left out; parts with the same test have
-            correlated errors. None if they are not known.
-
     Raises:
         InputError: The shapes disagree, or the covariance is not symmetric or has negative variances.
     """
 
-    part: str
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    lowest: ArrayLike = -inf
-    highest: ArrayLike = inf
+    part: str  #: Name of the build, or of the vehicle's component. A build has the same errors at every corner.
+    names: tuple[str, ...]  #: Names of the FMU's parameters.
+    values: Array  #: Best values (n,), each in the parameter's unit.
+    covariance: Array  #: Covariance of the parameters (n, n).
+    lowest: ArrayLike = -inf  #: Lower limits (n,), or one number for all; draws below are set to the limit.
+    highest: ArrayLike = inf  #: Upper limits (n,), or one number for all.
+    #: Changes of the parameters when blocks of the fit's test are left out; parts with the same test have correlated
+    #: errors. None if they are not known.
     left_out: LeftOutBlocks | None = None
 
     def __post_init__(self) -> None:
@@ -249,19 +233,12 @@ def _over(own: Parameters, drawn: Mapping[str, float] | None) -> Parameters:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """Uncertain parameters and number of draws.
+    """Uncertain parameters and number of draws."""
 
-    Attributes:
-        parts: Uncertain parameters with their covariance.
-        count: Number of draws.
-        seed: Seed of the random number generator.
-        vehicles: FMUs of equivalent vehicles.
-    """
-
-    parts: tuple[Uncertain, ...]
-    count: int = 32
-    seed: int = 0
-    vehicles: tuple[Path, ...] = ()
+    parts: tuple[Uncertain, ...]  #: Uncertain parameters with their covariance.
+    count: int = 32  #: Number of draws.
+    seed: int = 0  #: Seed of the random number generator.
+    vehicles: tuple[Path, ...] = ()  #: FMUs of equivalent vehicles.
 
     @property
     def any(self) -> bool:

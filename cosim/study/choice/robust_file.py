@@ -97,21 +97,14 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Uncertainties of a study's parts and of the rig.
+    """Uncertainties of a study's parts and of the rig."""
 
-    Attributes:
-        parts: Uncertain parameters with their covariance.
-        fits: Shock files by build; the uncertainty is read from the fit in the file.
-        vehicles: FMUs of equivalent vehicles, such as fits of other records.
-        run_to_run: Standard deviation of one rig run by measure [SI].
-        runs: Number of rig runs of each setup that would be averaged.
-    """
-
-    parts: tuple[Uncertain, ...] = ()
+    parts: tuple[Uncertain, ...] = ()  #: Uncertain parameters with their covariance.
+    #: Shock files by build; the uncertainty is read from the fit in the file.
     fits: Mapping[str, Path] = field(default_factory=dict)
-    vehicles: tuple[Path, ...] = ()
-    run_to_run: Mapping[str, float] = field(default_factory=dict)
-    runs: int = 1
+    vehicles: tuple[Path, ...] = ()  #: FMUs of equivalent vehicles, such as fits of other records.
+    run_to_run: Mapping[str, float] = field(default_factory=dict)  #: Standard deviation of one rig run by measure [SI].
+    runs: int = 1  #: Number of rig runs of each setup that would be averaged.
 
 
 class _Strict(BaseModel):

@@ -24,17 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RunComparison(Summarized):
-    """Response measures of runs; the first run is the baseline.
+    """Response measures of runs; the first run is the baseline."""
 
-    Attributes:
-        runs: Recorded channels of each run without the settling time, by label.
-        measures: Measures that all runs have.
-        verdict: Verdict on all runs, with the run in the origin of each reason.
-    """
-
-    runs: Mapping[str, TimeSeries]
-    measures: tuple[Measure, ...]
-    verdict: Verdict
+    runs: Mapping[str, TimeSeries]  #: Recorded channels of each run without the settling time, by label.
+    measures: tuple[Measure, ...]  #: Measures that all runs have.
+    verdict: Verdict  #: Verdict on all runs, with the run in the origin of each reason.
 
     def values(self, measure: Measure) -> list[float]:
         """Return a measure of every run in its display unit."""

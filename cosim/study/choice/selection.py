@@ -43,37 +43,24 @@ TOTAL = 20
 
 @dataclass(frozen=True, slots=True)
 class Selected:
-    """A setup to confirm on the rig.
+    """A setup to confirm on the rig."""
 
-    Attributes:
-        setup: The setup.
-        measure: Measure for which the setup was selected; for a proposed test of the objective, its first measure.
-        end: Whether the setup is low or high in the measure, or a proposed test.
-        value: Predicted value [SI].
-        rank: Position from that end, for a test from the low end; 1 for the extreme setup.
-        marks: Marks of the prediction, such as a tire off the ground.
-    """
-
-    setup: Setup
-    measure: str
-    end: End
-    value: float
-    rank: int
-    marks: str = ""
+    setup: Setup  #: The setup.
+    measure: str  #: Measure for which the setup was selected; for a proposed test of the objective, its first measure.
+    end: End  #: Whether the setup is low or high in the measure, or a proposed test.
+    value: float  #: Predicted value [SI].
+    rank: int  #: Position from that end, for a test from the low end; 1 for the extreme setup.
+    marks: str = ""  #: Marks of the prediction, such as a tire off the ground.
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Setups to confirm on the rig, each once.
+    """Setups to confirm on the rig, each once."""
 
-    Attributes:
-        chosen: Setups in the order: proposed tests, low ones of the first measure, its high ones, those of the next
-            measure, and so on.
-        closest: Minimum number of corners (or groups of corners that are alike) in which two of them differ.
-    """
-
+    #: Setups in the order: proposed tests, low ones of the first measure, its high ones, those of the next measure, and
+    #: so on.
     chosen: tuple[Selected, ...]
-    closest: int
+    closest: int  #: Minimum number of corners (or groups of corners that are alike) in which two of them differ.
 
     @property
     def setups(self) -> dict[str, set[int]]:

@@ -26,15 +26,10 @@ from eightpost.files import atomic_path
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A position at which builds are exchanged: a corner, or corners that always have the same build.
+    """A position at which builds are exchanged: a corner, or corners that always have the same build."""
 
-    Attributes:
-        name: Name of the corner, or of the corners as `lf+rf`.
-        builds: Allowed builds; their order has no meaning.
-    """
-
-    name: str
-    builds: tuple[str, ...]
+    name: str  #: Name of the corner, or of the corners as `lf+rf`.
+    builds: tuple[str, ...]  #: Allowed builds; their order has no meaning.
 
 
 def factors_of(space: SetupSpace) -> tuple[Factor, ...]:
@@ -101,28 +96,18 @@ Method = Literal["exact", "fitted", "fitted main effects"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensitivity:
-    """The terms of one measure, in the measure's unit.
+    """The terms of one measure, in the measure's unit."""
 
-    Attributes:
-        measure: Name of the measure.
-        factors: The F factors.
-        mean: Mean over all setups.
-        main: Main effect of each build (L_f,), by factor.
-        pairs: Interaction of each two builds (L_f, L_g) in addition to their main effects, by pair of factors; empty if
-            too few setups were run.
-        rest: Variance not explained by the terms: higher interactions, and the residual if only a part was run.
-        setups: Number of setups used.
-        method: Method that computed the terms.
-    """
-
-    measure: str
-    factors: tuple[Factor, ...]
-    mean: float
-    main: Mapping[str, Array]
+    measure: str  #: Name of the measure.
+    factors: tuple[Factor, ...]  #: The F factors.
+    mean: float  #: Mean over all setups.
+    main: Mapping[str, Array]  #: Main effect of each build (L_f,), by factor.
+    #: Interaction of each two builds (L_f, L_g) in addition to their main effects, by pair of factors; empty if too few
+    #: setups were run.
     pairs: Mapping[tuple[str, str], Array]
-    rest: float
-    setups: int
-    method: Method
+    rest: float  #: Variance not explained by the terms: higher interactions, and the residual if only a part was run.
+    setups: int  #: Number of setups used.
+    method: Method  #: Method that computed the terms.
 
     @property
     def variance(self) -> float:
@@ -270,16 +255,11 @@ class _Design:
     """Least squares for the mean, the main effects and the interactions.
 
     The normal equations are sums over tables of counts, so that no matrix has a row per setup.
-
-    Attributes:
-        cells: Cell of every setup in each term, e.g. the level of a factor (N,).
-        codes: Effects of the cells for each coefficient of a term (cells, columns); they sum to zero.
-        factor: Cholesky factor of the normal equations.
     """
 
-    cells: tuple[Integers, ...]
-    codes: tuple[Array, ...]
-    factor: tuple[Array, bool]
+    cells: tuple[Integers, ...]  #: Cell of every setup in each term, e.g. the level of a factor (N,).
+    codes: tuple[Array, ...]  #: Effects of the cells for each coefficient of a term (cells, columns); they sum to zero.
+    factor: tuple[Array, bool]  #: Cholesky factor of the normal equations.
 
     @property
     def columns(self) -> int:

@@ -136,21 +136,13 @@ def _combined(effects: Sequence[Effect], factors: Array, name: str) -> Effect:
 
 @dataclass(frozen=True, slots=True)
 class LinearityCheck:
-    """Largest difference between the linear effects and simulated draws.
+    """Largest difference between the linear effects and simulated draws."""
 
-    Attributes:
-        measure: Name of the measure.
-        setup: Number of the setup.
-        linear: Standard deviation of its difference from the leading setup by the linear effects, SI.
-        simulated: The same from simulated draws, SI.
-        draws: Number of draws.
-    """
-
-    measure: str
-    setup: int
-    linear: float
-    simulated: float
-    draws: int
+    measure: str  #: Name of the measure.
+    setup: int  #: Number of the setup.
+    linear: float  #: Standard deviation of its difference from the leading setup by the linear effects, SI.
+    simulated: float  #: The same from simulated draws, SI.
+    draws: int  #: Number of draws.
 
     def summary(self) -> str:
         """Return the check as a sentence."""

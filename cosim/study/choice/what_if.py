@@ -23,21 +23,13 @@ OBJECTIVE = "objective"
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Effect of a change on one measure, in the measure's display unit.
+    """Effect of a change on one measure, in the measure's display unit."""
 
-    Attributes:
-        measure: Name of the measure.
-        unit: Display unit.
-        before: Value without the change.
-        after: Value with the change.
-        noise: Estimated coupling error of a single run; NaN if not known.
-    """
-
-    measure: str
-    unit: str
-    before: float
-    after: float
-    noise: float
+    measure: str  #: Name of the measure.
+    unit: str  #: Display unit.
+    before: float  #: Value without the change.
+    after: float  #: Value with the change.
+    noise: float  #: Estimated coupling error of a single run; NaN if not known.
 
     @property
     def change(self) -> float:

@@ -23,21 +23,13 @@ _GRADES = ("worse", "even", "better")
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One of the tied setups.
+    """One of the tied setups."""
 
-    Attributes:
-        row: Row of the setup.
-        probability: Probability of being the best, as text.
-        value: Value of what setups are ranked by [SI].
-        low: Lower end of its 95 % interval [SI]; NaN if it is not known.
-        high: Upper end [SI].
-    """
-
-    row: int
-    probability: str
-    value: float
-    low: float
-    high: float
+    row: int  #: Row of the setup.
+    probability: str  #: Probability of being the best, as text.
+    value: float  #: Value of what setups are ranked by [SI].
+    low: float  #: Lower end of its 95 % interval [SI]; NaN if it is not known.
+    high: float  #: Upper end [SI].
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,32 +44,21 @@ class TradeOffLine:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the page says first.
+    """What the page says first."""
 
-    Attributes:
-        grade: Grade that gives the answer its colour; never usable without a known uncertainty.
-        which: Sentence: the setup, or the tied setups.
-        chance: Heading of the probabilities: it says if they contain only a part of the uncertainty.
-        candidates: The most probable setups.
-        others: Number of tied setups that are not listed.
-        sure: Sentence: how sure this is.
-        contributions: Contributions to the uncertainty.
-        trade_offs: Measures of the leading setup: those of the objective, then what gets worse.
-        unlisted: Sentence about the measures of the trade-off that are not listed.
-        tests: Rows of the setups to test next, with what remains of the uncertainty after each.
-        exact: Whether what remains is for rig runs that repeat exactly, because nobody stated how well they do.
-    """
-
-    grade: Grade
-    which: str
-    chance: str
-    candidates: tuple[Candidate, ...]
-    others: int
-    sure: str
-    contributions: tuple[Contribution, ...] = ()
+    grade: Grade  #: Grade that gives the answer its colour; never usable without a known uncertainty.
+    which: str  #: Sentence: the setup, or the tied setups.
+    chance: str  #: Heading of the probabilities: it says if they contain only a part of the uncertainty.
+    candidates: tuple[Candidate, ...]  #: The most probable setups.
+    others: int  #: Number of tied setups that are not listed.
+    sure: str  #: Sentence: how sure this is.
+    contributions: tuple[Contribution, ...] = ()  #: Contributions to the uncertainty.
+    #: Measures of the leading setup: those of the objective, then what gets worse.
     trade_offs: tuple[TradeOffLine, ...] = ()
-    unlisted: str = ""
+    unlisted: str = ""  #: Sentence about the measures of the trade-off that are not listed.
+    #: Rows of the setups to test next, with what remains of the uncertainty after each.
     tests: tuple[tuple[int, str], ...] = ()
+    #: Whether what remains is for rig runs that repeat exactly, because nobody stated how well they do.
     exact: bool = False
 
 

@@ -58,38 +58,23 @@ class Scale(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
-    """Uncertainty of one measure of S setups; NaN if not known.
+    """Uncertainty of one measure of S setups; NaN if not known."""
 
-    Attributes:
-        low: (S,) lower ends of the 95 % intervals of the true values [SI].
-        high: (S,) upper ends [SI].
-        best: (S,) probability of having the best true value of all feasible setups [1].
-        tied: (S,) whether a setup is one of the smallest set that contains the best with a probability of 95 %.
-    """
-
-    low: Array
-    high: Array
-    best: Array
-    tied: Flags
+    low: Array  #: (S,) lower ends of the 95 % intervals of the true values [SI].
+    high: Array  #: (S,) upper ends [SI].
+    best: Array  #: (S,) probability of having the best true value of all feasible setups [1].
+    tied: Flags  #: (S,) whether a setup is one of the smallest set that contains the best with a probability of 95 %.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """One value of every setup: a measure, or the objective.
+    """One value of every setup: a measure, or the objective."""
 
-    Attributes:
-        name: Display name.
-        scale: Display units.
-        values: Values in SI (S,); NaN for failed setups.
-        better: Whether low or high values are better.
-        uncertainty: Uncertainty of the values; None if not known.
-    """
-
-    name: str
-    scale: Scale
-    values: Array
-    better: Literal["low", "high"] = "low"
-    uncertainty: Uncertainty | None = None
+    name: str  #: Display name.
+    scale: Scale  #: Display units.
+    values: Array  #: Values in SI (S,); NaN for failed setups.
+    better: Literal["low", "high"] = "low"  #: Whether low or high values are better.
+    uncertainty: Uncertainty | None = None  #: Uncertainty of the values; None if not known.
 
     @property
     def extremes(self) -> tuple[float, float]:
@@ -128,64 +113,37 @@ class Weighted(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """Title, objective, constraints, notes and provenance of a report.
+    """Title, objective, constraints, notes and provenance of a report."""
 
-    Attributes:
-        title: Heading of the page.
-        objective: Formula of the objective in words; empty if the study has none.
-        constraints: Limits of the constraints.
-        notes: Notes that limit the use of the numbers.
-        facts: Settings and versions, as pairs of name and value.
-        origins: Files that the study used.
-        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number; may be empty.
-        verdict: Verdict on the study.
-    """
-
-    title: str = "Setup study"
-    objective: str = ""
-    constraints: tuple[Bound, ...] = ()
-    notes: tuple[str, ...] = ()
-    facts: tuple[tuple[str, str], ...] = ()
-    origins: tuple[Origin, ...] = ()
+    title: str = "Setup study"  #: Heading of the page.
+    objective: str = ""  #: Formula of the objective in words; empty if the study has none.
+    constraints: tuple[Bound, ...] = ()  #: Limits of the constraints.
+    notes: tuple[str, ...] = ()  #: Notes that limit the use of the numbers.
+    facts: tuple[tuple[str, str], ...] = ()  #: Settings and versions, as pairs of name and value.
+    origins: tuple[Origin, ...] = ()  #: Files that the study used.
+    #: Command that computes the traces of a setup, with `{setup}` in place of its number; may be empty.
     trace_command: str = ""
-    verdict: Verdict = field(default_factory=Verdict)
+    verdict: Verdict = field(default_factory=Verdict)  #: Verdict on the study.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """Measures of S setups with C corners.
+    """Measures of S setups with C corners."""
 
-    Attributes:
-        corners: Names of the corners.
-        builds: Names of all builds of the bank.
-        numbers: Numbers of the setups (S,), each once.
-        placed: Index of the build of each setup at each corner (S, C).
-        measures: Columns in display order: the measures of the objective and the constraints first.
-        objective: Values by which setups are ranked; the first measure if None.
-        allowed: Whether a setup meets every constraint (S,).
-        failures: Reason of the failure by row.
-        marks: Marks of setups by row.
-        coupling_error: Estimated coupling error [%] (S,); NaN if not known.
-        baseline: Row of the baseline setup.
-        terms: Terms of the objective.
-        certainty: Certainty of the choice; None if it was not computed.
-        background: Title, objective, constraints, notes and provenance.
-    """
-
-    corners: tuple[str, ...]
-    builds: tuple[str, ...]
-    numbers: Integers
-    placed: Integers
-    measures: tuple[Column, ...]
-    allowed: Flags
-    coupling_error: Array
-    objective: Column | None = None
-    failures: Mapping[int, str] = field(default_factory=dict)
-    marks: Mapping[int, str] = field(default_factory=dict)
-    baseline: int | None = None
-    terms: tuple[Weighted, ...] = ()
-    certainty: Certainty | None = None
-    background: Background = field(default_factory=Background)
+    corners: tuple[str, ...]  #: Names of the corners.
+    builds: tuple[str, ...]  #: Names of all builds of the bank.
+    numbers: Integers  #: Numbers of the setups (S,), each once.
+    placed: Integers  #: Index of the build of each setup at each corner (S, C).
+    measures: tuple[Column, ...]  #: Columns in display order: the measures of the objective and the constraints first.
+    allowed: Flags  #: Whether a setup meets every constraint (S,).
+    coupling_error: Array  #: Estimated coupling error [%] (S,); NaN if not known.
+    objective: Column | None = None  #: Values by which setups are ranked; the first measure if None.
+    failures: Mapping[int, str] = field(default_factory=dict)  #: Reason of the failure by row.
+    marks: Mapping[int, str] = field(default_factory=dict)  #: Marks of setups by row.
+    baseline: int | None = None  #: Row of the baseline setup.
+    terms: tuple[Weighted, ...] = ()  #: Terms of the objective.
+    certainty: Certainty | None = None  #: Certainty of the choice; None if it was not computed.
+    background: Background = field(default_factory=Background)  #: Title, objective, constraints, notes and provenance.
 
     @property
     def ranked_by(self) -> Column:
@@ -224,40 +182,24 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True)
 class AimPage:
-    """Page of the curves to aim at.
+    """Page of the curves to aim at."""
 
-    Attributes:
-        path: Path relative to the page of the study.
-        gain: Predicted gain over the best setup of the bank, as a share of its objective [1].
-        assured: Gain that is exceeded with a probability of 95 % over the draws [1].
-        is_sure: Whether the errors of the vehicle are included in it.
-    """
-
-    path: str
-    gain: float
-    assured: float
-    is_sure: bool
+    path: str  #: Path relative to the page of the study.
+    gain: float  #: Predicted gain over the best setup of the bank, as a share of its objective [1].
+    assured: float  #: Gain that is exceeded with a probability of 95 % over the draws [1].
+    is_sure: bool  #: Whether the errors of the vehicle are included in it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extras:
-    """Optional content of a report.
+    """Optional content of a report."""
 
-    Attributes:
-        traces: Time traces by setup number.
-        sensitivities: Sensitivities of all or some measures.
-        selection: Setups to confirm on the rig.
-        curves: Curves of the shocks, by build.
-        shock_pages: Pages of the shocks relative to the page, by build.
-        aim: Curves to aim at; None if none were searched.
-    """
-
-    traces: Mapping[int, TimeSeries] = field(default_factory=dict)
-    sensitivities: Sequence[Sensitivity] = ()
-    selection: Sequence[Selected] = ()
-    curves: Mapping[str, ShockCurve] = field(default_factory=dict)
-    shock_pages: Mapping[str, str] = field(default_factory=dict)
-    aim: AimPage | None = None
+    traces: Mapping[int, TimeSeries] = field(default_factory=dict)  #: Time traces by setup number.
+    sensitivities: Sequence[Sensitivity] = ()  #: Sensitivities of all or some measures.
+    selection: Sequence[Selected] = ()  #: Setups to confirm on the rig.
+    curves: Mapping[str, ShockCurve] = field(default_factory=dict)  #: Curves of the shocks, by build.
+    shock_pages: Mapping[str, str] = field(default_factory=dict)  #: Pages of the shocks relative to the page, by build.
+    aim: AimPage | None = None  #: Curves to aim at; None if none were searched.
 
 
 def shown_columns(sheet: Sheet) -> tuple[Column, ...]:

@@ -35,15 +35,10 @@ _OWN = "resources/eightpost.json"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockCurve:
-    """Force of a shock at constant velocities, after its lag has died out.
+    """Force of a shock at constant velocities, after its lag has died out."""
 
-    Attributes:
-        velocity: Velocities (K,) [m/s], positive in compression.
-        force: Forces (K,) [N], at rest displacement.
-    """
-
-    velocity: Array
-    force: Array
+    velocity: Array  #: Velocities (K,) [m/s], positive in compression.
+    force: Array  #: Forces (K,) [N], at rest displacement.
 
 
 def shock_curves(study: Study) -> dict[str, ShockCurve]:

@@ -214,21 +214,14 @@ def _by_name(known: Mapping[str, str]) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class ReportPaths:
-    """The files of a report.
+    """The files of a report."""
 
-    Attributes:
-        page: The page.
-        workbook: Ranking, units and provenance as a workbook.
-        ranking: The ranking as CSV.
-        traces: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
-        figures: Figures for papers, as PNG and SVG.
-    """
-
-    page: Path
-    workbook: Path
-    ranking: Path
+    page: Path  #: The page.
+    workbook: Path  #: Ranking, units and provenance as a workbook.
+    ranking: Path  #: The ranking as CSV.
+    #: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
     traces: Mapping[int, Path]
-    figures: tuple[Path, ...]
+    figures: tuple[Path, ...]  #: Figures for papers, as PNG and SVG.
 
 
 def write_study_report(

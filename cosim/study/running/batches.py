@@ -62,19 +62,13 @@ class Models(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """What a row states of one run besides its measures; the names are those of cosim.results.result.Result.
+    """What a row states of one run besides its measures; the names are those of cosim.results.result.Result."""
 
-    Attributes:
-        share_beyond_fit: Share of time beyond the fit of each shock.
-        share_tire_off: Share of time without tire load by channel; None if the static load is unknown.
-        energy: Energy through each bond.
-        coupled: Local errors of each bond.
-    """
-
-    share_beyond_fit: Mapping[str, float]
+    share_beyond_fit: Mapping[str, float]  #: Share of time beyond the fit of each shock.
+    #: Share of time without tire load by channel; None if the static load is unknown.
     share_tire_off: Mapping[str, float | None]
-    energy: Mapping[str, BondEnergy]
-    coupled: Mapping[str, Coupled]
+    energy: Mapping[str, BondEnergy]  #: Energy through each bond.
+    coupled: Mapping[str, Coupled]  #: Local errors of each bond.
     share_beyond_settings: Mapping[str, float]
     share_untested_settings: Mapping[str, float]
     ended_by: str = ""
@@ -83,15 +77,10 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True)
 class BatchRun:
-    """One setup on one drive.
+    """One setup on one drive."""
 
-    Attributes:
-        values: Measures by name, in SI.
-        summary: Marks and errors.
-    """
-
-    values: Mapping[str, float]
-    summary: RunSummary
+    values: Mapping[str, float]  #: Measures by name, in SI.
+    summary: RunSummary  #: Marks and errors.
 
 
 class _DriveBatch:

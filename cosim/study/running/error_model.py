@@ -24,16 +24,12 @@ class CoupledRun(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
-    """Gains from the local errors of bond ends to coupling errors.
+    """Gains from the local errors of bond ends to coupling errors."""
 
-    Attributes:
-        ends: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
-        channels: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
-        measures: Gain of each end for each measure; the errors are in the measure's SI unit.
-    """
-
-    ends: tuple[str, ...]
+    ends: tuple[str, ...]  #: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
+    #: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
     channels: Mapping[str, tuple[float, ...]]
+    #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
 
     def worst_channel(self, result: CoupledRun) -> float:
@@ -61,17 +57,11 @@ def _error(gains: Sequence[float], squares: Sequence[float]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Pilot:
-    """A run with known coupling errors.
+    """A run with known coupling errors."""
 
-    Attributes:
-        result: Run at the study's coupling step.
-        channels: Error of each compared channel, in percent of the channel's scale.
-        measures: Error of each measure of the run's drive, in its SI unit.
-    """
-
-    result: Result
-    channels: Mapping[str, float]
-    measures: Mapping[str, float]
+    result: Result  #: Run at the study's coupling step.
+    channels: Mapping[str, float]  #: Error of each compared channel, in percent of the channel's scale.
+    measures: Mapping[str, float]  #: Error of each measure of the run's drive, in its SI unit.
 
 
 def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:

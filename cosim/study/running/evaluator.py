@@ -44,25 +44,18 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks.
+    """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks."""
 
-    Attributes:
-        scheme: `gauss-seidel` or `implicit`.
-        step: Coupling step [s].
-        errors: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.
-        stated_error: Largest coupling error of the setups on which the coupling was chosen [%].
-        notes: Description of the steps that were compared, and of how the setups are run.
-        batch: `exact` or `fast` if setups are run in batches (cosim.study.running.batches); empty: through the FMUs.
-        batch_difference: Largest difference of a measure between batch and FMUs that was found, relative to the
-            measure's scale; None if none was compared.
-    """
-
-    scheme: str
-    step: float
+    scheme: str  #: `gauss-seidel` or `implicit`.
+    step: float  #: Coupling step [s].
+    #: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.
     errors: ErrorModel | None = None
-    stated_error: float = 0.0
-    notes: tuple[str, ...] = ()
+    stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
+    notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
+    #: `exact` or `fast` if setups are run in batches (cosim.study.running.batches); empty: through the FMUs.
     batch: str = ""
+    #: Largest difference of a measure between batch and FMUs that was found, relative to the measure's scale; None if
+    #: none was compared.
     batch_difference: float | None = None
 
     def in_fast_batches(self) -> Coupling:

@@ -17,17 +17,11 @@ from eightpost import __version__
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """What determines the bits of a result besides its inputs.
+    """What determines the bits of a result besides its inputs."""
 
-    Attributes:
-        version: Version of eightpost.
-        code: SHA-256 of its sources.
-        libraries: Versions of the libraries that compute measures, by name.
-    """
-
-    version: str
-    code: str
-    libraries: Mapping[str, str]
+    version: str  #: Version of eightpost.
+    code: str  #: SHA-256 of its sources.
+    libraries: Mapping[str, str]  #: Versions of the libraries that compute measures, by name.
 
     def difference(self, expected: Program) -> str:
         """Return in words how this program differs from the expected one; empty if it is the same."""

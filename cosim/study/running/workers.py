@@ -78,15 +78,10 @@ _CRASHES = (
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Setups that one worker runs one after the other.
+    """Setups that one worker runs one after the other."""
 
-    Attributes:
-        number: Number of the chunk.
-        indices: Numbers of the setups.
-    """
-
-    number: int
-    indices: tuple[int, ...]
+    number: int  #: Number of the chunk.
+    indices: tuple[int, ...]  #: Numbers of the setups.
 
 
 class Workers(Protocol):

@@ -225,6 +225,13 @@ class DynoReport:
         return () if self.limits is None else tuple(judgements(self.limits, self.entries, self.speeds))
 
     @property
+    def unjudged(self) -> tuple[str, ...]:
+        """Names of runs and tables without a curve at a speed of the master; of laws if there is nothing else."""
+        judged = {one.entry.name for one in self.judgements}
+        measured = [entry for entry in self.entries if entry.kind != "law"] or self.entries
+        return tuple(entry.name for entry in measured if self.limits is not None and entry.name not in judged)
+
+    @property
     def runs(self) -> tuple[Entry, ...]:
         """Runs of all variants."""
         return tuple(entry for entry in self.entries if entry.kind == "run")

@@ -12,9 +12,8 @@ from scipy.integrate import cumulative_trapezoid
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.rig.cycles import SMALLEST, turning_points
+from eightpost.rig.cycles import SMALLEST, path_of, turning_points
 from eightpost.signals import TimeSeries
-from eightpost.signals.filters import lowpass
 
 #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
 REACHED = 0.03
@@ -167,17 +166,6 @@ def crossings_of(series: TimeSeries) -> list[Crossing]:
     spans = zip(turns, [0, *middles], [*middles, velocity.size - 1], strict=True)
     found = (_crossing(series, beyond, *span) for span in spans)
     return [crossing for crossing in found if crossing is not None]
-
-
-def path_of(series: TimeSeries) -> Array:
-    """Return the displacement (N,) [m], low-passed; the integral of the velocity if it was not measured."""
-    if "displacement" in series:
-        path = series["displacement"]
-    else:
-        velocity = series["velocity"]
-        path = cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0)
-    rate = series.sample_rate
-    return lowpass(np.asarray(path), rate, min(50.0, 0.1 * rate), order=2)
 
 
 def _crossing(

@@ -154,12 +154,14 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     else:
         steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
         curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
+    whole = f"all cycles are shown, not the one of --cycle {cycle}, because the motion is not one steady cycle"
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
         curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
-        branches, test=replace(test, series=series), notes=(*test.derived, *test.notes),
+        branches, test=replace(test, series=series),
+        notes=(*test.derived, *test.notes, *([whole] if cycle != "mean" and cycles.span is None else [])),
     )  # fmt: skip
 
 

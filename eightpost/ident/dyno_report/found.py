@@ -8,13 +8,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A figure that a record does not support.
+    """A figure that a record does not support."""
 
-    Attributes:
-        reason: Reason why it is unknown, a clause without a full stop.
-    """
-
-    reason: str
+    reason: str  #: Reason why it is unknown, a clause without a full stop.
 
 
 #: A value in SI, or the reason why it is unknown.

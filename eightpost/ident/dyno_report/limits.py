@@ -100,7 +100,7 @@ def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[t
         tolerances: Values with the unit `%` of the master's force or `N`; the largest one counts.
 
     Raises:
-        InputError: The curve is unknown, or there is no tolerance.
+        InputError: The curve is unknown, or there is no tolerance, or one is not positive.
     """
     name = entry.source.name if entry.source else entry.name
     if isinstance(entry.curve, Unknown):
@@ -108,6 +108,9 @@ def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[t
     curve = entry.curve
     columns = [_column(record, entry.source) for record in records]
     found = next((column for column in columns if column is not None), None)
+    given = [value for value, _ in tolerances] if found is None else found[1].tolist()
+    if wrong := [value for value in given if not value > 0.0]:
+        raise InputError(f"--limits {name}: a tolerance must be above 0, not {wrong[0]:g}")
     if found is not None:
         speeds, values, unit = found
         size = np.interp(np.abs(curve.velocity), speeds, values)

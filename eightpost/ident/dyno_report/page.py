@@ -53,11 +53,11 @@ def write_report(path: str | Path, report: DynoReport, *, title: str = "Dynamome
 
 def _result(report: DynoReport) -> Markup:
     """Return whether the curves are within the limits, as a sentence; nothing without limits."""
-    if not report.judgements:
+    if report.limits is None:
         return Markup("")
     failed = sorted({one.entry.name for one in report.judgements if not one.passed})
-    text = f"Limits: FAIL ({', '.join(failed)})." if failed else "Limits: pass."
-    return Markup('<strong class="{}">{}</strong> ').format("fail" if failed else "pass", text)
+    text = f"FAIL ({', '.join(failed)})" if failed else "pass" if report.judgements else "not judged"
+    return Markup('<strong class="{}">Limits: {}.</strong> ').format("pass" if text == "pass" else "fail", text)
 
 
 def _count(report: DynoReport) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.files import document_kind, sha256_of
@@ -21,10 +23,14 @@ from eightpost.ident.dyno_report.entry import (
 from eightpost.ident.dyno_report.limits import Limits, limits_of
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
+from eightpost.rig.dyno_test import FEWEST, SHORTEST
 from eightpost.rig.peak_velocity import peak_velocity_tables
+from eightpost.rig.plausibility import PLAUSIBLE
 from eightpost.shock import read_shock
-from eightpost.signals import read_records, read_series
+from eightpost.signals import ChannelMap, MappedChannel, faults, read_record, read_records
 from eightpost.signals.filters import velocity_from_displacement
+from eightpost.signals.raw_record import find_time, mapped_series
+from eightpost.units import compatible, is_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,25 +164,36 @@ def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, 
 
 
 def read_track(path: Path, column: str | None = None) -> Array:
-    """Return the velocity of the shaft (N,) [m/s] in a record of a track.
+    """Return the velocity of the shaft (N,) [m/s] in a record of a track, at even times.
 
     Args:
-        path: File with an even time step.
+        path: File of the record; its other columns may be incomplete.
         column: Column with the velocity, or with the displacement, of which the derivative is taken; default: the
-            first one that is a velocity, else the first one that is a displacement.
+            only one that is a velocity, else the only one that is a displacement.
 
     Raises:
-        InputError: There is no such column.
+        InputError: There is no such column, or several, or the velocity is not that of a shaft.
     """
-    series = read_series(path)
-    units = {name: series.unit(name) for name in series.names}
-    fitting = [name for unit in ("m/s", "m") for name in units if units[name] == unit and column in (None, name)]
-    if not fitting:
+    record = read_record(path)
+    units = {name: unit for name, unit in zip(record.names, record.units, strict=True) if unit and is_unit(unit)}
+    kinds = [[name for name in units if compatible(units[name], si) and column in (None, name)] for si in ("m/s", "m")]
+    fitting = kinds[0] or kinds[1]
+    if len(fitting) != 1:
+        what = f"there is no column {column!r} with" if column else f"{len(fitting) or 'no'} columns have"
         listed = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
-        wanted = f"the column {column!r} is missing or" if column else "no column"
-        raise InputError(f"--track {path.name}: {wanted} is a velocity or a displacement; the file has: {listed}")
-    values = series[fitting[0]]
-    if units[fitting[0]] == "m/s":
-        return values
+        raise InputError(
+            f"--track {path.name}: {what} a unit of velocity or length; name one, --track {path.name}=COLUMN; the file "
+            f"has: {listed}"
+        )
+    series = mapped_series(record, ChannelMap({"shaft": MappedChannel(fitting[0])}, find_time(record)))
+    faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=record.origin)
     even = series if series.is_uniform else series.resample(series.sample_rate)
-    return velocity_from_displacement(even[fitting[0]], even.sample_rate, min(50.0, 0.2 * even.sample_rate))
+    velocity = even["shaft"]
+    if not kinds[0]:
+        velocity = velocity_from_displacement(velocity, even.sample_rate, min(50.0, 0.2 * even.sample_rate))
+    if (highest := float(np.abs(velocity).max())) > PLAUSIBLE["velocity"][1]:
+        raise InputError(
+            f"--track {path.name}: {fitting[0]!r} reaches {highest:.3g} m/s, which no shaft does; name its column, "
+            f"--track {path.name}=COLUMN"
+        )
+    return velocity

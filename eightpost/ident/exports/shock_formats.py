@@ -17,21 +17,13 @@ from eightpost.ident.exports.shock_table import Setting, ShockTable
 
 @dataclass(frozen=True, slots=True)
 class TableFormat:
-    """A file format of tables.
+    """A file format of tables."""
 
-    Attributes:
-        title: Tool that reads it.
-        suffix: Suffix by which the format is chosen; empty if it must be named.
-        is_rebound_positive: Whether velocity and force are positive in rebound.
-        has_settings: Whether a file can contain several shocks.
-        text: Function that returns the content of a file; None for a binary format.
-    """
-
-    title: str
-    suffix: str
-    is_rebound_positive: bool
-    has_settings: bool
-    text: Callable[[ShockTable], str] | None
+    title: str  #: Tool that reads it.
+    suffix: str  #: Suffix by which the format is chosen; empty if it must be named.
+    is_rebound_positive: bool  #: Whether velocity and force are positive in rebound.
+    has_settings: bool  #: Whether a file can contain several shocks.
+    text: Callable[[ShockTable], str] | None  #: Function that returns the content of a file; None for a binary format.
 
 
 def write_shock_table(path: Path, table: ShockTable, name: str | None = None) -> str:

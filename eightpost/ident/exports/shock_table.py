@@ -81,23 +81,14 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockTable:
-    """Static curves of one or more shocks at common velocities.
+    """Static curves of one or more shocks at common velocities."""
 
-    Attributes:
-        names: Name of each shock.
-        velocity: Damper velocities (K,) [m/s], positive in compression, strictly increasing, with 0.
-        force: Static forces (S, K) [N], positive in compression.
-        setting: Quantity in which the shocks differ, in increasing order; None for one shock.
-        error: Largest error of linear interpolation by velocity, relative to the range of force of the curve [1].
-        remarks: Sentences on the contents of the table and on what it omits.
-    """
-
-    names: tuple[str, ...]
-    velocity: Array
-    force: Array
-    setting: Setting | None
-    error: float
-    remarks: tuple[str, ...]
+    names: tuple[str, ...]  #: Name of each shock.
+    velocity: Array  #: Damper velocities (K,) [m/s], positive in compression, strictly increasing, with 0.
+    force: Array  #: Static forces (S, K) [N], positive in compression.
+    setting: Setting | None  #: Quantity in which the shocks differ, in increasing order; None for one shock.
+    error: float  #: Largest error of linear interpolation by velocity, relative to the range of force of the curve [1].
+    remarks: tuple[str, ...]  #: Sentences on the contents of the table and on what it omits.
 
 
 def shock_table(

@@ -37,23 +37,14 @@ _LOADS = ("aero_force", "heave_force", "roll_moment", "pitch_moment")
 
 
 class Excitation(NamedTuple):
-    """Input that moves alone, with the outputs.
+    """Input that moves alone, with the outputs."""
 
-    Attributes:
-        test: Name of the test.
-        channel: Input channel.
-        u: Input (N,).
-        y: Outputs (p, N).
-        outputs: Output channels.
-        rate: Sample rate [Hz].
-    """
-
-    test: str
-    channel: Channel
-    u: Array
-    y: Array
-    outputs: tuple[Channel, ...]
-    rate: float
+    test: str  #: Name of the test.
+    channel: Channel  #: Input channel.
+    u: Array  #: Input (N,).
+    y: Array  #: Outputs (p, N).
+    outputs: tuple[Channel, ...]  #: Output channels.
+    rate: float  #: Sample rate [Hz].
 
 
 class _ExcitationList(NamedTuple):

@@ -42,15 +42,10 @@ _MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Thresholds between low and high; 6.2 gives no numbers but calls a coherence of 0.5 low.
+    """Thresholds between low and high; 6.2 gives no numbers but calls a coherence of 0.5 low."""
 
-    Attributes:
-        coherence: Lowest coherence that is high [1].
-        level: Lowest level of a response that is high, relative to the output's largest power [dB].
-    """
-
-    coherence: float = 0.5
-    level: float = -20.0
+    coherence: float = 0.5  #: Lowest coherence that is high [1].
+    level: float = -20.0  #: Lowest level of a response that is high, relative to the output's largest power [dB].
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -95,22 +90,14 @@ BEYOND_NOISE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on one path.
+    """Verdict on one path."""
 
-    Attributes:
-        input: Name of the input.
-        output: Name of the output.
-        condition: Condition of Table 6.4 of the whole path.
-        coherence: Mean coherence over the band, weighted by the output's energy [1].
-        level: Energy of the output relative to its largest from any input of the same kind of test [dB].
-        shares: Fraction of the output's energy under each condition, classified frequency by frequency [1].
-    """
-
-    input: str
-    output: str
-    condition: Condition
-    coherence: float
-    level: float
+    input: str  #: Name of the input.
+    output: str  #: Name of the output.
+    condition: Condition  #: Condition of Table 6.4 of the whole path.
+    coherence: float  #: Mean coherence over the band, weighted by the output's energy [1].
+    level: float  #: Energy of the output relative to its largest from any input of the same kind of test [dB].
+    #: Fraction of the output's energy under each condition, classified frequency by frequency [1].
     shares: Mapping[Condition, float]
 
 
@@ -120,23 +107,15 @@ class AmplitudeEffect:
 
     Coherence does not detect such a change: friction makes the car stiffer in a small test than in a large one, but
     each test alone is coherent.
-
-    Attributes:
-        input: Name of the input.
-        output: Name of the output.
-        small: Standard deviation of the input in the small test, in its unit.
-        large: Standard deviation of the input in the large test, in its unit.
-        change: Relative error of the output in the small test if it is predicted with the response of the large
-            test [1].
-        chance: Value of `change` that noise alone gives [1].
     """
 
-    input: str
-    output: str
-    small: float
-    large: float
+    input: str  #: Name of the input.
+    output: str  #: Name of the output.
+    small: float  #: Standard deviation of the input in the small test, in its unit.
+    large: float  #: Standard deviation of the input in the large test, in its unit.
+    #: Relative error of the output in the small test if it is predicted with the response of the large test [1].
     change: float
-    chance: float
+    chance: float  #: Value of `change` that noise alone gives [1].
 
     @property
     def is_notable(self) -> bool:
@@ -152,21 +131,14 @@ class AmplitudeEffect:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearity:
-    """Linearity of a car on the rig.
+    """Linearity of a car on the rig."""
 
-    Attributes:
-        paths: Paths, one per input and output, from the largest test of each input.
-        verdicts: Verdicts, one per path, in the same order.
-        effects: Effects of the amplitude for inputs that have tests with several amplitudes.
-        thresholds: Thresholds between low and high.
-        notes: Notes on tests that are omitted.
-    """
-
-    paths: tuple[Path, ...]
-    verdicts: tuple[Verdict, ...]
+    paths: tuple[Path, ...]  #: Paths, one per input and output, from the largest test of each input.
+    verdicts: tuple[Verdict, ...]  #: Verdicts, one per path, in the same order.
+    #: Effects of the amplitude for inputs that have tests with several amplitudes.
     effects: tuple[AmplitudeEffect, ...]
-    thresholds: Thresholds
-    notes: tuple[str, ...]
+    thresholds: Thresholds  #: Thresholds between low and high.
+    notes: tuple[str, ...]  #: Notes on tests that are omitted.
 
     @property
     def inputs(self) -> tuple[str, ...]:

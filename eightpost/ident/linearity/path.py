@@ -19,35 +19,20 @@ SHOWN = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Response of an output to one input that moves alone.
+    """Response of an output to one input that moves alone."""
 
-    Attributes:
-        test: Name of the test.
-        input: Input channel.
-        output: Output channel.
-        frequency: Frequencies at which the input has power (K,) [Hz].
-        H: Frequency response (K,), output per input unit.
-        coherence: Coherence (K,) [1].
-        variance: Variance of H (K,), `E |H - E H|^2`.
-        density: Power spectral density of the output (K,) [unit2/Hz].
-        input_density: Power spectral density of the input (K,) [unit2/Hz].
-        chance: Coherence that noise alone exceeds at 5 % of the frequencies [1].
-        trace: Part of the output for plots (T,).
-        rate: Sample rate of the trace [Hz].
-    """
-
-    test: str
-    input: Channel
-    output: Channel
-    frequency: Array
-    H: Complex
-    coherence: Array
-    variance: Array
-    density: Array
-    input_density: Array
-    chance: float
-    trace: Array
-    rate: float
+    test: str  #: Name of the test.
+    input: Channel  #: Input channel.
+    output: Channel  #: Output channel.
+    frequency: Array  #: Frequencies at which the input has power (K,) [Hz].
+    H: Complex  #: Frequency response (K,), output per input unit.
+    coherence: Array  #: Coherence (K,) [1].
+    variance: Array  #: Variance of H (K,), `E |H - E H|^2`.
+    density: Array  #: Power spectral density of the output (K,) [unit2/Hz].
+    input_density: Array  #: Power spectral density of the input (K,) [unit2/Hz].
+    chance: float  #: Coherence that noise alone exceeds at 5 % of the frequencies [1].
+    trace: Array  #: Part of the output for plots (T,).
+    rate: float  #: Sample rate of the trace [Hz].
 
     @property
     def energy(self) -> float:

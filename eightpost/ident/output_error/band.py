@@ -20,15 +20,11 @@ class Band:
     """Frequency band in which residuals are counted; the default is every line, the same as the time domain (Parseval).
 
     White noise of standard deviation s has a standard deviation s in the real and in the imaginary part of each line.
-
-    Attributes:
-        low: Lowest frequency [Hz].
-        high: Highest frequency [Hz].
-        window: Window over a whole record: `boxcar`, or `hann` if slow transients and offsets must not leak.
     """
 
-    low: float = 0.0
-    high: float = np.inf
+    low: float = 0.0  #: Lowest frequency [Hz].
+    high: float = np.inf  #: Highest frequency [Hz].
+    #: Window over a whole record: `boxcar`, or `hann` if slow transients and offsets must not leak.
     window: Literal["boxcar", "hann"] = "boxcar"
 
     def frequencies(self, samples: int, rate: float) -> Array:

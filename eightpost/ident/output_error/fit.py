@@ -33,52 +33,32 @@ class Shooting:
     Multiple shooting divides every record into segments with unknown states at their starts, which the differences
     between segments pull together more and more. Its result starts a search in one piece (single shooting), which
     every fit ends with: the result is always that of a free-running simulation.
-
-    Attributes:
-        segments: Number of segments of every record; 1 is single shooting only.
-        stiffness: Weights of the differences between segments, one search each.
-        evaluations: Maximum number of evaluations of each search.
-        tolerance: Relative change of cost and unknowns at which a search ends [1].
-        states: Function that returns a guess of the states (N, n) of a record, e.g. from its measured outputs; None
-            starts the segments with the states of a simulation with the start values.
     """
 
-    segments: int = 1
-    stiffness: tuple[float, ...] = (0.1, 1.0, 10.0)
-    evaluations: int = 40
-    tolerance: float = 1e-8
+    segments: int = 1  #: Number of segments of every record; 1 is single shooting only.
+    stiffness: tuple[float, ...] = (0.1, 1.0, 10.0)  #: Weights of the differences between segments, one search each.
+    evaluations: int = 40  #: Maximum number of evaluations of each search.
+    tolerance: float = 1e-8  #: Relative change of cost and unknowns at which a search ends [1].
+    #: Function that returns a guess of the states (N, n) of a record, e.g. from its measured outputs; None starts the
+    #: segments with the states of a simulation with the start values.
     states: Callable[[Record], Array] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputErrorFit:
-    """Estimate of an output-error fit.
+    """Estimate of an output-error fit."""
 
-    Attributes:
-        table: Parameters.
-        values: Estimated values by parameter.
-        theta: Estimated coordinates (F,); see `ParameterTable`.
-        covariance: Covariance (F, F) of the coordinates.
-        residual: RMS of the residual in the band over that of the output [1], by output.
-        gate: Verdict on the residuals.
-        simulated: Simulated outputs (N, Y) of every record.
-        converged: Whether the search ended at a minimum.
-        message: Status of the search.
-        seconds: Time of the fit [s].
-        at_bounds: Names of parameters at a bound; their intervals are not valid.
-    """
-
-    table: ParameterTable
-    values: Mapping[str, float]
-    theta: Array
-    covariance: Array
-    residual: Mapping[str, float]
-    gate: Gate
-    simulated: tuple[Array, ...]
-    converged: bool
-    message: str
-    seconds: float
-    at_bounds: tuple[str, ...] = ()
+    table: ParameterTable  #: Parameters.
+    values: Mapping[str, float]  #: Estimated values by parameter.
+    theta: Array  #: Estimated coordinates (F,); see `ParameterTable`.
+    covariance: Array  #: Covariance (F, F) of the coordinates.
+    residual: Mapping[str, float]  #: RMS of the residual in the band over that of the output [1], by output.
+    gate: Gate  #: Verdict on the residuals.
+    simulated: tuple[Array, ...]  #: Simulated outputs (N, Y) of every record.
+    converged: bool  #: Whether the search ended at a minimum.
+    message: str  #: Status of the search.
+    seconds: float  #: Time of the fit [s].
+    at_bounds: tuple[str, ...] = ()  #: Names of parameters at a bound; their intervals are not valid.
 
     @property
     def deviations(self) -> Mapping[str, float]:
@@ -115,24 +95,16 @@ class OutputErrorFit:
 
 @dataclass(frozen=True, slots=True)
 class OutputError:
-    """Settings of an output-error fit.
+    """Settings of an output-error fit."""
 
-    Attributes:
-        band: Frequency band of the residuals.
-        shooting: Strategy of the search.
-        passes: Number of searches with residuals weighted by the noise that the previous one found; the first weights
-            every output by its own RMS.
-        difference: Step of the finite differences, in the parameters' coordinates.
-        tolerance: Limits of the gate.
-        noise: Known standard deviations of the outputs' noise (Y,); empty if they are not known.
-    """
-
-    band: Band = field(default_factory=Band)
-    shooting: Shooting = field(default_factory=Shooting)
+    band: Band = field(default_factory=Band)  #: Frequency band of the residuals.
+    shooting: Shooting = field(default_factory=Shooting)  #: Strategy of the search.
+    #: Number of searches with residuals weighted by the noise that the previous one found; the first weights every
+    #: output by its own RMS.
     passes: int = 2
-    difference: float = 1e-5
-    tolerance: Tolerance = field(default_factory=Tolerance)
-    noise: tuple[float, ...] = ()
+    difference: float = 1e-5  #: Step of the finite differences, in the parameters' coordinates.
+    tolerance: Tolerance = field(default_factory=Tolerance)  #: Limits of the gate.
+    noise: tuple[float, ...] = ()  #: Known standard deviations of the outputs' noise (Y,); empty if they are not known.
 
     def fit(
         self,

@@ -35,46 +35,31 @@ _INDEPENDENT = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Limits of an adequate model, relative to the RMS of each output in the band.
+    """Limits of an adequate model, relative to the RMS of each output in the band."""
 
-    Attributes:
-        explained: Largest part of the residual that inputs explain [1]; a smaller one is adequate even if significant.
-        residual: Largest residual [1]; a larger one is not accepted as noise, because no test separates the two.
-    """
-
+    #: Largest part of the residual that inputs explain [1]; a smaller one is adequate even if significant.
     explained: float = 0.01
+    #: Largest residual [1]; a larger one is not accepted as noise, because no test separates the two.
     residual: float = 0.1
 
 
 class OutputGate(NamedTuple):
-    """Residual of one output.
+    """Residual of one output."""
 
-    Attributes:
-        residual: RMS of the residual over that of the output [1].
-        explained: RMS of the part of the residual that the inputs explain, without that of chance, over the output [1].
-        upper: Upper 95 % limit of `explained` [1].
-        probability: Probability of such a relation by chance [1], corrected for the number of bands.
-        frequency: Frequency at which the relation is strongest [Hz].
-    """
-
-    residual: float
+    residual: float  #: RMS of the residual over that of the output [1].
+    #: RMS of the part of the residual that the inputs explain, without that of chance, over the output [1].
     explained: float
-    upper: float
-    probability: float
-    frequency: float
+    upper: float  #: Upper 95 % limit of `explained` [1].
+    probability: float  #: Probability of such a relation by chance [1], corrected for the number of bands.
+    frequency: float  #: Frequency at which the relation is strongest [Hz].
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Whether a model is adequate for its records.
+    """Whether a model is adequate for its records."""
 
-    Attributes:
-        outputs: Residuals by output.
-        tolerance: Limits.
-    """
-
-    outputs: Mapping[str, OutputGate]
-    tolerance: Tolerance
+    outputs: Mapping[str, OutputGate]  #: Residuals by output.
+    tolerance: Tolerance  #: Limits.
 
     @property
     def failures(self) -> Mapping[str, str]:

@@ -17,19 +17,14 @@ from eightpost.errors import ParameterError
 class Record:
     """Measured inputs and outputs of one experiment.
 
-    Attributes:
-        inputs: Inputs (N, U).
-        outputs: Measured outputs (N, Y).
-        rate: Sample rate [Hz].
-        settling: Number of samples at the start that are simulated and do not count, e.g. because the start is unknown.
-
     Raises:
         ParameterError: The shapes do not match, a value is not finite, or the settling is longer than the record.
     """
 
-    inputs: Array
-    outputs: Array
-    rate: float
+    inputs: Array  #: Inputs (N, U).
+    outputs: Array  #: Measured outputs (N, Y).
+    rate: float  #: Sample rate [Hz].
+    #: Number of samples at the start that are simulated and do not count, e.g. because the start is unknown.
     settling: int = 0
 
     def __post_init__(self) -> None:

@@ -21,31 +21,22 @@ _INSIDE = 1e-6
 class Parameter:
     """One parameter of a model.
 
-    Attributes:
-        name: Name of the parameter.
-        unit: Unit of the parameter, SI.
-        start: Start value; with a prior, also its mean (median if the scale is logarithmic).
-        low: Lower bound.
-        high: Upper bound.
-        scale: Scale of the optimiser's coordinate: the value over `size`, or the logarithm of the value.
-        size: Typical size of a linear parameter; 0 uses |start|, or the width of the bounds if start is 0.
-        prior: Standard deviation of what is known before the test, in the unit of the parameter, or relative (of the
-            logarithm) if the scale is logarithmic; None if nothing is known.
-        fixed: Whether the parameter keeps its start value.
-
     Raises:
         ParameterError: The start is outside the bounds, or a bound, the start or the prior does not suit the scale.
     """
 
-    name: str
-    unit: str
-    start: float
-    low: float = -np.inf
-    high: float = np.inf
+    name: str  #: Name of the parameter.
+    unit: str  #: Unit of the parameter, SI.
+    start: float  #: Start value; with a prior, also its mean (median if the scale is logarithmic).
+    low: float = -np.inf  #: Lower bound.
+    high: float = np.inf  #: Upper bound.
+    #: Scale of the optimiser's coordinate: the value over `size`, or the logarithm of the value.
     scale: Literal["linear", "logarithmic"] = "linear"
-    size: float = 0.0
+    size: float = 0.0  #: Typical size of a linear parameter; 0 uses |start|, or the width of the bounds if start is 0.
+    #: Standard deviation of what is known before the test, in the unit of the parameter, or relative (of the logarithm)
+    #: if the scale is logarithmic; None if nothing is known.
     prior: float | None = None
-    fixed: bool = False
+    fixed: bool = False  #: Whether the parameter keeps its start value.
 
     def __post_init__(self) -> None:
         """Check that bounds, start and prior agree."""
@@ -78,14 +69,11 @@ class Parameter:
 class ParameterTable:
     """P parameters in the order of a model's values, of which F are not fixed.
 
-    Attributes:
-        parameters: Parameters with unique names.
-
     Raises:
         ParameterError: Two parameters have the same name.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  #: Parameters with unique names.
 
     def __post_init__(self) -> None:
         """Check that the names are unique."""

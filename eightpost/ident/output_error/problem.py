@@ -41,27 +41,16 @@ class _Segment(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Records, model and parameters of a fit.
+    """Records, model and parameters of a fit."""
 
-    Attributes:
-        model: Model.
-        table: Parameters.
-        records: Records.
-        band: Frequency band of the residuals.
-        noise: Expected standard deviation of each output's residual (Y,).
-        difference: Step of the finite differences, in the parameters' coordinates.
-        segments: Number of segments of every record.
-        stiffness: Weight of the differences between segments, relative to that of the outputs.
-    """
-
-    model: Model
-    table: ParameterTable
-    records: Sequence[Record]
-    band: Band
-    noise: Array
-    difference: float = 1e-5
-    segments: int = 1
-    stiffness: float = 0.0
+    model: Model  #: Model.
+    table: ParameterTable  #: Parameters.
+    records: Sequence[Record]  #: Records.
+    band: Band  #: Frequency band of the residuals.
+    noise: Array  #: Expected standard deviation of each output's residual (Y,).
+    difference: float = 1e-5  #: Step of the finite differences, in the parameters' coordinates.
+    segments: int = 1  #: Number of segments of every record.
+    stiffness: float = 0.0  #: Weight of the differences between segments, relative to that of the outputs.
 
     @cached_property
     def _parts(self) -> tuple[_Segment, ...]:

@@ -20,18 +20,12 @@ class Decimation:
     """Decimation with an 8th-order Chebyshev type I low-pass, forward and backward, at 80 % of the Nyquist frequency.
 
     Aliases in the band are 63 dB down. All channels pass the same filter, so that responses between them do not change.
-
-    Attributes:
-        rate: New rate [Hz]; the dissertation's models have 125 Hz.
-        band: Cut-off frequency as a fraction of the new Nyquist frequency [1].
-        order: Order of the filter, which is run forward and backward.
-        ripple: Ripple in the pass band per pass [dB]. 6.4.1 does not give it; the default reduces amplitudes by at
-            most 0.1 %.
     """
 
-    rate: float = 125.0
-    band: float = 0.8
-    order: int = 8
+    rate: float = 125.0  #: New rate [Hz]; the dissertation's models have 125 Hz.
+    band: float = 0.8  #: Cut-off frequency as a fraction of the new Nyquist frequency [1].
+    order: int = 8  #: Order of the filter, which is run forward and backward.
+    #: Ripple in the pass band per pass [dB]. 6.4.1 does not give it; the default reduces amplitudes by at most 0.1 %.
     ripple: float = 0.005
 
     def __post_init__(self) -> None:

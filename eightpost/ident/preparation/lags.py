@@ -101,22 +101,14 @@ SMALLEST_CORRELATION = 0.6
 
 
 class Lag(NamedTuple):
-    """Time lag of a channel.
+    """Time lag of a channel."""
 
-    Attributes:
-        channel: Name of the channel or of the group of channels.
-        against: Reference that the channel must be in step with.
-        seconds: Lag [s]; positive if `channel` is late.
-        correlation: Multiple correlation at that lag [1].
-        usual: Lag up to which the channel is considered in step [s].
-        spread: Standard deviation of the lag [s]; it is large for slow motions, whose correlation has a flat peak.
-    """
-
-    channel: str
-    against: str
-    seconds: float
-    correlation: float
-    usual: float
+    channel: str  #: Name of the channel or of the group of channels.
+    against: str  #: Reference that the channel must be in step with.
+    seconds: float  #: Lag [s]; positive if `channel` is late.
+    correlation: float  #: Multiple correlation at that lag [1].
+    usual: float  #: Lag up to which the channel is considered in step [s].
+    #: Standard deviation of the lag [s]; it is large for slow motions, whose correlation has a flat peak.
     spread: float = 0.0
 
     @property

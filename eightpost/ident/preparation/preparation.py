@@ -34,29 +34,18 @@ from eightpost.verdict import Reason, listed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """Records of one car at one rate, without means.
+    """Records of one car at one rate, without means."""
 
-    Attributes:
-        records: One record per test, in the order given, with the channels that all records have.
-        means: Means of each record by channel, SI, over the samples that were kept.
-        names: Name of each record: its file, or its number.
-        corners: Names of the corners: lf, rf, lr, rr, or one empty name for a quarter car.
-        lags: Lags within each record, and of each record behind the first one.
-        steps: Descriptions of the steps that were applied to all records, a sentence each.
-        notes: Findings that the user should check, a sentence each.
-        sources: SHA-256 digest of each file by name.
-        findings: Channels of each record that contradict the mechanics of the car.
-    """
-
+    #: One record per test, in the order given, with the channels that all records have.
     records: tuple[TimeSeries, ...]
-    means: tuple[Mapping[str, float], ...]
-    names: tuple[str, ...]
-    corners: tuple[str, ...]
-    lags: tuple[tuple[Lag, ...], ...]
-    steps: tuple[str, ...]
-    notes: tuple[str, ...]
-    sources: Mapping[str, str]
-    findings: tuple[tuple[Finding, ...], ...] = ()
+    means: tuple[Mapping[str, float], ...]  #: Means of each record by channel, SI, over the samples that were kept.
+    names: tuple[str, ...]  #: Name of each record: its file, or its number.
+    corners: tuple[str, ...]  #: Names of the corners: lf, rf, lr, rr, or one empty name for a quarter car.
+    lags: tuple[tuple[Lag, ...], ...]  #: Lags within each record, and of each record behind the first one.
+    steps: tuple[str, ...]  #: Descriptions of the steps that were applied to all records, a sentence each.
+    notes: tuple[str, ...]  #: Findings that the user should check, a sentence each.
+    sources: Mapping[str, str]  #: SHA-256 digest of each file by name.
+    findings: tuple[tuple[Finding, ...], ...] = ()  #: Channels of each record that contradict the mechanics of the car.
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -104,29 +93,24 @@ _FEWEST = 100
 class Preparation:
     """Settings of the preparation of records. The default assumes nothing that the records do not contain.
 
-    Attributes:
-        decimation: Decimation to the model's rate.
-        pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the computation of shock velocities [Hz];
-            None keeps the records' own velocities.
-        geometry: Geometry of the rig, from which the aeroloaders' modes and the ride heights are computed; None keeps
-            the records' own channels.
-        delays: Delays of late channels by name [s]; these channels are advanced in every record.
-        same_start: Channel by which every record is synchronised with the first one, such as `lf.road`; None does not
-            synchronise. Recipes that need the same drive sample by sample require it.
-        settling: Time omitted at the start of every record [s].
-        mass: Mass of the car [kg], by which the forces are checked; None if it is unknown.
-
     Raises:
         ParameterError: A value is outside its range.
     """
 
-    decimation: Decimation = field(default_factory=Decimation)
+    decimation: Decimation = field(default_factory=Decimation)  #: Decimation to the model's rate.
+    #: Cut-off frequency of the potentiometers' low-pass for the computation of shock velocities [Hz]; None keeps the
+    #: records' own velocities.
     pot_cutoff: float | None = 50.0
+    #: Geometry of the rig, from which the aeroloaders' modes and the ride heights are computed; None keeps the records'
+    #: own channels.
     geometry: Geometry | None = None
+    #: Delays of late channels by name [s]; these channels are advanced in every record.
     delays: Mapping[str, float] = field(default_factory=dict)
+    #: Channel by which every record is synchronised with the first one, such as `lf.road`; None does not synchronise.
+    #: Recipes that need the same drive sample by sample require it.
     same_start: str | None = None
-    settling: float = 0.0
-    mass: float | None = None
+    settling: float = 0.0  #: Time omitted at the start of every record [s].
+    mass: float | None = None  #: Mass of the car [kg], by which the forces are checked; None if it is unknown.
 
     def __post_init__(self) -> None:
         """Check the ranges."""

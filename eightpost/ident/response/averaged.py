@@ -111,21 +111,13 @@ WORST_CONDITION = 1e7
 
 
 class _Regression(NamedTuple):
-    """Solution of `Y = U H^T + E` at every frequency.
+    """Solution of `Y = U H^T + E` at every frequency."""
 
-    Attributes:
-        H: Responses (p, m, K); 0 where an input was dropped.
-        spread: Diagonal of (U* U)^-1 (m, K); infinite where an input was dropped.
-        residual: Sum of |E|^2 (p, K).
-        total: Sum of |Y|^2 (p, K).
-        active: Mask of the inputs that were kept (m, K).
-    """
-
-    H: Complex
-    spread: Array
-    residual: Array
-    total: Array
-    active: NDArray[np.bool_]
+    H: Complex  #: Responses (p, m, K); 0 where an input was dropped.
+    spread: Array  #: Diagonal of (U* U)^-1 (m, K); infinite where an input was dropped.
+    residual: Array  #: Sum of |E|^2 (p, K).
+    total: Array  #: Sum of |Y|^2 (p, K).
+    active: NDArray[np.bool_]  #: Mask of the inputs that were kept (m, K).
 
 
 def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
@@ -193,14 +185,10 @@ POWER_FLOOR = 3e-3
 
 @dataclass(frozen=True, slots=True)
 class H1:
-    """Linear regression for noise on the outputs (Eq 4.19, 5.32; the global method of Eq 6.7 for several shocks).
+    """Linear regression for noise on the outputs (Eq 4.19, 5.32; the global method of Eq 6.7 for several shocks)."""
 
-    Attributes:
-        blocks: Division of the records into blocks.
-        power_floor: Amplitude of an input, relative to its largest, below which it is dropped at a frequency [1].
-    """
-
-    blocks: Blocks
+    blocks: Blocks  #: Division of the records into blocks.
+    #: Amplitude of an input, relative to its largest, below which it is dropped at a frequency [1].
     power_floor: float = POWER_FLOOR
 
     def estimate(self, records: Records) -> FrequencyResponse:
@@ -214,14 +202,10 @@ class H2:
     """Linear regression for noise on the inputs, `H2 = S_yy S_uy^-1`; it needs as many outputs as inputs.
 
     The inputs are regressed on the outputs and the result is inverted. Coherence and variance are those of H1.
-
-    Attributes:
-        blocks: Division of the records into blocks.
-        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
-    blocks: Blocks
-    power_floor: float = POWER_FLOOR
+    blocks: Blocks  #: Division of the records into blocks.
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate from all records at once.
@@ -246,14 +230,10 @@ class Hv:
     """Total least squares for noise on inputs and outputs that is proportional to the size of each channel.
 
     For one input and one output it is the geometric mean of H1 and H2. Coherence and variance are those of H1.
-
-    Attributes:
-        blocks: Division of the records into blocks.
-        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
-    blocks: Blocks
-    power_floor: float = POWER_FLOOR
+    blocks: Blocks  #: Division of the records into blocks.
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate from all records at once."""

@@ -26,14 +26,10 @@ class HighResidual:
 
     The gains at both points give K and N; phi is the mean of their phases. 5.3.2 uses (20, 30 Hz) for inputs and
     outputs of one corner and (6, 7 Hz) for others.
-
-    Attributes:
-        low: Lower control point [Hz].
-        high: Upper control point [Hz].
     """
 
-    low: float
-    high: float
+    low: float  #: Lower control point [Hz].
+    high: float  #: Upper control point [Hz].
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the path (K,) with its high frequencies replaced."""
@@ -46,15 +42,10 @@ class HighResidual:
 
 @dataclass(frozen=True, slots=True)
 class LowResidual:
-    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points; it replaces all below the first.
+    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points, for all below the first."""
 
-    Attributes:
-        low: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
-        high: Upper control point [Hz], about 4.
-    """
-
-    low: float
-    high: float
+    low: float  #: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
+    high: float  #: Upper control point [Hz], about 4.
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the path (K,) with its low frequencies replaced."""
@@ -77,15 +68,10 @@ class Zeroed:
 
 @dataclass(frozen=True, slots=True)
 class ZeroPhaseSmoothing:
-    """Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase.
+    """Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase."""
 
-    Attributes:
-        width: Width over frequency below which variations are attenuated [Hz]; 0.6 in 5.3.2.
-        order: Order of the filter, which is run forward and backward.
-    """
-
-    width: float = SMOOTHING_WIDTH
-    order: int = 4
+    width: float = SMOOTHING_WIDTH  #: Width over frequency below which variations are attenuated [Hz]; 0.6 in 5.3.2.
+    order: int = 4  #: Order of the filter, which is run forward and backward.
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the smoothed path (K,); a path with zeros has no magnitude in dB and does not change."""
@@ -216,17 +202,13 @@ class Preconditioning:
     through two points below it. (The aeroloaders have no power above 5 Hz; other paths disappear in the noise.) In
     5.3.2 the points are set manually to 6 and 7 Hz for all paths between corners; here the coherence of each path
     determines them.
-
-    Attributes:
-        width: Width over frequency below which variations are smoothed [Hz]; 0 does not smooth.
-        coherence: Coherence below which a path is replaced, from the frequency above which it stays there [1]; 0
-            replaces a path only where the input has no power.
-        zeroed: Paths (output, input) that are set to zero (Table 6.5).
     """
 
-    width: float = SMOOTHING_WIDTH
+    width: float = SMOOTHING_WIDTH  #: Width over frequency below which variations are smoothed [Hz]; 0 does not smooth.
+    #: Coherence below which a path is replaced, from the frequency above which it stays there [1]; 0 replaces a path
+    #: only where the input has no power.
     coherence: float = 0.5
-    zeroed: tuple[tuple[str, str], ...] = ()
+    zeroed: tuple[tuple[str, str], ...] = ()  #: Paths (output, input) that are set to zero (Table 6.5).
 
     def apply(self, response: FrequencyResponse) -> _PreconditionedResponse:
         """Return the preconditioned response.

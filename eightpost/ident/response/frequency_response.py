@@ -31,25 +31,18 @@ OPTIONAL = ("coherence", "partial_coherence", "variance")
 class FrequencyResponse:
     """Frequency responses between named channels; arrays are (output, input, frequency), as in python-control.
 
-    Attributes:
-        frequency: Increasing frequencies (K,) [Hz].
-        H: Responses (p, m, K) in output unit per input unit; 0 where an input had no power.
-        inputs: Input channels (m).
-        outputs: Output channels (p).
-        coherence: Multiple coherence (p, K) [1], the fraction of an output's power that all inputs explain; or None.
-        partial_coherence: Coherence of input and output (p, m, K) [1], after removal of the part that the other inputs
-            explain; or None.
-        variance: Variance of H (p, m, K), `E |H - E H|^2`; infinite where an input had no power; or None.
-
     The arrays are copied and read-only.
     """
 
-    frequency: Array
-    H: Complex
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
+    frequency: Array  #: Increasing frequencies (K,) [Hz].
+    H: Complex  #: Responses (p, m, K) in output unit per input unit; 0 where an input had no power.
+    inputs: tuple[Channel, ...]  #: Input channels (m).
+    outputs: tuple[Channel, ...]  #: Output channels (p).
+    #: Multiple coherence (p, K) [1], the fraction of an output's power that all inputs explain; or None.
     coherence: Array | None = None
+    #: Coherence of input and output (p, m, K) [1], after removal of the part that the other inputs explain; or None.
     partial_coherence: Array | None = None
+    #: Variance of H (p, m, K), `E |H - E H|^2`; infinite where an input had no power; or None.
     variance: Array | None = None
 
     def __post_init__(self) -> None:

@@ -38,16 +38,12 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class InputNoise:
-    """Attenuation of the responses to each input by its noise.
+    """Attenuation of the responses to each input by its noise."""
 
-    Attributes:
-        bias: Relative reduction of the responses [1], median over the driven frequencies, by input; without inputs that
-            are not driven.
-        quiet: Frequencies from which the noise was taken [Hz].
-    """
-
+    #: Relative reduction of the responses [1], median over the driven frequencies, by input; without inputs that are
+    #: not driven.
     bias: Mapping[str, float]
-    quiet: tuple[float, float]
+    quiet: tuple[float, float]  #: Frequencies from which the noise was taken [Hz].
 
     def summary(self, estimator: object) -> str:
         """Return the estimator and its bias as a sentence.

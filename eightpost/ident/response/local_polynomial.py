@@ -32,25 +32,17 @@ _ALIKE = 0.7
 
 @dataclass(frozen=True, slots=True)
 class LocalPolynomial:
-    """Local polynomial estimator.
+    """Local polynomial estimator."""
 
-    Attributes:
-        degree: Degree of the polynomials; 2 in the literature, higher for short records and lightly damped modes.
-        half_width: Half width b of a band [Hz], increased if it has too few bins. A wider band averages more noise,
-            but the response varies more within it. None takes the smallest width with `spare` times as many equations
-            as unknowns.
-        spare: Minimum number of equations per unknown.
-        spacing: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
-        high: Highest frequency [Hz].
-        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
-    """
-
+    #: Degree of the polynomials; 2 in the literature, higher for short records and lightly damped modes.
     degree: int = 2
+    #: Half width b of a band [Hz], increased if it has too few bins. A wider band averages more noise, but the response
+    #: varies more within it. None takes the smallest width with `spare` times as many equations as unknowns.
     half_width: float | None = None
-    spare: float = 1.5
-    spacing: float = 0.05
-    high: float = 30.0
-    power_floor: float = POWER_FLOOR
+    spare: float = 1.5  #: Minimum number of equations per unknown.
+    spacing: float = 0.05  #: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
+    high: float = 30.0  #: Highest frequency [Hz].
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
 
     @classmethod
     def of_width(cls, width: float, high: float) -> LocalPolynomial:

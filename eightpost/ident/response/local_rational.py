@@ -48,25 +48,16 @@ _DEPENDENT = 1e5
 
 @dataclass(frozen=True, slots=True)
 class LocalRational:
-    """Local estimator that chooses its bandwidth and denominator by validation.
+    """Local estimator that chooses its bandwidth and denominator by validation."""
 
-    Attributes:
-        order: Degree of the denominators, twice the number of modes within a band.
-        degree: Degree of the numerators and of the transients.
-        widths: Widths of the bands, relative to the narrowest with `spare` times as many equations as unknowns.
-        spare: Minimum number of equations per unknown.
-        spacing: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
-        high: Highest frequency [Hz].
-        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
-    """
-
-    order: int = 2
-    degree: int = 2
+    order: int = 2  #: Degree of the denominators, twice the number of modes within a band.
+    degree: int = 2  #: Degree of the numerators and of the transients.
+    #: Widths of the bands, relative to the narrowest with `spare` times as many equations as unknowns.
     widths: tuple[float, ...] = (1.0, 2.0)
-    spare: float = 1.5
-    spacing: float = 0.05
-    high: float = 30.0
-    power_floor: float = POWER_FLOOR
+    spare: float = 1.5  #: Minimum number of equations per unknown.
+    spacing: float = 0.05  #: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
+    high: float = 30.0  #: Highest frequency [Hz].
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -126,19 +117,12 @@ class LocalRational:
 
 
 class ValidatedResponse(NamedTuple):
-    """A response, and how well it predicts bins that were left out.
+    """A response, and how well it predicts bins that were left out."""
 
-    Attributes:
-        response: Frequency response.
-        error: RMS error of predicted bins of each output (p, K), in the unit of the spectrum.
-        level: RMS of the spectrum of each output at the same bins (p, K).
-        order: Degree of the denominator that was chosen (p, K); 0 for polynomials.
-    """
-
-    response: FrequencyResponse
-    error: Array
-    level: Array
-    order: NDArray[np.intp]
+    response: FrequencyResponse  #: Frequency response.
+    error: Array  #: RMS error of predicted bins of each output (p, K), in the unit of the spectrum.
+    level: Array  #: RMS of the spectrum of each output at the same bins (p, K).
+    order: NDArray[np.intp]  #: Degree of the denominator that was chosen (p, K); 0 for polynomials.
 
     def findings(self, limit: float = 0.2) -> tuple[str, ...]:
         """Return for each output where the resolution is insufficient, a sentence with the error and a remedy.

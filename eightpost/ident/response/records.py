@@ -20,39 +20,25 @@ from eightpost.vehicle.statespace import Channel
 
 
 class Spectra(NamedTuple):
-    """Spectra of all blocks of all tests.
+    """Spectra of all blocks of all tests."""
 
-    Attributes:
-        frequency: Frequencies (K,) [Hz].
-        U: Spectra of the inputs (K, R, m).
-        Y: Spectra of the outputs (K, R, p).
-        test: Index of the test that each block belongs to (R,).
-        independent: Number of independent blocks that is equivalent to the R overlapping ones.
-    """
-
-    frequency: Array
-    U: Complex
-    Y: Complex
-    test: NDArray[np.intp]
-    independent: float
+    frequency: Array  #: Frequencies (K,) [Hz].
+    U: Complex  #: Spectra of the inputs (K, R, m).
+    Y: Complex  #: Spectra of the outputs (K, R, p).
+    test: NDArray[np.intp]  #: Index of the test that each block belongs to (R,).
+    independent: float  #: Number of independent blocks that is equivalent to the R overlapping ones.
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Division of records into blocks.
+    """Division of records into blocks."""
 
-    Attributes:
-        length: Length of a block [s]; the frequencies are 1 / length apart. Short blocks have leakage: if a mode rings
-            for as long as the block lasts, its peak is smeared and its damping ratio is estimated too large.
-        window: Window, any of `scipy.signal.get_window`; the dissertation uses "hamming".
-        overlap: Overlap of neighbouring blocks [1].
-        high: Highest frequency [Hz]; the lowest one is 1 / length.
-    """
-
+    #: Length of a block [s]; the frequencies are 1 / length apart. Short blocks have leakage: if a mode rings for as
+    #: long as the block lasts, its peak is smeared and its damping ratio is estimated too large.
     length: float
-    window: str = "hann"
-    overlap: float = 0.5
-    high: float = 30.0
+    window: str = "hann"  #: Window, any of `scipy.signal.get_window`; the dissertation uses "hamming".
+    overlap: float = 0.5  #: Overlap of neighbouring blocks [1].
+    high: float = 30.0  #: Highest frequency [Hz]; the lowest one is 1 / length.
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -119,19 +105,12 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Records:
-    """Tests of one vehicle.
+    """Tests of one vehicle."""
 
-    Attributes:
-        tests: One or more tests.
-        rate: Sample rate of all tests [Hz].
-        inputs: Input channels.
-        outputs: Output channels.
-    """
-
-    tests: tuple[Record, ...]
-    rate: float
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
+    tests: tuple[Record, ...]  #: One or more tests.
+    rate: float  #: Sample rate of all tests [Hz].
+    inputs: tuple[Channel, ...]  #: Input channels.
+    outputs: tuple[Channel, ...]  #: Output channels.
 
     def only(self, tests: Iterable[int], inputs: Iterable[int]) -> Records:
         """Return the chosen tests with the chosen inputs, by position."""

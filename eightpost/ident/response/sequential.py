@@ -25,16 +25,11 @@ class Sequential:
     The records are the baseline and one alternate test per force, in the order of `forces`. The baseline's shocks must
     be linear (with force differences of zero); nonlinear forces cause errors that are not detected. The global H1 does
     not need linear shocks.
-
-    Attributes:
-        blocks: Division of the records into blocks.
-        forces: Names of the inputs that are shock-force differences.
-        power_floor: Relative amplitude below which an input is dropped [1]; see `H1`.
     """
 
-    blocks: Blocks
-    forces: tuple[str, ...]
-    power_floor: float = POWER_FLOOR
+    blocks: Blocks  #: Division of the records into blocks.
+    forces: tuple[str, ...]  #: Names of the inputs that are shock-force differences.
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the responses to the rig's inputs from the first record, and to each force from its own record."""
@@ -63,14 +58,10 @@ class SameDrive:
 
     The records are the baseline and one alternate test per force, in the order of `forces`, with the same drive sample
     by sample. With one force it is the dissertation's two-experiment method for the quarter car.
-
-    Attributes:
-        recipe: Estimator of both steps.
-        forces: Names of the inputs that are shock-force differences.
     """
 
-    recipe: Recipe
-    forces: tuple[str, ...]
+    recipe: Recipe  #: Estimator of both steps.
+    forces: tuple[str, ...]  #: Names of the inputs that are shock-force differences.
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the responses to the rig's inputs from the first record, and to each force from its own record."""

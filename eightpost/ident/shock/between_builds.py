@@ -31,27 +31,18 @@ _SIDES = {"compression_scale": 1.0, "rebound_scale": -1.0}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuildSpread:
-    """Spread between B builds of a shock.
+    """Spread between B builds of a shock."""
 
-    Attributes:
-        builds: Names of the builds (B,).
-        runs: Number of runs of each.
-        velocity: Velocities (M,) that all builds reach [m/s].
-        force: Static force of each build (B, M) [N].
-        deviation: Standard deviation between the builds (M,) [N], without the error of their fits.
-        scales: Scale of each build relative to the common curve (B,) [1], by `compression_scale` and `rebound_scale`.
-        parameters: Values (B,) and SI unit of each of the law's scalar parameters and of the gas force, by name.
-        notes: Builds that could not be fitted alone, one sentence each.
-    """
-
-    builds: tuple[str, ...]
-    runs: tuple[int, ...]
-    velocity: Array
-    force: Array
-    deviation: Array
+    builds: tuple[str, ...]  #: Names of the builds (B,).
+    runs: tuple[int, ...]  #: Number of runs of each.
+    velocity: Array  #: Velocities (M,) that all builds reach [m/s].
+    force: Array  #: Static force of each build (B, M) [N].
+    deviation: Array  #: Standard deviation between the builds (M,) [N], without the error of their fits.
+    #: Scale of each build relative to the common curve (B,) [1], by `compression_scale` and `rebound_scale`.
     scales: dict[str, Array]
+    #: Values (B,) and SI unit of each of the law's scalar parameters and of the gas force, by name.
     parameters: dict[str, tuple[Array, str]]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: Builds that could not be fitted alone, one sentence each.
 
     def percent(self, scale: str) -> float:
         """Return the standard deviation between the builds of `compression_scale` or `rebound_scale` in percent."""

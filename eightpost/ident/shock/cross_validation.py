@@ -44,28 +44,19 @@ Parts = Literal["builds", "runs", "quarters"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeftOut:
-    """A part of the records that is left out of a fit and predicted.
+    """A part of the records that is left out of a fit and predicted."""
 
-    Attributes:
-        kept: Whether each row (R,) is fitted.
-        parts: Rows that are predicted, each a part of one run.
-        is_whole: Whether the parts are whole runs. The offset and the level of such a run are then unknown.
-    """
-
-    kept: NDArray[np.bool_]
-    parts: tuple[slice, ...]
-    is_whole: bool
+    kept: NDArray[np.bool_]  #: Whether each row (R,) is fitted.
+    parts: tuple[slice, ...]  #: Rows that are predicted, each a part of one run.
+    is_whole: bool  #: Whether the parts are whole runs. The offset and the level of such a run are then unknown.
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors of a law on what was left out.
+    """Errors of a law on what was left out."""
 
-    Attributes:
-        pieces: Mean square error of each piece over the variance of the force of its run [1]; without offset and level
-            if whole runs were left out.
-    """
-
+    #: Mean square error of each piece over the variance of the force of its run [1]; without offset and level if whole
+    #: runs were left out.
     pieces: tuple[float, ...]
 
     @property
@@ -86,16 +77,11 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutErrors:
-    """Errors of a fitted law on parts of the records that were left out of its fit, beside those of LPNL2.
+    """Errors of a fitted law on parts of the records that were left out of its fit, beside those of LPNL2."""
 
-    Attributes:
-        left_out: Parts that were left out: `builds`, `runs` or `quarters`.
-        percent: Error of the law in percent of the force's standard deviation.
-        lpnl2_percent: Error of LPNL2 on the same parts; None if the law is LPNL2, or if this cannot be fitted.
-    """
-
-    left_out: Parts
-    percent: float
+    left_out: Parts  #: Parts that were left out: `builds`, `runs` or `quarters`.
+    percent: float  #: Error of the law in percent of the force's standard deviation.
+    #: Error of LPNL2 on the same parts; None if the law is LPNL2, or if this cannot be fitted.
     lpnl2_percent: float | None = None
 
     def __str__(self) -> str:
@@ -156,13 +142,9 @@ def _left_out_builds(runs: Runs) -> list[LeftOut]:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """A fitted law and its predictions of parts that are left out, each computed once when it is needed.
+    """A fitted law and its predictions of parts that are left out, each computed once when it is needed."""
 
-    Attributes:
-        fit: Fit to all records, from which the fits without a part start.
-    """
-
-    fit: FittedLaw
+    fit: FittedLaw  #: Fit to all records, from which the fits without a part start.
 
     @property
     def left_out(self) -> Parts:

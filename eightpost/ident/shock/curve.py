@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
-from scipy.stats import theilslopes
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.knots import CELLS, KnotBasis
@@ -34,15 +33,10 @@ _WEAKEST = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class CurveBasis:
-    """The basis functions of a static curve with a given transition.
+    """The basis functions of a static curve with a given transition."""
 
-    Attributes:
-        transition_speed: v_t [m/s].
-        transition_width: Width of the transition [m/s].
-    """
-
-    transition_speed: float
-    transition_width: float
+    transition_speed: float  #: v_t [m/s].
+    transition_width: float  #: Width of the transition [m/s].
 
     def design(self, velocity: Array) -> Array:
         """Return the matrix (N, 23) whose product with the coefficients (23,) [N] is F_s (N,) [N].
@@ -101,20 +95,15 @@ def _straight(sign: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkingBasis:
-    """Columns for least squares, and their relation to the curve's coefficients.
+    """Columns for least squares, and their relation to the curve's coefficients."""
 
-    Attributes:
-        curve: Functions that the columns combine, with C coefficients.
-        columns: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a
-            curve through knots one for each slope.
-        to_curve: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
-        penalty: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the
-            RMS error over all rows.
-    """
-
-    curve: CurveBasis | KnotBasis
+    curve: CurveBasis | KnotBasis  #: Functions that the columns combine, with C coefficients.
+    #: Columns (N, n), contiguous in memory: of polynomials orthogonal and of unit root mean square, of a curve through
+    #: knots one for each slope.
     columns: Array
-    to_curve: Array
+    to_curve: Array  #: Matrix (C, n): curve coefficients = to_curve @ working coefficients.
+    #: Matrix (P, n): its product with the working coefficients counts like a force error, of the size of the RMS error
+    #: over all rows.
     penalty: Array
 
     def at(self, velocity: Array) -> Array:
@@ -225,6 +214,8 @@ def _end_slope(basis: CurveBasis, coefficients: Array, end: float) -> tuple[floa
     The last slope of a polynomial depends on few samples. If it differs too much from the robust (Theil-Sen) slope of
     the curve's last fifth, the robust slope is used; if that is negative too, the chord from the transition.
     """
+    from scipy.stats import theilslopes  # noqa: PLC0415 -- takes half a second to load, and only recipe boggs needs it
+
     velocity = np.linspace(1.0 - _LAST_PART, 1.0, 41) * end
     force = basis.design(velocity) @ coefficients
     own = float((force[-1] - force[-2]) / (velocity[-1] - velocity[-2]))

@@ -13,15 +13,10 @@ from eightpost.ident.shock.runs import Runs
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedLaw(ABC):
-    """A law fitted to runs, from which it can be fitted again with other weights.
+    """A law fitted to runs, from which it can be fitted again with other weights."""
 
-    Attributes:
-        law: Name of the law.
-        notes: Notes on the choices that differ from the dissertation's, without those of the recipe.
-    """
-
-    law: str
-    notes: tuple[str, ...]
+    law: str  #: Name of the law.
+    notes: tuple[str, ...]  #: Notes on the choices that differ from the dissertation's, without those of the recipe.
 
     @property
     @abstractmethod

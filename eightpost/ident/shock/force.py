@@ -105,19 +105,12 @@ _COARSE_RATE = 500.0
 
 @dataclass(frozen=True, eq=False)
 class ForceModel:
-    """F(b, g, theta) = valve(curve @ b, theta) + gas @ g over runs of N samples and R low-passed rows.
+    """F(b, g, theta) = valve(curve @ b, theta) + gas @ g over runs of N samples and R low-passed rows."""
 
-    Attributes:
-        runs: The records.
-        basis: Basis of the curve, n columns.
-        gas: Columns of the gas force.
-        dynamics: Dynamics of the law.
-    """
-
-    runs: Runs
-    basis: WorkingBasis
-    gas: GasColumns
-    dynamics: Dynamics
+    runs: Runs  #: The records.
+    basis: WorkingBasis  #: Basis of the curve, n columns.
+    gas: GasColumns  #: Columns of the gas force.
+    dynamics: Dynamics  #: Dynamics of the law.
 
     @property
     def curve_count(self) -> int:

@@ -16,19 +16,12 @@ GasTreatment = Literal["estimate", "included", "subtracted"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GasColumns:
-    """Columns of the gas force over all N samples of the runs, of unit size.
+    """Columns of the gas force over all N samples of the runs, of unit size."""
 
-    Attributes:
-        columns: Columns (N, g): empty, or an offset per run and, if fitted, (x - x_ref) / size.
-        offsets: Number of offsets.
-        size: Standard deviation of the displacement [m] if a stiffness is fitted; else None.
-        reference: x_ref [m].
-    """
-
-    columns: Array
-    offsets: int
-    size: float | None
-    reference: float
+    columns: Array  #: Columns (N, g): empty, or an offset per run and, if fitted, (x - x_ref) / size.
+    offsets: int  #: Number of offsets.
+    size: float | None  #: Standard deviation of the displacement [m] if a stiffness is fitted; else None.
+    reference: float  #: x_ref [m].
 
     @property
     def count(self) -> int:

@@ -51,15 +51,10 @@ _STIFF = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HysteresisFit(FittedLaw):
-    """The law `hysteresis` fitted to runs.
+    """The law `hysteresis` fitted to runs."""
 
-    Attributes:
-        found: Minimum on the whole record.
-        stop_note: Sentence on whether the law has a stop, and why; empty if a stop would hardly lower the error.
-    """
-
-    found: Found[Projected]
-    stop_note: str
+    found: Found[Projected]  #: Minimum on the whole record.
+    stop_note: str  #: Sentence on whether the law has a stop, and why; empty if a stop would hardly lower the error.
 
     @property
     def model(self) -> ForceModel:

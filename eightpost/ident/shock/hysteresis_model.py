@@ -34,18 +34,12 @@ class LaggedVelocity(Dynamics):
 
     The slopes (25,) of f1 at the knots of the curve are multiplied by the highest speed of the knots [N]. The stop is
     given by its force at its yield travel [N] and the logarithms of yield travel and time constant.
-
-    Attributes:
-        limits: Bounds for the record; only the sampling interval matters.
-        kind: The law's class.
-        shortest: Lower bound of tau [s].
-        has_stop: Whether the stop is fitted.
     """
 
-    limits: Limits
-    kind: type[ShockLaw]
-    shortest: float = TIME_CONSTANT[0]
-    has_stop: bool = False
+    limits: Limits  #: Bounds for the record; only the sampling interval matters.
+    kind: type[ShockLaw]  #: The law's class.
+    shortest: float = TIME_CONSTANT[0]  #: Lower bound of tau [s].
+    has_stop: bool = False  #: Whether the stop is fitted.
 
     @classmethod
     def of(cls, kind: type[ShockLaw], limits: Limits, rate: float) -> LaggedVelocity:

@@ -51,14 +51,10 @@ class Projection:
 
     The linear parameters are the slopes of f0 (25,) and of f1 (25,) at the knots, times the highest speed, the stop's
     force at its yield travel if there is a stop, and the weights of the gas columns; all in N.
-
-    Attributes:
-        model: Model on the whole record, with its weights.
-        is_thin: Whether the states are computed on a thinned record.
     """
 
-    model: ForceModel
-    is_thin: bool
+    model: ForceModel  #: Model on the whole record, with its weights.
+    is_thin: bool  #: Whether the states are computed on a thinned record.
 
     @cached_property
     def dynamics(self) -> LaggedVelocity:
@@ -128,21 +124,13 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """The minimum over the linear parameters for given parameters of the states.
+    """The minimum over the linear parameters for given parameters of the states."""
 
-    Attributes:
-        problem: Problem that was minimised.
-        states: States.
-        linear: Linear parameters (n,) [N].
-        columns: Columns (R, n) at the rows.
-        gram: Matrix (n, n) of the normal equations, with penalties.
-    """
-
-    problem: Projection
-    states: States
-    linear: Array
-    columns: Array
-    gram: Array
+    problem: Projection  #: Problem that was minimised.
+    states: States  #: States.
+    linear: Array  #: Linear parameters (n,) [N].
+    columns: Array  #: Columns (R, n) at the rows.
+    gram: Array  #: Matrix (n, n) of the normal equations, with penalties.
 
     @property
     def parameters(self) -> Array:
@@ -243,17 +231,11 @@ class SearchProblem(Protocol[_Reached_co]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found(Generic[_Point]):
-    """The end of a search.
+    """The end of a search."""
 
-    Attributes:
-        end: Minimum over the linear parameters at the end.
-        converged: Whether it is a minimum.
-        status: Description of how the search ended.
-    """
-
-    end: _Point
-    converged: bool
-    status: str
+    end: _Point  #: Minimum over the linear parameters at the end.
+    converged: bool  #: Whether it is a minimum.
+    status: str  #: Description of how the search ended.
 
     @property
     def cost(self) -> float:

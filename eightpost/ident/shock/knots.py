@@ -31,12 +31,9 @@ class KnotBasis:
     """Functions of a curve whose coefficients are its slopes at the knots, 0 at zero velocity.
 
     The curve rises everywhere if no slope is negative. Beyond the knots it continues as a straight line.
-
-    Attributes:
-        knots: Velocities of the knots (K,) [m/s], ascending; the middle one is 0.
     """
 
-    knots: tuple[float, ...]
+    knots: tuple[float, ...]  #: Velocities of the knots (K,) [m/s], ascending; the middle one is 0.
 
     @classmethod
     def of(cls, velocity: Array, *, cells: int = CELLS) -> KnotBasis:

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import butter, lfilter, sosfreqz
 
 from eightpost.array_types import Array, Complex
+from eightpost.signals.filters import recursion
 
 # ---- The exact first-order lag of whole records ---------------------------------------------------------------------
 
@@ -33,9 +33,10 @@ def lag(static: Array, time_constant: float, step: float) -> Array:
     rise, weight = _weights(time_constant, step)
     # Filtering along the last axis is several times as fast for contiguous columns.
     series = static.T
-    start = (1.0 - weight) * series[..., :1]
-    lagged, _ = lfilter([weight, rise - weight], [1.0, rise - 1.0], series, axis=-1, zi=start)
-    return np.asarray(lagged.T, dtype=np.float64)
+    driven = weight * series
+    driven[..., 1:] += (rise - weight) * series[..., :-1]
+    driven[..., 0] = series[..., 0]
+    return recursion(driven, [rise - 1.0]).T
 
 
 def _lag_response(frequency: Array, time_constant: float, step: float) -> NDArray[np.complex128]:
@@ -61,7 +62,7 @@ def lag_sensitivity(static: Array, lagged: Array, time_constant: float, step: fl
     weight_slope = (rise / ratio - np.exp(-ratio)) / ratio * ratio_slope
     drive = np.zeros_like(static)
     drive[1:] = weight_slope * np.diff(static) + rise_slope * (static[:-1] - lagged[:-1])
-    return np.asarray(lfilter([1.0], [1.0, rise - 1.0], drive), dtype=np.float64)
+    return recursion(drive, [rise - 1.0])
 
 
 def _weights(time_constant: float, step: float) -> tuple[float, float]:
@@ -82,23 +83,14 @@ _ORDER, _EXTENSION = 8, 12.0
 
 @dataclass(frozen=True, slots=True)
 class RowFilter:
-    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment.
+    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment."""
 
-    Attributes:
-        count: Number N of samples.
-        rate: Sampling rate [Hz].
-        cutoff: Cutoff frequency of the low-pass [Hz].
-        first: First sample inside the segment.
-        inside: Number of samples inside the segment.
-        every: Number of samples per row.
-    """
-
-    count: int
-    rate: float
-    cutoff: float
-    first: int
-    inside: int
-    every: int
+    count: int  #: Number N of samples.
+    rate: float  #: Sampling rate [Hz].
+    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
+    first: int  #: First sample inside the segment.
+    inside: int  #: Number of samples inside the segment.
+    every: int  #: Number of samples per row.
 
     @classmethod
     def of(cls, inside: NDArray[np.bool_], rate: float, cutoff: float) -> RowFilter:
@@ -148,9 +140,10 @@ class RowFilter:
 @lru_cache(maxsize=64)
 def _gain(rate: float, cutoff: float, short: int, every: int) -> Array:
     """Return the low-pass's gain at the remaining frequencies, over the thinning factor."""
-    frequencies = np.arange(short // 2 + 1) * (rate / (short * every))
-    _, response = sosfreqz(butter(_ORDER, cutoff, fs=rate, output="sos"), frequencies, fs=rate)
-    return np.asarray(np.abs(response) ** 2 / every)
+    # 1 / (1 + (f / cutoff)^16) after the bilinear transform; the tangent of a frequency is infinite at half the rate.
+    angle, corner = np.pi * np.arange(short // 2 + 1) / (short * every), np.tan(np.pi * cutoff / rate)
+    passed, stopped = np.cos(angle) ** (2 * _ORDER), (np.sin(angle) / corner) ** (2 * _ORDER)
+    return np.asarray(passed / (every * (passed + stopped)))
 
 
 def _extended(values: Array, left: int, right: int) -> Array:

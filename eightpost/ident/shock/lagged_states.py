@@ -24,19 +24,12 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """States over all N samples of runs, as a function of their parameters.
+    """States over all N samples of runs, as a function of their parameters."""
 
-    Attributes:
-        runs: Records.
-        basis: Basis of the curve, whose range determines the nodes of ln tau.
-        parameters: ln tau at the nodes (3,), then ln of yield travel and time constant if there is a stop.
-        is_fine: Whether intervals with a large change of velocity are divided, as in the law.
-    """
-
-    runs: Runs
-    basis: KnotBasis
-    parameters: Array
-    is_fine: bool = True
+    runs: Runs  #: Records.
+    basis: KnotBasis  #: Basis of the curve, whose range determines the nodes of ln tau.
+    parameters: Array  #: ln tau at the nodes (3,), then ln of yield travel and time constant if there is a stop.
+    is_fine: bool = True  #: Whether intervals with a large change of velocity are divided, as in the law.
 
     @cached_property
     def velocity(self) -> Array:

@@ -41,17 +41,11 @@ _REFIT = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LawFit(FittedLaw):
-    """A law fitted to runs, or a sketch of it.
+    """A law fitted to runs, or a sketch of it."""
 
-    Attributes:
-        minimum: Minimum on the samples used: those of a thinned record in the sketch of a costly law.
-        whole: Model of the whole record with the weights used for the minimum.
-        full_lag: Minimum of LPF1 from which the search started; None for a law without lag.
-    """
-
-    minimum: Minimum
-    whole: ForceModel
-    full_lag: Minimum | None
+    minimum: Minimum  #: Minimum on the samples used: those of a thinned record in the sketch of a costly law.
+    whole: ForceModel  #: Model of the whole record with the weights used for the minimum.
+    full_lag: Minimum | None  #: Minimum of LPF1 from which the search started; None for a law without lag.
 
     @property
     def is_final(self) -> bool:

@@ -27,20 +27,13 @@ _HEADROOM = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds of the dynamic parameters.
+    """Bounds of the dynamic parameters."""
 
-    Attributes:
-        time_constant: Lowest and highest tau [s].
-        force: Lowest and highest transition force [N].
-        gap: Minimum distance of the two transition forces [N].
-        lag_changes: A sentence for each bound of tau that is not the dissertation's.
-        force_changes: A sentence for each bound of the transition forces that is not the dissertation's.
-    """
-
-    time_constant: tuple[float, float]
-    force: tuple[float, float]
-    gap: float
-    lag_changes: tuple[str, ...] = ()
+    time_constant: tuple[float, float]  #: Lowest and highest tau [s].
+    force: tuple[float, float]  #: Lowest and highest transition force [N].
+    gap: float  #: Minimum distance of the two transition forces [N].
+    lag_changes: tuple[str, ...] = ()  #: A sentence for each bound of tau that is not the dissertation's.
+    #: A sentence for each bound of the transition forces that is not the dissertation's.
     force_changes: tuple[str, ...] = ()
 
 

@@ -25,20 +25,16 @@ _NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hyst
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Options of a fit.
+    """Options of a fit."""
 
-    Attributes:
-        recipe: `joint` (all parameters together, a curve through knots) or `boggs` (one after the other, a curve of
-            polynomials, as in 3.3).
-        gas: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and
-            makes it part of the shock; `included` fits it and leaves it out of the shock, because the car's static load
-            includes it; `subtracted`: the dynamometer has already subtracted it.
-        robust: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
-    """
-
+    #: `joint` (all parameters together, a curve through knots) or `boggs` (one after the other, a curve of polynomials,
+    #: as in 3.3).
     recipe: RecipeName = "joint"
+    #: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and makes it part
+    #: of the shock; `included` fits it and leaves it out of the shock, because the car's static load includes it;
+    #: `subtracted`: the dynamometer has already subtracted it.
     gas: GasTreatment = "estimate"
-    robust: Robust = "auto"
+    robust: Robust = "auto"  #: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
 
     def law(self, name: str | None) -> str:
         """Return the law to fit, if all options are known.

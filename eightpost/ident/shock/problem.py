@@ -20,26 +20,18 @@ from eightpost.progress import beat
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Parameters of a force model found by a recipe.
+    """Parameters of a force model found by a recipe."""
 
-    Attributes:
-        model: Force model, with the gas columns that were kept.
-        parameters: Parameters (n + g + k,) of curve, gas, theta.
-        covariance: Covariances (3, n + g + k, n + g + k), see `covariances`; NaN rows for parameters that are
-            undetermined or were fixed.
-        converged: Whether the optimiser ended at a minimum.
-        status: Description of how the optimiser ended.
-        notes: Changes that the recipe made, one sentence each.
-        left_out: Changes of the parameters (B, n + g + k) when each block is left out, see `block_changes`; (0, 0) if
-            they are not known.
-    """
-
-    model: ForceModel
-    parameters: Array
+    model: ForceModel  #: Force model, with the gas columns that were kept.
+    parameters: Array  #: Parameters (n + g + k,) of curve, gas, theta.
+    #: Covariances (3, n + g + k, n + g + k), see `covariances`; NaN rows for parameters that are undetermined or were
+    #: fixed.
     covariance: Array
-    converged: bool
-    status: str
-    notes: tuple[str, ...] = ()
+    converged: bool  #: Whether the optimiser ended at a minimum.
+    status: str  #: Description of how the optimiser ended.
+    notes: tuple[str, ...] = ()  #: Changes that the recipe made, one sentence each.
+    #: Changes of the parameters (B, n + g + k) when each block is left out, see `block_changes`; (0, 0) if they are not
+    #: known.
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
@@ -56,15 +48,10 @@ _NO_MORE = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inequalities:
-    """Linear inequalities matrix @ x >= floor.
+    """Linear inequalities matrix @ x >= floor."""
 
-    Attributes:
-        matrix: Matrix (J, n).
-        floor: Lower bounds (J,).
-    """
-
-    matrix: Array
-    floor: Array
+    matrix: Array  #: Matrix (J, n).
+    floor: Array  #: Lower bounds (J,).
 
     def room(self, x: Array) -> Array:
         """Return the distance (J,) of x from each bound, positive inside."""
@@ -169,15 +156,10 @@ _STIFF = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Weighted force error of a model at the rows, followed by the penalties of its curve, which must not fall.
+    """Weighted force error of a model at the rows, followed by the penalties of its curve, which must not fall."""
 
-    Attributes:
-        model: Model of the force.
-        tolerance: Relative decrease of the sum of squares below which the search stops.
-    """
-
-    model: ForceModel
-    tolerance: float = TOLERANCE
+    model: ForceModel  #: Model of the force.
+    tolerance: float = TOLERANCE  #: Relative decrease of the sum of squares below which the search stops.
 
     def residual(self, parameters: Array) -> Array:
         """Return the weighted force error and the penalties (R + P,) [N] of parameters (n + g + k,)."""
@@ -213,23 +195,14 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """The end of a search.
+    """The end of a search."""
 
-    Attributes:
-        problem: Problem that was minimised.
-        parameters: Parameters (n + g + k,) at the minimum.
-        residual: Residual (R + P,) at the minimum, with penalties [N].
-        jacobian: Jacobian of the residual at the minimum.
-        converged: Whether it is a minimum.
-        status: Description of how the search ended.
-    """
-
-    problem: Problem
-    parameters: Array
-    residual: Array
-    jacobian: Array
-    converged: bool
-    status: str
+    problem: Problem  #: Problem that was minimised.
+    parameters: Array  #: Parameters (n + g + k,) at the minimum.
+    residual: Array  #: Residual (R + P,) at the minimum, with penalties [N].
+    jacobian: Array  #: Jacobian of the residual at the minimum.
+    converged: bool  #: Whether it is a minimum.
+    status: str  #: Description of how the search ended.
 
     @property
     def cost(self) -> float:

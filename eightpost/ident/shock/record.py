@@ -94,28 +94,18 @@ class Prepared:
     """A record prepared for the fit: resampled evenly, low-passed, with its segment.
 
     The model is driven over all samples, but only those `inside` count; the others are the filter's edges.
-
-    Attributes:
-        record: Velocity [m/s], force [N] and, if known, displacement [m] from `reference`; low-passed, (N,) each.
-        rate: Sampling rate [Hz].
-        inside: Whether each sample counts (N,).
-        cutoff: Cutoff frequency of the low-pass [Hz].
-        reference: Reference displacement of the gas force [m]: the mean over the segment.
-        single_frequency: Frequency [Hz] if the record is essentially one sine; else None.
-        changes: Every departure from the dissertation's choices, one sentence each.
-        temperature: Temperature (N,) [K], averaged over a second; None if it was not measured.
-        build: Build of the shock; None if it is not stated.
     """
 
+    #: Velocity [m/s], force [N] and, if known, displacement [m] from `reference`; low-passed, (N,) each.
     record: TimeSeries
-    rate: float
-    inside: NDArray[np.bool_]
-    cutoff: float
-    reference: float
-    single_frequency: float | None
-    changes: tuple[str, ...]
-    temperature: Array | None = None
-    build: str | None = None
+    rate: float  #: Sampling rate [Hz].
+    inside: NDArray[np.bool_]  #: Whether each sample counts (N,).
+    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
+    reference: float  #: Reference displacement of the gas force [m]: the mean over the segment.
+    single_frequency: float | None  #: Frequency [Hz] if the record is essentially one sine; else None.
+    changes: tuple[str, ...]  #: Every departure from the dissertation's choices, one sentence each.
+    temperature: Array | None = None  #: Temperature (N,) [K], averaged over a second; None if it was not measured.
+    build: str | None = None  #: Build of the shock; None if it is not stated.
 
     @property
     def step(self) -> float:

@@ -114,13 +114,18 @@ def _notes_of(tests: Sequence[DynoTest]) -> list[str]:
     return [note if len(tests) == 1 else f"run {number}: {note}" for number, test in numbered for note in test.warnings]
 
 
+def interval_of(parameter: Parameter) -> tuple[float, float] | None:
+    """Return the 95 % interval; None if the record does not determine the parameter, or the fit ended at its bound."""
+    return None if parameter.at_bound else parameter.interval
+
+
 def _entry(parameter: Parameter) -> dict[str, Any]:
     bounds = [bound if np.isfinite(bound) else None for bound in parameter.bounds or ()] or None
     return {
         "value": parameter.value,
         "unit": parameter.unit,
         "standard_error": parameter.error,
-        "interval_95": list(parameter.interval) if parameter.interval else None,
+        "interval_95": list(interval) if (interval := interval_of(parameter)) else None,
         "bounds": bounds,
         "at_bound": parameter.at_bound,
     }
@@ -158,46 +163,28 @@ def _frequency_range(prepared: Prepared) -> list[float]:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ShockFit(Summarized):
-    """A fitted shock and the quality of the fit.
+    """A fitted shock and the quality of the fit."""
 
-    Attributes:
-        shock: Shock that `write_shock` writes.
-        recipe: `joint` or `boggs`.
-        rms: RMS of the residual inside the segment, model and measurement through the same low-pass [N].
-        deviation: Standard deviation of the low-passed measured force [N].
-        parameters: Scalar parameters.
-        band: 95 % band of the static curve.
-        downweighted: Number of samples treated as outliers, over all runs.
-        converged: Whether the optimiser ended at a minimum.
-        status: Description of how the optimiser ended.
-        seconds: Computing time [s].
-        changes: Every departure from the dissertation's choices, one sentence each.
-        warnings: Everything that is wrong or doubtful, one sentence each.
-        measured: Velocity [m/s], force [N] and, if measured, displacement [m] from the reference: low-passed, inside
-            the segment, several runs one after the other.
-        predicted: Force and its part gas_force [N] of the model, at the times of `measured`.
-        digest: SHA-256 of the first record's file, or of its samples if it has none.
-        held_out: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
-        between_builds: Spread between the builds of the records if there are several.
-    """
-
-    shock: Shock
-    recipe: str
-    rms: float
-    deviation: float
-    parameters: tuple[Parameter, ...]
-    band: CurveBand
-    downweighted: int
-    converged: bool
-    status: str
-    seconds: float
-    changes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    shock: Shock  #: Shock that `write_shock` writes.
+    recipe: str  #: `joint` or `boggs`.
+    rms: float  #: RMS of the residual inside the segment, model and measurement through the same low-pass [N].
+    deviation: float  #: Standard deviation of the low-passed measured force [N].
+    parameters: tuple[Parameter, ...]  #: Scalar parameters.
+    band: CurveBand  #: 95 % band of the static curve.
+    downweighted: int  #: Number of samples treated as outliers, over all runs.
+    converged: bool  #: Whether the optimiser ended at a minimum.
+    status: str  #: Description of how the optimiser ended.
+    seconds: float  #: Computing time [s].
+    changes: tuple[str, ...]  #: Every departure from the dissertation's choices, one sentence each.
+    warnings: tuple[str, ...]  #: Everything that is wrong or doubtful, one sentence each.
+    #: Velocity [m/s], force [N] and, if measured, displacement [m] from the reference: low-passed, inside the segment,
+    #: several runs one after the other.
     measured: TimeSeries
-    predicted: TimeSeries
-    digest: str
+    predicted: TimeSeries  #: Force and its part gas_force [N] of the model, at the times of `measured`.
+    digest: str  #: SHA-256 of the first record's file, or of its samples if it has none.
+    #: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
     held_out: HeldOutErrors | None = None
-    between_builds: BuildSpread | None = None
+    between_builds: BuildSpread | None = None  #: Spread between the builds of the records if there are several.
 
     @property
     def verdict(self) -> Verdict:
@@ -240,7 +227,7 @@ class ShockFit(Summarized):
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        ends = [parameter.interval or (np.nan, np.nan) for parameter in self.parameters]
+        ends = [interval_of(parameter) or (np.nan, np.nan) for parameter in self.parameters]
         columns = {
             "value": [parameter.value for parameter in self.parameters],
             "unit": [parameter.unit for parameter in self.parameters],
@@ -282,25 +269,16 @@ class ShockFit(Summarized):
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """Options and history of a fit that the solution does not contain.
+    """Options and history of a fit that the solution does not contain."""
 
-    Attributes:
-        recipe: Name of the recipe.
-        gas: Treatment of the gas force.
-        name: Name of the shock, if given.
-        changes: Every departure from the dissertation's choices.
-        downweighted: Number of samples treated as outliers.
-        held_out: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
-        between_builds: Spread between the builds of the records if there are several.
-    """
-
-    recipe: str
-    gas: str
-    name: str | None
-    changes: tuple[str, ...]
-    downweighted: int
+    recipe: str  #: Name of the recipe.
+    gas: str  #: Treatment of the gas force.
+    name: str | None  #: Name of the shock, if given.
+    changes: tuple[str, ...]  #: Every departure from the dissertation's choices.
+    downweighted: int  #: Number of samples treated as outliers.
+    #: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
     held_out: HeldOutErrors | None = None
-    between_builds: BuildSpread | None = None
+    between_builds: BuildSpread | None = None  #: Spread between the builds of the records if there are several.
 
 
 def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:

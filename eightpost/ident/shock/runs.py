@@ -24,15 +24,10 @@ ONE_MOTION = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Prepared records that are fitted together, with N samples and R rows in total.
+    """Prepared records that are fitted together, with N samples and R rows in total."""
 
-    Attributes:
-        prepared: One or more records.
-        weights: Weights (R,) of the rows, 0 to 1.
-    """
-
-    prepared: tuple[Prepared, ...]
-    weights: Array
+    prepared: tuple[Prepared, ...]  #: One or more records.
+    weights: Array  #: Weights (R,) of the rows, 0 to 1.
 
     @classmethod
     def of(cls, prepared: Sequence[Prepared]) -> Runs:

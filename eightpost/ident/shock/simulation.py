@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
 from eightpost.signals import TimeSeries
+from eightpost.signals.filters import recursion
 
 
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
@@ -63,21 +63,13 @@ def _valve_forces(law: ShockLaw, velocity: Array, series: TimeSeries) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record.
+    """Intervals between samples, divided into pieces in which F_s is linear: `ShockLaw.follow` for a whole record."""
 
-    Attributes:
-        velocity: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
-        step: Duration (M,) of each piece [s].
-        first: Index (N-1,) of the first piece after each sample.
-        left: Time (M,) from the end of each piece to the next sample [s].
-        between: Time (N-1,) from sample to sample [s].
-    """
-
-    velocity: Array
-    step: Array
-    first: NDArray[np.int64]
-    left: Array
-    between: Array
+    velocity: Array  #: Damper velocity (M+1,) at the ends of the pieces [m/s], preceded by that of the first sample.
+    step: Array  #: Duration (M,) of each piece [s].
+    first: NDArray[np.int64]  #: Index (N-1,) of the first piece after each sample.
+    left: Array  #: Time (M,) from the end of each piece to the next sample [s].
+    between: Array  #: Time (N-1,) from sample to sample [s].
 
     @staticmethod
     def of(velocity: Array, step: Array, motion_ratio: float) -> Pieces:
@@ -106,8 +98,7 @@ def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: Pieces) -
     gained = np.add.reduceat(gained * np.exp(-pieces.left / time_constant), pieces.first)
     kept = np.exp(-pieces.between / time_constant)
     if np.all(kept == kept[0]):
-        rest, _ = lfilter([1.0], [1.0, -kept[0]], gained, zi=[kept[0] * begin])
-        return np.concatenate([[begin], rest])
+        return recursion(np.concatenate([[begin], gained]), [-kept[0]])
     lagged = [begin]
     for share, more in zip(kept.tolist(), gained.tolist(), strict=True):
         lagged.append(share * lagged[-1] + more)

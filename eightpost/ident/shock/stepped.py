@@ -25,14 +25,11 @@ class _OwnParameters:
     one by a gap, its coordinate is its share u of the remaining range: value = low + u (high - low) with
     low = max(declared low, other + gap), so that 0 <= u <= 1 ensures all conditions.
 
-    Attributes:
-        declared: Declarations of the law's file, in the order of its fields.
-
     Raises:
         ValueError: A parameter is above one that is not declared before it.
     """
 
-    declared: tuple[FitParameter, ...]
+    declared: tuple[FitParameter, ...]  #: Declarations of the law's file, in the order of its fields.
 
     def __post_init__(self) -> None:
         for i, parameter in enumerate(self.declared):
@@ -119,16 +116,11 @@ class SteppedLaw(Dynamics):
     """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
 
     theta are the law's own parameters; see `_OwnParameters`.
-
-    Attributes:
-        limits: Bounds for the record; LPF1's lag is searched within them.
-        kind: The law's class.
-        own: The law's own parameters as declared in its file.
     """
 
-    limits: Limits
-    kind: type[ShockLaw]
-    own: _OwnParameters = field(init=False)
+    limits: Limits  #: Bounds for the record; LPF1's lag is searched within them.
+    kind: type[ShockLaw]  #: The law's class.
+    own: _OwnParameters = field(init=False)  #: The law's own parameters as declared in its file.
     _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:

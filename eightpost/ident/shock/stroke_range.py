@@ -22,17 +22,11 @@ ONE_FREQUENCY = 1.5
 
 @dataclass(frozen=True, slots=True)
 class StrokeRange:
-    """Ranges of the strokes of records, each without a tenth of the time at either end.
+    """Ranges of the strokes of records, each without a tenth of the time at either end."""
 
-    Attributes:
-        stroke: Lengths [m].
-        speed: Peak speeds [m/s].
-        frequency: Frequencies [Hz]: the inverse of twice the duration of a stroke.
-    """
-
-    stroke: tuple[float, float]
-    speed: tuple[float, float]
-    frequency: tuple[float, float]
+    stroke: tuple[float, float]  #: Lengths [m].
+    speed: tuple[float, float]  #: Peak speeds [m/s].
+    frequency: tuple[float, float]  #: Frequencies [Hz]: the inverse of twice the duration of a stroke.
 
     @classmethod
     def of(cls, prepared: Sequence[Prepared]) -> StrokeRange:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from eightpost.ident.shock.result import ShockFit
+from eightpost.ident.shock.result import ShockFit, interval_of
 from eightpost.ident.shock.verdict import Parameter, in_field_units
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.shock import law_title
@@ -56,9 +56,9 @@ def _reduction(fit: ShockFit, static: float | None) -> str:
 
 
 def _interval(parameter: Parameter) -> str:
-    if parameter.interval is None:
-        return "not determined"
-    (low, _), (high, unit) = (in_field_units(end, parameter.unit) for end in parameter.interval)
+    if (interval := interval_of(parameter)) is None:
+        return "-" if parameter.at_bound else "not determined"
+    (low, _), (high, unit) = (in_field_units(end, parameter.unit) for end in interval)
     return f"{low:.4g} to {high:.4g} {unit}"
 
 

@@ -24,7 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.runs import Runs
@@ -57,19 +57,13 @@ _MOST_LEVERAGE = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveBand:
-    """The 95 % band of a static curve, point by point, and that of a factor on each side.
+    """The 95 % band of a static curve, point by point, and that of a factor on each side."""
 
-    Attributes:
-        velocity: Velocities (M,) [m/s].
-        force: Static forces F_s (M,) [N].
-        half_width: Half-widths of the band (M,) [N].
-        factors: Half-widths of the factor on the force in compression and in rebound (2,) [1]; NaN for a side without
-            samples. See `factor_rows`.
-    """
-
-    velocity: Array
-    force: Array
-    half_width: Array
+    velocity: Array  #: Velocities (M,) [m/s].
+    force: Array  #: Static forces F_s (M,) [N].
+    half_width: Array  #: Half-widths of the band (M,) [N].
+    #: Half-widths of the factor on the force in compression and in rebound (2,) [1]; NaN for a side without samples.
+    #: See `factor_rows`.
     factors: Array
 
 
@@ -85,7 +79,7 @@ def quantile(runs: Runs) -> float:
 
 
 def _student(blocks: int, level: float) -> float:
-    return float(student.ppf(0.5 + 0.5 * level, max(blocks - 1, 1)))
+    return float(stdtrit(max(blocks - 1, 1), 0.5 + 0.5 * level))
 
 
 def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequence[Array] = ()) -> Array:
@@ -181,21 +175,13 @@ def covariance(jacobian: Array, residual: Array, runs: Runs, blocks: list[slice]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Directions:
-    """Directions of the parameters (n,) that K singular vectors of a Jacobian (M, n) determine.
+    """Directions of the parameters (n,) that K singular vectors of a Jacobian (M, n) determine."""
 
-    Attributes:
-        left: Left singular vectors (M, K).
-        strength: Singular values (K,) of the Jacobian with columns of size 1.
-        right: Right singular vectors (K, n).
-        size: Sizes of the columns (n,).
-        unknown: Whether each parameter (n,) is not determined.
-    """
-
-    left: Array
-    strength: Array
-    right: Array
-    size: Array
-    unknown: NDArray[np.bool_]
+    left: Array  #: Left singular vectors (M, K).
+    strength: Array  #: Singular values (K,) of the Jacobian with columns of size 1.
+    right: Array  #: Right singular vectors (K, n).
+    size: Array  #: Sizes of the columns (n,).
+    unknown: NDArray[np.bool_]  #: Whether each parameter (n,) is not determined.
 
     @classmethod
     def of(cls, jacobian: Array) -> _Directions:

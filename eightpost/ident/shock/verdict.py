@@ -33,23 +33,15 @@ _AT_BOUND = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A fitted parameter.
+    """A fitted parameter."""
 
-    Attributes:
-        name: Name in the shock file.
-        value: Value in `unit`.
-        unit: SI unit.
-        error: Standard error from leaving out blocks of the record; None if the record does not determine it.
-        bounds: Lower and upper bound of the fit; None if unbounded.
-        reach: Half-width of the 95 % interval in standard errors.
-    """
-
-    name: str
-    value: float
-    unit: str
+    name: str  #: Name in the shock file.
+    value: float  #: Value in `unit`.
+    unit: str  #: SI unit.
+    #: Standard error from leaving out blocks of the record; None if the record does not determine it.
     error: float | None
-    bounds: tuple[float, float] | None = None
-    reach: float = 1.96
+    bounds: tuple[float, float] | None = None  #: Lower and upper bound of the fit; None if unbounded.
+    reach: float = 1.96  #: Half-width of the 95 % interval in standard errors.
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -33,23 +33,14 @@ _ENOUGH = 200
 
 @dataclass(frozen=True, slots=True)
 class BumpEvent:
-    """One motion of a bump test.
+    """One motion of a bump test."""
 
-    Attributes:
-        start: Start from the record's start [s].
-        stop: End from the record's start [s].
-        speed: Velocity of largest magnitude [m/s]; positive in compression.
-        measured_peak: Measured force farthest from the force before the motion [N].
-        predicted_peak: Predicted force farthest from the force before the motion [N].
-        rms: RMS of the error within the event [N].
-    """
-
-    start: float
-    stop: float
-    speed: float
-    measured_peak: float
-    predicted_peak: float
-    rms: float
+    start: float  #: Start from the record's start [s].
+    stop: float  #: End from the record's start [s].
+    speed: float  #: Velocity of largest magnitude [m/s]; positive in compression.
+    measured_peak: float  #: Measured force farthest from the force before the motion [N].
+    predicted_peak: float  #: Predicted force farthest from the force before the motion [N].
+    rms: float  #: RMS of the error within the event [N].
 
     @property
     def peak_error(self) -> float:
@@ -59,19 +50,12 @@ class BumpEvent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BumpValidation:
-    """Error of a shock on a bump record.
+    """Error of a shock on a bump record."""
 
-    Attributes:
-        prediction: Prediction from the first event to the last, including the times between them.
-        events: Events in the order of time.
-        rms: RMS of the error over the events [N].
-        deviation: Standard deviation of the measured force over the events [N].
-    """
-
-    prediction: Validation
-    events: tuple[BumpEvent, ...]
-    rms: float
-    deviation: float
+    prediction: Validation  #: Prediction from the first event to the last, including the times between them.
+    events: tuple[BumpEvent, ...]  #: Events in the order of time.
+    rms: float  #: RMS of the error over the events [N].
+    deviation: float  #: Standard deviation of the measured force over the events [N].
 
     @property
     def percent(self) -> float:

@@ -39,21 +39,13 @@ _BLOCK, _FEWEST = 4.0, 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Measured and predicted values of one output of one record.
+    """Measured and predicted values of one output of one record."""
 
-    Attributes:
-        name: Name of the output.
-        unit: SI unit.
-        measured: Measured values without their mean (N,).
-        predicted: Predicted values without their mean (N,).
-        is_judged: Whether the criteria apply: setups are judged by the quantity, and the output moves enough here.
-    """
-
-    name: str
-    unit: str
-    measured: Array
-    predicted: Array
-    is_judged: bool
+    name: str  #: Name of the output.
+    unit: str  #: SI unit.
+    measured: Array  #: Measured values without their mean (N,).
+    predicted: Array  #: Predicted values without their mean (N,).
+    is_judged: bool  #: Whether the criteria apply: setups are judged by the quantity, and the output moves enough here.
 
     @property
     def rms(self) -> tuple[float, float]:
@@ -95,15 +87,10 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Judging:
-    """Band and time span that the criteria apply to.
+    """Band and time span that the criteria apply to."""
 
-    Attributes:
-        band: Cut-off frequency of the low-pass that measurement and prediction pass [Hz].
-        settling: Time omitted at the start, because the car's initial state is not known [s]; at most a quarter of the
-            record.
-    """
-
-    band: float
+    band: float  #: Cut-off frequency of the low-pass that measurement and prediction pass [Hz].
+    #: Time omitted at the start, because the car's initial state is not known [s]; at most a quarter of the record.
     settling: float = 4.0
 
     def inside(self, series: TimeSeries) -> TimeSeries:
@@ -164,19 +151,12 @@ _FLAT = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
-    """RMS of one output over records.
+    """RMS of one output over records."""
 
-    Attributes:
-        name: Name of the output.
-        unit: SI unit.
-        measured: Measured RMS of each record (R,).
-        predicted: Predicted RMS of each record (R,).
-    """
-
-    name: str
-    unit: str
-    measured: Array
-    predicted: Array
+    name: str  #: Name of the output.
+    unit: str  #: SI unit.
+    measured: Array  #: Measured RMS of each record (R,).
+    predicted: Array  #: Predicted RMS of each record (R,).
 
     @property
     def spread(self) -> float:
@@ -247,21 +227,13 @@ def _correlation(first: Array, second: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SineOutput:
-    """One output of a sine record.
+    """One output of a sine record."""
 
-    Attributes:
-        name: Name of the output.
-        unit: SI unit.
-        amplitude: Amplitude of the fundamental, measured and predicted.
-        phase: Phase lead of the prediction [rad].
-        harmonics: RMS of the measurement without its fundamental, over the measured RMS [1]; see 6.5.2.
-    """
-
-    name: str
-    unit: str
-    amplitude: tuple[float, float]
-    phase: float
-    harmonics: float
+    name: str  #: Name of the output.
+    unit: str  #: SI unit.
+    amplitude: tuple[float, float]  #: Amplitude of the fundamental, measured and predicted.
+    phase: float  #: Phase lead of the prediction [rad].
+    harmonics: float  #: RMS of the measurement without its fundamental, over the measured RMS [1]; see 6.5.2.
 
     @property
     def gain(self) -> float:
@@ -299,21 +271,13 @@ _STATIC = ("displacement", "tire_force", "ride_height")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticOutput:
-    """One output over the holds of a static record: times of constant load.
+    """One output over the holds of a static record: times of constant load."""
 
-    Attributes:
-        name: Name of the output.
-        unit: SI unit.
-        load: Sum of all loads during each hold, minus the mean over holds (H,) [N or N.m].
-        measured: Measured output during each hold, minus the mean over holds (H,).
-        predicted: Predicted output during each hold, minus the mean over holds (H,).
-    """
-
-    name: str
-    unit: str
-    load: Array
-    measured: Array
-    predicted: Array
+    name: str  #: Name of the output.
+    unit: str  #: SI unit.
+    load: Array  #: Sum of all loads during each hold, minus the mean over holds (H,) [N or N.m].
+    measured: Array  #: Measured output during each hold, minus the mean over holds (H,).
+    predicted: Array  #: Predicted output during each hold, minus the mean over holds (H,).
 
     @property
     def slopes(self) -> tuple[float, float]:

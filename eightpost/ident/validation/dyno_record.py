@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import label, uniform_filter1d
 
-from eightpost.array_types import Array
 from eightpost.ident.shock.record import refined_frequency, single_frequency
 from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation.printed import checked, conditions_of_test, configuration_of, configuration_of_file
 from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
+from eightpost.rig.cycles import displacement_of
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -29,14 +28,6 @@ _STANDS = 0.01
 
 #: Length of the window as a share of the record, and its minimum [s].
 _WINDOW, _SHORTEST_WINDOW = 1.0 / 200.0, 0.05
-
-
-def displacement_of(series: TimeSeries) -> Array:
-    """Return the displacement (N,) [m]; if it was not measured, the integral of the velocity minus its mean."""
-    if "displacement" in series:
-        return series["displacement"]
-    velocity = series["velocity"]
-    return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
 
 def standing(series: TimeSeries) -> Mask:
@@ -153,15 +144,10 @@ def _speed(series: TimeSeries) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DynoRecord(Record):
-    """A dynamometer record.
+    """A dynamometer record."""
 
-    Attributes:
-        test: Measured test.
-        configuration: Configuration 1 to 12 of Table 3.1; None if unknown.
-    """
-
-    test: DynoTest
-    configuration: int | None
+    test: DynoTest  #: Measured test.
+    configuration: int | None  #: Configuration 1 to 12 of Table 3.1; None if unknown.
 
     @property
     def conditions(self) -> Mapping[str, Any]:

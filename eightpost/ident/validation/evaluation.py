@@ -21,29 +21,18 @@ from eightpost.signals import TimeSeries
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """The error of a prediction, with prediction and measurement through the same low-pass.
+    """The error of a prediction, with prediction and measurement through the same low-pass."""
 
-    Attributes:
-        rms: RMS of the error [N].
-        offset: Mean of the error, measured minus predicted [N]; part of `rms`.
-        deviation: Standard deviation of the low-passed measured force [N].
-        beyond: Share of the samples whose velocity is outside the fitted range [1].
-        measured: Velocity [m/s], force [N] and, if known, displacement [m] from the shock's reference; low-passed.
-        predicted: Predicted force [N].
-        changes: Departures from the dissertation's treatment of the record (3.3), one sentence each.
-        cutoff: Cutoff frequency of the low-pass [Hz].
-        seconds: Computing time of the law's evaluation [s].
-    """
-
-    rms: float
-    offset: float
-    deviation: float
-    beyond: float
+    rms: float  #: RMS of the error [N].
+    offset: float  #: Mean of the error, measured minus predicted [N]; part of `rms`.
+    deviation: float  #: Standard deviation of the low-passed measured force [N].
+    beyond: float  #: Share of the samples whose velocity is outside the fitted range [1].
+    #: Velocity [m/s], force [N] and, if known, displacement [m] from the shock's reference; low-passed.
     measured: TimeSeries
-    predicted: TimeSeries
-    changes: tuple[str, ...]
-    cutoff: float
-    seconds: float
+    predicted: TimeSeries  #: Predicted force [N].
+    changes: tuple[str, ...]  #: Departures from the dissertation's treatment of the record (3.3), one sentence each.
+    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
+    seconds: float  #: Computing time of the law's evaluation [s].
 
     @property
     def percent(self) -> float:
@@ -148,14 +137,10 @@ _OVERLAP = 1.0 / 36.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomValidation(Predicted):
-    """Error of a shock on a random or track record.
+    """Error of a shock on a random or track record."""
 
-    Attributes:
-        prediction: Prediction over seconds 1 to 10, or over the segment that `evaluate` chooses.
-        residual: Spectra of the error and its coherence with the velocity; None for a record shorter than 2.5 s.
-    """
-
-    prediction: Validation
+    prediction: Validation  #: Prediction over seconds 1 to 10, or over the segment that `evaluate` chooses.
+    #: Spectra of the error and its coherence with the velocity; None for a record shorter than 2.5 s.
     residual: ErrorSpectrum | None
 
 

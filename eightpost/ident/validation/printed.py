@@ -19,40 +19,24 @@ from eightpost.units import convert
 
 @dataclass(frozen=True, slots=True)
 class _PrintedFit:
-    """A row of Table 3.4.
+    """A row of Table 3.4."""
 
-    Attributes:
-        rms_lbf: Fit error [lbf].
-        percent_of_deviation: Fit error in percent of the force's standard deviation.
-        fit_seconds: Time of the fit [s].
-        evaluation_seconds: Time of an evaluation [s].
-        percent_less_than_static: Reduction from Polylinear [percent]; None for Polylinear itself.
-    """
-
-    rms_lbf: float
-    percent_of_deviation: float
-    fit_seconds: float
-    evaluation_seconds: float
-    percent_less_than_static: float | None = None
+    rms_lbf: float  #: Fit error [lbf].
+    percent_of_deviation: float  #: Fit error in percent of the force's standard deviation.
+    fit_seconds: float  #: Time of the fit [s].
+    evaluation_seconds: float  #: Time of an evaluation [s].
+    percent_less_than_static: float | None = None  #: Reduction from Polylinear [percent]; None for Polylinear itself.
 
 
 @dataclass(frozen=True, slots=True)
 class _PrintedConfiguration:
-    """A column of Table 3.5.
+    """A column of Table 3.5."""
 
-    Attributes:
-        number: Number 1 to 12, in the order of Table 3.1.
-        build: Build number: 1, 2 or 4.
-        clicks: Clicks of the bleed adjuster.
-        gas_pressure_psi: Gas pressure [psi].
-        rms_lbf: Error on the random validation record [lbf] by law.
-    """
-
-    number: int
-    build: int
-    clicks: int
-    gas_pressure_psi: float
-    rms_lbf: Mapping[str, float]
+    number: int  #: Number 1 to 12, in the order of Table 3.1.
+    build: int  #: Build number: 1, 2 or 4.
+    clicks: int  #: Clicks of the bleed adjuster.
+    gas_pressure_psi: float  #: Gas pressure [psi].
+    rms_lbf: Mapping[str, float]  #: Error on the random validation record [lbf] by law.
 
     @property
     def title(self) -> str:

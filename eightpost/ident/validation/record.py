@@ -19,36 +19,22 @@ STANDING = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """Kind of a record, with the reason for it.
+    """Kind of a record, with the reason for it."""
 
-    Attributes:
-        kind: `random` (track records too), `sine`, `static` or `bump`.
-        reason: Property of the motion or of the drive that led to this kind.
-        frequency: Frequency of a sine [Hz]; None for the other kinds.
-    """
-
-    kind: Kind
-    reason: str
-    frequency: float | None = None
+    kind: Kind  #: `random` (track records too), `sine`, `static` or `bump`.
+    reason: str  #: Property of the motion or of the drive that led to this kind.
+    frequency: float | None = None  #: Frequency of a sine [Hz]; None for the other kinds.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Record:
-    """A record for validation.
+    """A record for validation."""
 
-    Attributes:
-        name: Display name.
-        kind: Kind of the test.
-        reason: Reason for the kind.
-        frequency: Frequency of a sine [Hz], if it was recognised as one.
-        digest: SHA-256 of the file, or of the samples; empty without one.
-    """
-
-    name: str
-    kind: Kind
-    reason: str
-    frequency: float | None = None
-    digest: str
+    name: str  #: Display name.
+    kind: Kind  #: Kind of the test.
+    reason: str  #: Reason for the kind.
+    frequency: float | None = None  #: Frequency of a sine [Hz], if it was recognised as one.
+    digest: str  #: SHA-256 of the file, or of the samples; empty without one.
 
 
 # ---- Files of models and of records ---------------------------------------------------------------------------------

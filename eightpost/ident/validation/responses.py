@@ -19,19 +19,13 @@ from eightpost.vehicle import StateSpace
 
 @dataclass(frozen=True, slots=True)
 class VehicleMode:
-    """A mode and the most similar mode of another car.
+    """A mode and the most similar mode of another car."""
 
-    Attributes:
-        frequency: Frequency [Hz].
-        damping: Damping ratio [1].
-        match: Frequency [Hz] and damping ratio of the other car's mode; None without another car.
-        mac: Modal assurance criterion of the two shapes [1]: 1 if they are equal up to a factor.
-    """
-
-    frequency: float
-    damping: float
+    frequency: float  #: Frequency [Hz].
+    damping: float  #: Damping ratio [1].
+    #: Frequency [Hz] and damping ratio of the other car's mode; None without another car.
     match: tuple[float, float] | None = None
-    mac: float | None = None
+    mac: float | None = None  #: Modal assurance criterion of the two shapes [1]: 1 if they are equal up to a factor.
 
 
 def modes_of(model: StateSpace, other: StateSpace | None = None) -> tuple[VehicleMode, ...]:
@@ -100,27 +94,17 @@ _WIDE = 1.96 / np.sqrt(2.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Response of an output to an input.
+    """Response of an output to an input."""
 
-    Attributes:
-        output: Name of the output.
-        input: Name of the input.
-        unit: Unit of the response.
-        frequency: Frequencies at which the input had power (K,) [Hz].
-        estimate: Estimated response (K,).
-        model: Response of the model (K,).
-        band: 95 % confidence interval of the estimate's magnitude (2, K); None if the estimate has no variance.
-        coherence: Multiple coherence of the output (K,) [1]; None if it is not known.
-    """
-
-    output: str
-    input: str
-    unit: str
-    frequency: Array
-    estimate: Complex
-    model: Complex
+    output: str  #: Name of the output.
+    input: str  #: Name of the input.
+    unit: str  #: Unit of the response.
+    frequency: Array  #: Frequencies at which the input had power (K,) [Hz].
+    estimate: Complex  #: Estimated response (K,).
+    model: Complex  #: Response of the model (K,).
+    #: 95 % confidence interval of the estimate's magnitude (2, K); None if the estimate has no variance.
     band: Array | None
-    coherence: Array | None
+    coherence: Array | None  #: Multiple coherence of the output (K,) [1]; None if it is not known.
 
     @property
     def misfit(self) -> float:

@@ -88,18 +88,12 @@ RATE = 625.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigRecord(Record):
-    """A prepared rig test that a vehicle is compared with.
+    """A prepared rig test that a vehicle is compared with."""
 
-    Attributes:
-        series: Channels at the simulation's rate, without means.
-        means: Means by channel, SI.
-        conditions: Conditions stated in the file.
-        notes: Notes of the preparation, a sentence each; lags and drifts are reported for random records only.
-    """
-
-    series: TimeSeries
-    means: Mapping[str, float]
-    conditions: RigConditions
+    series: TimeSeries  #: Channels at the simulation's rate, without means.
+    means: Mapping[str, float]  #: Means by channel, SI.
+    conditions: RigConditions  #: Conditions stated in the file.
+    #: Notes of the preparation, a sentence each; lags and drifts are reported for random records only.
     notes: tuple[str, ...] = ()
 
 

@@ -26,21 +26,13 @@ MOST_BEYOND = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockCase:
-    """The result of a shock on a record.
+    """The result of a shock on a record."""
 
-    Attributes:
-        label: Label of the shock: its name and its law.
-        shock: Fitted shock.
-        record: Record to predict.
-        outcome: Errors, of the type for the record's kind.
-        is_fit_record: Whether the shock was fitted to this record, so that it validates nothing.
-    """
-
-    label: str
-    shock: Shock
-    record: DynoRecord
-    outcome: Outcome
-    is_fit_record: bool
+    label: str  #: Label of the shock: its name and its law.
+    shock: Shock  #: Fitted shock.
+    record: DynoRecord  #: Record to predict.
+    outcome: Outcome  #: Errors, of the type for the record's kind.
+    is_fit_record: bool  #: Whether the shock was fitted to this record, so that it validates nothing.
 
     @property
     def is_mostly_beyond(self) -> bool:
@@ -65,19 +57,12 @@ class ShockCase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockValidation:
-    """The results of shocks on records.
+    """The results of shocks on records."""
 
-    Attributes:
-        shocks: Shocks by label, in the given order.
-        records: Records in the given order.
-        cases: All pairs with matching conditions, record by record.
-        unpaired: Reasons why other pairs were left out, one sentence each.
-    """
-
-    shocks: dict[str, Shock]
-    records: tuple[DynoRecord, ...]
-    cases: tuple[ShockCase, ...]
-    unpaired: tuple[str, ...]
+    shocks: dict[str, Shock]  #: Shocks by label, in the given order.
+    records: tuple[DynoRecord, ...]  #: Records in the given order.
+    cases: tuple[ShockCase, ...]  #: All pairs with matching conditions, record by record.
+    unpaired: tuple[str, ...]  #: Reasons why other pairs were left out, one sentence each.
 
     def of_kind(self, kind: str) -> tuple[tuple[DynoRecord, tuple[ShockCase, ...]], ...]:
         """Return the records of a kind that have cases, with these cases."""

@@ -9,8 +9,9 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.record import CUTOFF, FILTER_EDGE, LARGEST_SHARE
-from eightpost.ident.validation.dyno_record import DynoRecord, displacement_of, frequency_of, moving_part
+from eightpost.ident.validation.dyno_record import DynoRecord, frequency_of, moving_part
 from eightpost.ident.validation.evaluation import Predicted, Validation, evaluate
+from eightpost.rig.cycles import displacement_of
 from eightpost.shock import Shock
 
 #: Share of the peak speed up to which the hysteresis is evaluated; at the peak itself the two branches meet.
@@ -19,45 +20,28 @@ _BRANCH = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """The last period of a sine test.
+    """The last period of a sine test."""
 
-    Attributes:
-        displacement: Displacement (N,) about its mean [m].
-        velocity: Velocity (N,) [m/s].
-        force: Force (N,) [N].
-        energy: Energy dissipated in a period, the area of the force-displacement loop [J].
-        hysteresis: Largest difference of force at equal velocity between the two branches of the force-velocity loop,
-            up to 90 % of the peak speed [N].
-        compression_peak: Maximum force [N].
-        rebound_peak: Minimum force [N].
-    """
-
-    displacement: Array
-    velocity: Array
-    force: Array
-    energy: float
+    displacement: Array  #: Displacement (N,) about its mean [m].
+    velocity: Array  #: Velocity (N,) [m/s].
+    force: Array  #: Force (N,) [N].
+    energy: float  #: Energy dissipated in a period, the area of the force-displacement loop [J].
+    #: Largest difference of force at equal velocity between the two branches of the force-velocity loop, up to 90 % of
+    #: the peak speed [N].
     hysteresis: float
-    compression_peak: float
-    rebound_peak: float
+    compression_peak: float  #: Maximum force [N].
+    rebound_peak: float  #: Minimum force [N].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineValidation(Predicted):
-    """Error of a shock on a sine record.
+    """Error of a shock on a sine record."""
 
-    Attributes:
-        prediction: Prediction over whole periods.
-        frequency: Frequency of the sine [Hz].
-        amplitude: Half the peak-to-peak displacement, low-passed [m].
-        measured: Last period, measured.
-        predicted: Last period, predicted by the law.
-    """
-
-    prediction: Validation
-    frequency: float
-    amplitude: float
-    measured: Loop
-    predicted: Loop
+    prediction: Validation  #: Prediction over whole periods.
+    frequency: float  #: Frequency of the sine [Hz].
+    amplitude: float  #: Half the peak-to-peak displacement, low-passed [m].
+    measured: Loop  #: Last period, measured.
+    predicted: Loop  #: Last period, predicted by the law.
 
     @property
     def speed(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import coherence, welch
 
 from eightpost.array_types import Array
 
@@ -18,22 +17,14 @@ class ErrorSpectrum:
 
     Where the coherence is near 1, a linear filter of the signal would predict the error. A coherence below `threshold`
     is not significant.
-
-    Attributes:
-        frequency: Frequencies (K,) [Hz].
-        coherence: Coherence (K,) [1].
-        error: One-sided power spectral density of the error (K,) [unit^2/Hz].
-        measured: One-sided power spectral density of the measured signal (K,) [unit^2/Hz].
-        threshold: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
-        share: Share of the error's power that is coherent, corrected for the bias of the estimate [1].
     """
 
-    frequency: Array
-    coherence: Array
-    error: Array
-    measured: Array
-    threshold: float
-    share: float
+    frequency: Array  #: Frequencies (K,) [Hz].
+    coherence: Array  #: Coherence (K,) [1].
+    error: Array  #: One-sided power spectral density of the error (K,) [unit^2/Hz].
+    measured: Array  #: One-sided power spectral density of the measured signal (K,) [unit^2/Hz].
+    threshold: float  #: Value that the coherence of unrelated signals exceeds at 5 % of the frequencies [1].
+    share: float  #: Share of the error's power that is coherent, corrected for the bias of the estimate [1].
 
 
 def error_spectrum(
@@ -52,6 +43,8 @@ def error_spectrum(
         fewest: Minimum number of blocks for a meaningful coherence.
         overlap: Correlation of the periodograms of overlapping blocks [1].
     """
+    from scipy.signal import coherence, welch  # noqa: PLC0415 -- takes half a second to load, which no fit needs
+
     size = round(block * rate)
     count = 2 * measured.size // size - 1
     if count < fewest:

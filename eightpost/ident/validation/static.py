@@ -30,49 +30,31 @@ _RATE = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A displacement that was held.
+    """A displacement that was held."""
 
-    Attributes:
-        start: Start of the averaged time [s].
-        stop: End of the averaged time [s].
-        displacement: Mean displacement [m], with the record's zero.
-        force: Mean of the measured force [N].
-        predicted: Mean of the law's force [N].
-        direction: Direction of the move that led to it; `start` for the first hold.
-    """
-
-    start: float
-    stop: float
-    displacement: float
-    force: float
-    predicted: float
-    direction: Direction
+    start: float  #: Start of the averaged time [s].
+    stop: float  #: End of the averaged time [s].
+    displacement: float  #: Mean displacement [m], with the record's zero.
+    force: float  #: Mean of the measured force [N].
+    predicted: float  #: Mean of the law's force [N].
+    direction: Direction  #: Direction of the move that led to it; `start` for the first hold.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticValidation:
-    """Error of a shock on a static record.
+    """Error of a shock on a static record."""
 
-    Attributes:
-        holds: Holds in the order of time.
-        series: Record averaged to at most 100 Hz: displacement [m], force [N] and predicted_force [N].
-        compression_rate: Slope (least squares) over the holds reached in compression [N/m]; None for fewer than two.
-        rebound_rate: Slope over the holds reached in rebound [N/m]; None for fewer than two.
-        gas_rate: Slope after half the hysteresis is removed from each direction [N/m].
-        hysteresis: Mean difference of the forces of the two directions at the same displacement [N]; None if their
-            displacements do not overlap.
-        predicted_rate: Slope of the law's forces over all holds [N/m].
-        settling: Time excluded at the beginning of the holds [s]: 5, or less if a hold is short.
-    """
-
-    holds: tuple[Hold, ...]
-    series: TimeSeries
+    holds: tuple[Hold, ...]  #: Holds in the order of time.
+    series: TimeSeries  #: Record averaged to at most 100 Hz: displacement [m], force [N] and predicted_force [N].
+    #: Slope (least squares) over the holds reached in compression [N/m]; None for fewer than two.
     compression_rate: float | None
-    rebound_rate: float | None
-    gas_rate: float
+    rebound_rate: float | None  #: Slope over the holds reached in rebound [N/m]; None for fewer than two.
+    gas_rate: float  #: Slope after half the hysteresis is removed from each direction [N/m].
+    #: Mean difference of the forces of the two directions at the same displacement [N]; None if their displacements do
+    #: not overlap.
     hysteresis: float | None
-    predicted_rate: float
-    settling: float
+    predicted_rate: float  #: Slope of the law's forces over all holds [N/m].
+    settling: float  #: Time excluded at the beginning of the holds [s]: 5, or less if a hold is short.
 
     @property
     def seal_drag(self) -> float | None:

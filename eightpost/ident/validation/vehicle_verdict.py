@@ -42,18 +42,14 @@ _FLAGS = {
 class Limits:
     """Limits beyond which a vehicle is not usable.
 
-    Attributes:
-        level: Largest relative error of the RMS of a judged output on random records [1].
-        error: Largest RMS of measured minus predicted, over the measured RMS, on random, sine and bump records [1].
-        rank: Lowest rank correlation of RMS over four or more random records [1].
-
     Raises:
         ParameterError: A limit is outside its range.
     """
 
-    level: float = 0.05
+    level: float = 0.05  #: Largest relative error of the RMS of a judged output on random records [1].
+    #: Largest RMS of measured minus predicted, over the measured RMS, on random, sine and bump records [1].
     error: float = 0.25
-    rank: float = 0.9
+    rank: float = 0.9  #: Lowest rank correlation of RMS over four or more random records [1].
 
     def __post_init__(self) -> None:
         """Check the ranges."""

@@ -34,38 +34,25 @@ from eightpost.vehicle import IdentifiedVehicle, StateSpace, Vehicle, add_port_d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleCase:
-    """Prediction of one record by the vehicle, compared with the measurement.
+    """Prediction of one record by the vehicle, compared with the measurement."""
 
-    Attributes:
-        record: Record that was predicted.
-        shocks: Source of the port forces, as text: measured forces or shock laws.
-        time: Times of the judged part (N,) [s]; of static records the whole.
-        outputs: All measured outputs; empty for static records.
-        without_friction: Outputs predicted without the friction at the ports; None if the vehicle has no friction.
-        sines: Results of a sine record.
-        holds: Results of a static record.
-        spectra: Error spectra of a random record, by judged output.
-        extrapolations: Sentences on where the record leaves the range of the fit's tests.
-        notes: Other notes on the record.
-        is_fit_record: Whether the vehicle was fitted to this record, so that it does not validate the vehicle.
-        is_gentle: Whether the shocks barely move compared with the fit's tests: friction holds them, and no criterion
-            applies.
-        lifted: Names of the tires that leave the road.
-    """
-
-    record: RigRecord
-    shocks: str
-    time: Array
-    outputs: tuple[Comparison, ...] = ()
+    record: RigRecord  #: Record that was predicted.
+    shocks: str  #: Source of the port forces, as text: measured forces or shock laws.
+    time: Array  #: Times of the judged part (N,) [s]; of static records the whole.
+    outputs: tuple[Comparison, ...] = ()  #: All measured outputs; empty for static records.
+    #: Outputs predicted without the friction at the ports; None if the vehicle has no friction.
     without_friction: tuple[Comparison, ...] | None = None
-    sines: tuple[SineOutput, ...] = ()
-    holds: tuple[StaticOutput, ...] = ()
+    sines: tuple[SineOutput, ...] = ()  #: Results of a sine record.
+    holds: tuple[StaticOutput, ...] = ()  #: Results of a static record.
+    #: Error spectra of a random record, by judged output.
     spectra: Mapping[str, ErrorSpectrum] = field(default_factory=dict)
-    extrapolations: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    extrapolations: tuple[str, ...] = ()  #: Sentences on where the record leaves the range of the fit's tests.
+    notes: tuple[str, ...] = ()  #: Other notes on the record.
+    #: Whether the vehicle was fitted to this record, so that it does not validate the vehicle.
     is_fit_record: bool = False
+    #: Whether the shocks barely move compared with the fit's tests: friction holds them, and no criterion applies.
     is_gentle: bool = False
-    lifted: tuple[str, ...] = ()
+    lifted: tuple[str, ...] = ()  #: Names of the tires that leave the road.
 
     @property
     def judged(self) -> tuple[Comparison, ...]:
@@ -75,27 +62,16 @@ class VehicleCase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleValidation:
-    """Predictions of all records by a vehicle, compared with the measurements.
+    """Predictions of all records by a vehicle, compared with the measurements."""
 
-    Attributes:
-        fit: Vehicle, with the data that it was fitted to and its self-assessment.
-        band: Frequency range of the fit [Hz]; outputs are compared up to its upper end.
-        cases: Predictions of the records, in the order of the records.
-        trends: Trends over the held-out random records.
-        paths: Main responses of the model and of the fit's estimate.
-        modes: Modes around the baseline damping.
-        compared_with: Name of the car whose modes are shown for comparison; empty without one.
-        judging: Band and time span that the criteria apply to.
-    """
-
-    fit: VehicleFit
-    band: tuple[float, float]
-    cases: tuple[VehicleCase, ...]
-    trends: tuple[Trend, ...]
-    paths: tuple[Response, ...]
-    modes: tuple[VehicleMode, ...]
-    compared_with: str
-    judging: Judging
+    fit: VehicleFit  #: Vehicle, with the data that it was fitted to and its self-assessment.
+    band: tuple[float, float]  #: Frequency range of the fit [Hz]; outputs are compared up to its upper end.
+    cases: tuple[VehicleCase, ...]  #: Predictions of the records, in the order of the records.
+    trends: tuple[Trend, ...]  #: Trends over the held-out random records.
+    paths: tuple[Response, ...]  #: Main responses of the model and of the fit's estimate.
+    modes: tuple[VehicleMode, ...]  #: Modes around the baseline damping.
+    compared_with: str  #: Name of the car whose modes are shown for comparison; empty without one.
+    judging: Judging  #: Band and time span that the criteria apply to.
 
     def of_kind(self, kind: str) -> tuple[VehicleCase, ...]:
         """Return the cases of a kind of record."""

@@ -26,25 +26,17 @@ class CoherentBand:
     support a model up to the frequency where fewer than `share` of the outputs are supported, or where a road or a
     shock force has no power. The band ends `margin` below it, as the response beyond a band decides its last poles.
 
-    Attributes:
-        coherence: Lowest multiple coherence [1].
-        share: Share of the outputs that must be supported [1]; the others are named.
-        margin: Part of the supported frequencies at their upper end that is not fitted [1].
-        lowest: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
-        highest: Highest frequency that is examined [Hz].
-        smoothing: Width of the median filter over the coherence [Hz].
-        width: Width of the range in which the coherence must stay low [Hz]; a narrower dip does not end the band.
-
     Raises:
         ParameterError: A value is outside its range.
     """
 
-    coherence: float = 0.9
-    share: float = 0.75
-    margin: float = 0.15
-    lowest: float = 6.0
-    highest: float = 30.0
-    smoothing: float = 1.0
+    coherence: float = 0.9  #: Lowest multiple coherence [1].
+    share: float = 0.75  #: Share of the outputs that must be supported [1]; the others are named.
+    margin: float = 0.15  #: Part of the supported frequencies at their upper end that is not fitted [1].
+    lowest: float = 6.0  #: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
+    highest: float = 30.0  #: Highest frequency that is examined [Hz].
+    smoothing: float = 1.0  #: Width of the median filter over the coherence [Hz].
+    #: Width of the range in which the coherence must stay low [Hz]; a narrower dip does not end the band.
     width: float = 2.0
 
     def __post_init__(self) -> None:
@@ -86,21 +78,14 @@ class CoherentBand:
 
 @dataclass(frozen=True, slots=True)
 class SupportedBand:
-    """Upper end of the band that rig tests support.
+    """Upper end of the band that rig tests support."""
 
-    Attributes:
-        high: Upper end of the band of a fit [Hz].
-        supported: Frequency up to which the tests support a model [Hz].
-        outputs: Frequency [Hz] up to which the coherence of each output is sufficient.
-        coherence: Lowest multiple coherence that counts as sufficient [1].
-        powered: Highest frequency at which all roads and shock forces have power [Hz]; infinite if they have it
-            wherever it was examined.
-    """
-
-    high: float
-    supported: float
-    outputs: Mapping[str, float]
-    coherence: float
+    high: float  #: Upper end of the band of a fit [Hz].
+    supported: float  #: Frequency up to which the tests support a model [Hz].
+    outputs: Mapping[str, float]  #: Frequency [Hz] up to which the coherence of each output is sufficient.
+    coherence: float  #: Lowest multiple coherence that counts as sufficient [1].
+    #: Highest frequency at which all roads and shock forces have power [Hz]; infinite if they have it wherever it was
+    #: examined.
     powered: float
 
     def summary(self) -> str:

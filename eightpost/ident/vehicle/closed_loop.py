@@ -24,16 +24,11 @@ class ClosedLoop:
     The shock force of the test is split into a line and a rest: F = c v + (F - c v), where c is the slope of the
     measured force over the measured velocity. The line follows the simulated velocity, and the rest is an input. For
     linear dampers nothing but the rig drives the simulation; friction at the ports always follows the simulation.
-
-    Attributes:
-        seconds: Longest part of a test that is simulated, from its start [s].
-        settling: Time at the start that is left out, because the simulation starts at rest [s].
-        rate: Minimum sample rate of the simulation [Hz].
     """
 
-    seconds: float = 60.0
-    settling: float = 4.0
-    rate: float = 1000.0
+    seconds: float = 60.0  #: Longest part of a test that is simulated, from its start [s].
+    settling: float = 4.0  #: Time at the start that is left out, because the simulation starts at rest [s].
+    rate: float = 1000.0  #: Minimum sample rate of the simulation [Hz].
 
     def outputs(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[Array, Array]:
         """Return the simulated and the measured outputs of a test (p, N), without means, in the model's order.

@@ -19,27 +19,17 @@ from eightpost.signals import TimeSeries
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """Channels of an identification and the damping around which the model is identified.
+    """Channels of an identification and the damping around which the model is identified."""
 
-    Attributes:
-        name: Name of the vehicle.
-        rig: Inputs of the rig: roads, aeroloaders or forces and moments on the chassis.
-        forces: Shock forces: `force` of each port.
-        outputs: Outputs of the model, which include the shock velocities of all ports.
-        baseline_damping: Baseline damping C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
-        static: Values of the static state by output, SI, as in `IdentifiedVehicle`.
-        sources: SHA-256 digests of the files, by name.
-        means: Means of the first test's outputs, SI, if they were removed from the records; used to detect tires that
-            lift off.
-    """
-
-    name: str
-    rig: tuple[str, ...]
-    forces: tuple[str, ...]
-    outputs: tuple[str, ...]
-    baseline_damping: Mapping[str, float]
+    name: str  #: Name of the vehicle.
+    rig: tuple[str, ...]  #: Inputs of the rig: roads, aeroloaders or forces and moments on the chassis.
+    forces: tuple[str, ...]  #: Shock forces: `force` of each port.
+    outputs: tuple[str, ...]  #: Outputs of the model, which include the shock velocities of all ports.
+    baseline_damping: Mapping[str, float]  #: Baseline damping C-bar [N.s/m] by port ("lf", ...; "" for a quarter car).
+    #: Values of the static state by output, SI, as in `IdentifiedVehicle`.
     static: Mapping[str, float] = field(default_factory=dict)
-    sources: Mapping[str, str] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)  #: SHA-256 digests of the files, by name.
+    #: Means of the first test's outputs, SI, if they were removed from the records; used to detect tires that lift off.
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -129,18 +119,13 @@ _OTHER = 0.1
 
 
 class Baseline(NamedTuple):
-    """The baseline test and the damping of its shocks.
+    """The baseline test and the damping of its shocks."""
 
-    Attributes:
-        test: Index of the baseline test among the records.
-        damping: Least-squares slope of force over velocity (C-bar) [N.s/m], by port.
-        deviations: RMS deviation of the shock's force from that line, relative to the line's RMS [1], by port.
-        order: Indices of all records: the baseline first, then alternate tests in the order of the ports.
-    """
-
-    test: int
-    damping: Mapping[str, float]
+    test: int  #: Index of the baseline test among the records.
+    damping: Mapping[str, float]  #: Least-squares slope of force over velocity (C-bar) [N.s/m], by port.
+    #: RMS deviation of the shock's force from that line, relative to the line's RMS [1], by port.
     deviations: Mapping[str, float]
+    #: Indices of all records: the baseline first, then alternate tests in the order of the ports.
     order: tuple[int, ...]
 
     def notes(self) -> tuple[str, ...]:

@@ -41,25 +41,18 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FrictionSearch:
-    """Settings of the friction estimate. All ports have the same law, each with its own force.
+    """Settings of the friction estimate. All ports have the same law, each with its own force."""
 
-    Attributes:
-        velocities: Velocities v_f of the law tanh(v / v_f) to try [m/s], in increasing order; empty: no such law.
-        reaches: Reaches z_s of a bristle to try [m], in increasing order; empty: no bristle.
-        static_ratios: Ratios of static to sliding friction of the bristle to try [1].
-        seconds: Durations of each record that are used to choose the law and to find the forces [s].
-        low: Lowest frequency [Hz].
-        high: Highest frequency [Hz].
-        iterations: Number of Gauss-Newton steps.
-    """
-
+    #: Velocities v_f of the law tanh(v / v_f) to try [m/s], in increasing order; empty: no such law.
     velocities: tuple[float, ...] = VELOCITIES
+    #: Reaches z_s of a bristle to try [m], in increasing order; empty: no bristle.
     reaches: tuple[float, ...] = REACHES
-    static_ratios: tuple[float, ...] = STATIC_RATIOS
+    static_ratios: tuple[float, ...] = STATIC_RATIOS  #: Ratios of static to sliding friction of the bristle to try [1].
+    #: Durations of each record that are used to choose the law and to find the forces [s].
     seconds: tuple[float, float] = (100.0, 400.0)
-    low: float = 0.3
-    high: float = 16.0
-    iterations: int = 3
+    low: float = 0.3  #: Lowest frequency [Hz].
+    high: float = 16.0  #: Highest frequency [Hz].
+    iterations: int = 3  #: Number of Gauss-Newton steps.
 
     @property
     def creeping(self) -> FrictionSearch:
@@ -103,20 +96,14 @@ class FrictionSearch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionEstimate:
-    """Estimated friction and the part of the residual that it explains.
+    """Estimated friction and the part of the residual that it explains."""
 
-    Attributes:
-        friction: Friction by port; forces that are negative or not significant are set to zero.
-        forces: Estimated force of every port; its standard deviation comes from the scatter over the bands.
-        residual: Mean square of the part that no linear response explains, with friction relative to without [1], by
-            output.
-        profile: All laws that were tried.
-    """
-
-    friction: Mapping[str, Friction]
+    friction: Mapping[str, Friction]  #: Friction by port; forces that are negative or not significant are set to zero.
+    #: Estimated force of every port; its standard deviation comes from the scatter over the bands.
     forces: Mapping[str, ForceEstimate]
+    #: Mean square of the part that no linear response explains, with friction relative to without [1], by output.
     residual: Mapping[str, float]
-    profile: tuple[Candidate, ...]
+    profile: tuple[Candidate, ...]  #: All laws that were tried.
 
     @property
     def acts(self) -> bool:

@@ -19,14 +19,11 @@ _SETTLING = 3.0
 
 @dataclass(frozen=True, slots=True)
 class HeldOutError:
-    """Errors of free-running simulations of tests.
+    """Errors of free-running simulations of tests."""
 
-    Attributes:
-        error: RMS of simulated minus measured output over that of the measured one, in the band [1], by output.
-        level: RMS of the simulated over that of the measured output, minus one, in the band [1], by output.
-    """
-
+    #: RMS of simulated minus measured output over that of the measured one, in the band [1], by output.
     error: Mapping[str, float]
+    #: RMS of the simulated over that of the measured output, minus one, in the band [1], by output.
     level: Mapping[str, float]
 
     @property

@@ -173,20 +173,14 @@ def friction_rows(vehicle: IdentifiedVehicle, ports: Sequence[str]) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManySetups:
-    """Simulation of the setups of a vehicle with shocks from a bank, on one drive.
+    """Simulation of the setups of a vehicle with shocks from a bank, on one drive."""
 
-    Attributes:
-        vehicle: Identified continuous vehicle with the friction of its ports.
-        bank: Shock laws that setups choose from; their gas preload has no effect, as the vehicle moves about rest.
-        drive: Evenly sampled inputs of the rig by name; missing ones are zero. Its sample rate is that of the
-            simulation.
-        every: Interval of the output samples, in samples of the drive.
-    """
-
-    vehicle: IdentifiedVehicle
+    vehicle: IdentifiedVehicle  #: Identified continuous vehicle with the friction of its ports.
+    #: Shock laws that setups choose from; their gas preload has no effect, as the vehicle moves about rest.
     bank: Sequence[ShockLaw]
+    #: Evenly sampled inputs of the rig by name; missing ones are zero. Its sample rate is that of the simulation.
     drive: TimeSeries
-    every: int = 1
+    every: int = 1  #: Interval of the output samples, in samples of the drive.
 
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
         """Simulate setups from rest.

@@ -66,21 +66,14 @@ _INSIDE, _ABOVE, _NOISE, _LEAST = Shares(0.36, 0.68), Shares(0.045, 0.09), Share
 
 @dataclass(frozen=True, slots=True)
 class ModelForm:
-    """Uncertainty of measures from free-running simulations of the tests, some of them left out of the identification.
+    """Uncertainty of measures from free-running simulations of the tests, some left out of the identification."""
 
-    Attributes:
-        loop: Settings of the simulation.
-        inside: Parts of the residual in the band of the model that appear as errors of measures.
-        above: The same above the band, where the model is extrapolated.
-        noise: The same for the standard deviation due to noise, which is that of the tests' drive and linear dampers.
-        least: Errors without any residual, of integration steps and laws at the ports.
-    """
-
-    loop: ClosedLoop = field(default_factory=ClosedLoop)
-    inside: Shares = _INSIDE
-    above: Shares = _ABOVE
+    loop: ClosedLoop = field(default_factory=ClosedLoop)  #: Settings of the simulation.
+    inside: Shares = _INSIDE  #: Parts of the residual in the band of the model that appear as errors of measures.
+    above: Shares = _ABOVE  #: The same above the band, where the model is extrapolated.
+    #: The same for the standard deviation due to noise, which is that of the tests' drive and linear dampers.
     noise: Shares = _NOISE
-    least: Shares = _LEAST
+    least: Shares = _LEAST  #: Errors without any residual, of integration steps and laws at the ports.
 
     def uncertainty(
         self,

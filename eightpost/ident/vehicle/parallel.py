@@ -71,15 +71,10 @@ _ROUNDING = 1e-14
 
 
 class _BalancedModel(NamedTuple):
-    """A model in balanced coordinates, most important state first.
+    """A model in balanced coordinates, most important state first."""
 
-    Attributes:
-        model: Balanced model, without states at the level of rounding errors.
-        hankel: Hankel singular values of the scaled model (n,).
-    """
-
-    model: StateSpace
-    hankel: Array
+    model: StateSpace  #: Balanced model, without states at the level of rounding errors.
+    hankel: Array  #: Hankel singular values of the scaled model (n,).
 
     def truncated(self, states: int) -> StateSpace:
         """Return the model of the first `states`; it is stable if the full model is."""

@@ -16,19 +16,12 @@ from eightpost.rig.post import RigTest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentificationPlan:
-    """Everything that a recipe needs to identify a vehicle.
+    """Everything that a recipe needs to identify a vehicle."""
 
-    Attributes:
-        prepared: Prepared records.
-        baseline: Baseline test and order of the others.
-        experiment: Inputs, outputs and baseline damping.
-        rating: Static rating; None if there are no static tests.
-    """
-
-    prepared: Prepared
-    baseline: Baseline
-    experiment: Experiment
-    rating: StaticRating | None = None
+    prepared: Prepared  #: Prepared records.
+    baseline: Baseline  #: Baseline test and order of the others.
+    experiment: Experiment  #: Inputs, outputs and baseline damping.
+    rating: StaticRating | None = None  #: Static rating; None if there are no static tests.
 
     def identify(self, name: str) -> VehicleFit:
         """Identify the vehicle with the recipe of this name; the vehicle carries the verdict.

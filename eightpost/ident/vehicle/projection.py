@@ -26,19 +26,12 @@ _POWER_FLOOR = 1e-3
 
 
 class Band(NamedTuple):
-    """Spectra of all tests around one frequency.
+    """Spectra of all tests around one frequency."""
 
-    Attributes:
-        frequency: Centre frequency of the band [Hz].
-        U: Spectra of the inputs (tests, k, m).
-        Y: Spectra of the outputs (tests, k, p).
-        active: Mask of the inputs that have power (m,).
-    """
-
-    frequency: float
-    U: Complex
-    Y: Complex
-    active: NDArray[np.bool_]
+    frequency: float  #: Centre frequency of the band [Hz].
+    U: Complex  #: Spectra of the inputs (tests, k, m).
+    Y: Complex  #: Spectra of the outputs (tests, k, p).
+    active: NDArray[np.bool_]  #: Mask of the inputs that have power (m,).
 
     def columns(self, U: Complex) -> Complex:
         """Return inputs U (tests, k, j) times powers of the position in the band, as columns (tests k, 3 j)."""
@@ -97,17 +90,11 @@ def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Comple
 
 
 class ForceSolution(NamedTuple):
-    """Estimated forces at the ports.
+    """Estimated forces at the ports."""
 
-    Attributes:
-        forces: Forces F [N] (P,).
-        covariance: Covariance of the forces [N2] (P, P), from the scatter of the bands' gradients.
-        residual: Mean square residual of each output relative to that without the forces [1] (p,).
-    """
-
-    forces: Array
-    covariance: Array
-    residual: Array
+    forces: Array  #: Forces F [N] (P,).
+    covariance: Array  #: Covariance of the forces [N2] (P, P), from the scatter of the bands' gradients.
+    residual: Array  #: Mean square residual of each output relative to that without the forces [1] (p,).
 
     @property
     def cost(self) -> float:

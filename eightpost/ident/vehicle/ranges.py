@@ -29,15 +29,10 @@ _RANGED = ("velocity", "displacement", "force", "tire_force")
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """Ranges that the tests covered.
+    """Ranges that the tests covered."""
 
-    Attributes:
-        frequency: Lowest and highest frequency of the fit [Hz]; None if it is not known.
-        channels: Smallest and largest value by channel, SI.
-    """
-
-    frequency: tuple[float, float] | None
-    channels: Mapping[str, tuple[float, float]]
+    frequency: tuple[float, float] | None  #: Lowest and highest frequency of the fit [Hz]; None if it is not known.
+    channels: Mapping[str, tuple[float, float]]  #: Smallest and largest value by channel, SI.
 
     def as_mapping(self) -> dict[str, tuple[float, float]]:
         """Return the ranges by channel and the frequency range, in the form stored in a fit."""

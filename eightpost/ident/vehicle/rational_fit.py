@@ -17,15 +17,10 @@ from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PolynomialBasis:
-    """Real polynomials of degree 0 to n.
+    """Real polynomials of degree 0 to n."""
 
-    Attributes:
-        hessenberg: Hessenberg matrix (n + 1, n).
-        first: Constant polynomial p_0.
-    """
-
-    hessenberg: Array
-    first: float
+    hessenberg: Array  #: Hessenberg matrix (n + 1, n).
+    first: float  #: Constant polynomial p_0.
 
     def values(self, points: Complex) -> Complex:
         """Return p_0 ... p_n (K, n + 1) at complex points (K,)."""
@@ -76,12 +71,9 @@ def _orthonormal_basis(points: Complex, weight: Array, degree: int) -> _Polynomi
 
 @dataclass(frozen=True, slots=True)
 class BandWeights:
-    """One weight per frequency band, zero elsewhere.
+    """One weight per frequency band, zero elsewhere."""
 
-    Attributes:
-        bands: Tuples (low, high, weight) [Hz, Hz, 1]; a band includes its lower limit but not its upper.
-    """
-
+    #: Tuples (low, high, weight) [Hz, Hz, 1]; a band includes its lower limit but not its upper.
     bands: tuple[tuple[float, float, float], ...]
 
     def __post_init__(self) -> None:
@@ -116,18 +108,12 @@ class TransferFunction:
     """`H(s) = d + sum_i r_i / (s - p_i)`, or the same in z.
 
     The coefficients of a direct form of order eight overflow at 500 Hz; those of this form are never large.
-
-    Attributes:
-        poles: Poles p [1/s], or in z if discrete (n,); complex ones in conjugate pairs.
-        residues: Residues r (n,), in the same conjugate pairs.
-        direct: Direct term d.
-        dt: Sample time [s], or None for a continuous transfer function.
     """
 
-    poles: Complex
-    residues: Complex
-    direct: float
-    dt: float | None = None
+    poles: Complex  #: Poles p [1/s], or in z if discrete (n,); complex ones in conjugate pairs.
+    residues: Complex  #: Residues r (n,), in the same conjugate pairs.
+    direct: float  #: Direct term d.
+    dt: float | None = None  #: Sample time [s], or None for a continuous transfer function.
 
     def __post_init__(self) -> None:
         """Check that there is one residue per pole."""
@@ -191,17 +177,12 @@ class RationalFit:
     Eq 4.28 (equation error) is solved first, then repeatedly with the weights divided by |A|^2 of the previous solution
     (Sanathanan and Koerner), which leads close to the minimum of Eq 4.29 (output error). Gauss-Newton steps then find
     the minimum. Unstable poles are mirrored, and steps that would make a pole unstable are shortened.
-
-    Attributes:
-        denominator: Degree of A.
-        numerator: Degree of B in s (or z): that of A with a direct term, one less without.
-        dt: Sample time of a discrete model [s] (invfreqz), or None for a continuous one (invfreqs).
-        iterations: Maximum number of Gauss-Newton steps; 0 returns the best of the reweighted equation-error solutions.
     """
 
-    denominator: int
-    numerator: int
-    dt: float | None = None
+    denominator: int  #: Degree of A.
+    numerator: int  #: Degree of B in s (or z): that of A with a direct term, one less without.
+    dt: float | None = None  #: Sample time of a discrete model [s] (invfreqz), or None for a continuous one (invfreqs).
+    #: Maximum number of Gauss-Newton steps; 0 returns the best of the reweighted equation-error solutions.
     iterations: int = 30
 
     def __post_init__(self) -> None:

@@ -10,20 +10,14 @@ from pydantic import TypeAdapter
 
 @dataclass(frozen=True, slots=True)
 class RecipeTrial:
-    """Trial of a recipe on a test that it was not identified from.
+    """Trial of a recipe on a test that it was not identified from."""
 
-    Attributes:
-        recipe: Name of the recipe.
-        error: RMS error of the simulated outputs over that of the measured ones, root mean square over the outputs [1];
-            None if the recipe failed.
-        level: Error of the outputs' RMS, root mean square over the outputs [1]; None if the recipe failed.
-        failure: Message of the failure; empty without one.
-    """
-
-    recipe: str
+    recipe: str  #: Name of the recipe.
+    #: RMS error of the simulated outputs over that of the measured ones, root mean square over the outputs [1]; None if
+    #: the recipe failed.
     error: float | None
-    level: float | None
-    failure: str = ""
+    level: float | None  #: Error of the outputs' RMS, root mean square over the outputs [1]; None if the recipe failed.
+    failure: str = ""  #: Message of the failure; empty without one.
 
     @property
     def text(self) -> str:
@@ -35,17 +29,11 @@ class RecipeTrial:
 
 @dataclass(frozen=True, slots=True)
 class RecipeChoice:
-    """Choice of a recipe, and its reason.
+    """Choice of a recipe, and its reason."""
 
-    Attributes:
-        trials: Trials of the recipes; empty if only one was possible.
-        reason: Reason for the choice.
-        recipe: Name of the chosen recipe.
-    """
-
-    trials: tuple[RecipeTrial, ...]
-    reason: str
-    recipe: str = "common-poles"
+    trials: tuple[RecipeTrial, ...]  #: Trials of the recipes; empty if only one was possible.
+    reason: str  #: Reason for the choice.
+    recipe: str = "common-poles"  #: Name of the chosen recipe.
 
     @property
     def figures(self) -> str:

@@ -77,26 +77,21 @@ class SisoFits:
     A fit is artificial if it has a mode with almost no damping, a much larger response outside the weighted band than
     inside, or a pole so fast that it acts as a direct term. Such a fit is used only if no order down to 2 gives a
     better one.
-
-    Attributes:
-        orders: Denominator degrees to try, in this order. The first one with an error below `tolerance` is used, else
-            the best one; the search stops when a higher order is barely better.
-        tolerance: Accepted error of a path [1].
-        min_damping: Damping ratio of a mode below which a fit is artificial [1].
-        max_excess: Ratio of the response outside the weighted band to that inside above which a fit is artificial [1].
-        max_pole_ratio: Ratio of a pole's frequency to the end of the weighted band above which a fit is artificial [1].
-        dt: Sample time of discrete models [s] (invfreqz), or None for continuous ones (invfreqs).
-        weights: Weights by input; other inputs have `AEROLOADERS` if their name is that of a load, else `WHEELLOADERS`.
-        direct: Function that returns whether a path (output, input) has a direct term.
     """
 
+    #: Denominator degrees to try, in this order. The first one with an error below `tolerance` is used, else the best
+    #: one; the search stops when a higher order is barely better.
     orders: tuple[int, ...] = (4, 6, 8)
-    tolerance: float = 0.02
-    min_damping: float = 0.01
+    tolerance: float = 0.02  #: Accepted error of a path [1].
+    min_damping: float = 0.01  #: Damping ratio of a mode below which a fit is artificial [1].
+    #: Ratio of the response outside the weighted band to that inside above which a fit is artificial [1].
     max_excess: float = 2.0
+    #: Ratio of a pole's frequency to the end of the weighted band above which a fit is artificial [1].
     max_pole_ratio: float = 10.0
-    dt: float | None = None
+    dt: float | None = None  #: Sample time of discrete models [s] (invfreqz), or None for continuous ones (invfreqs).
+    #: Weights by input; other inputs have `AEROLOADERS` if their name is that of a load, else `WHEELLOADERS`.
     weights: Mapping[str, BandWeights] = field(default_factory=dict)
+    #: Function that returns whether a path (output, input) has a direct term.
     direct: Callable[[str, str], bool] = has_direct_term
 
     def fit(self, response: FrequencyResponse) -> SisoModels:
@@ -156,15 +151,10 @@ class SisoFits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SisoModels:
-    """Models of all paths.
+    """Models of all paths."""
 
-    Attributes:
-        model: Linear model of all paths, including the baseline damping.
-        paths: Path fits by (output, input).
-    """
-
-    model: StateSpace
-    paths: Mapping[tuple[str, str], PathFit]
+    model: StateSpace  #: Linear model of all paths, including the baseline damping.
+    paths: Mapping[tuple[str, str], PathFit]  #: Path fits by (output, input).
 
     def response(self, frequency: Array) -> FrequencyResponse:
         """Return the response at frequencies [Hz] (K,), path by path, as the whole model has a thousand states."""

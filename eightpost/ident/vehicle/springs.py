@@ -21,19 +21,12 @@ MODELLED = "The vehicle has these forces at its ports (k2 d^2)."
 
 @dataclass(frozen=True, slots=True)
 class SpringSearch:
-    """Settings of the test for nonlinear springs.
+    """Settings of the test for nonlinear springs."""
 
-    Attributes:
-        seconds: Duration of each record that is used [s].
-        low: Lowest frequency [Hz].
-        high: Highest frequency [Hz].
-        iterations: Number of Gauss-Newton steps.
-    """
-
-    seconds: float = 100.0
-    low: float = 0.3
-    high: float = 16.0
-    iterations: int = 4
+    seconds: float = 100.0  #: Duration of each record that is used [s].
+    low: float = 0.3  #: Lowest frequency [Hz].
+    high: float = 16.0  #: Highest frequency [Hz].
+    iterations: int = 4  #: Number of Gauss-Newton steps.
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
         """Return F_2 by port, or an empty mapping if the records have no travel of the ports.

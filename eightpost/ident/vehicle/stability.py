@@ -37,19 +37,12 @@ FACTORS = (0.25, 0.45, 0.7, 1.5, 2.0, 3.0)
 
 
 class Stability(NamedTuple):
-    """Stability with all dampers that were tried.
+    """Stability with all dampers that were tried."""
 
-    Attributes:
-        stable: Whether the vehicle is stable with all dampers that were tried.
-        worst: Damping of the loop with the largest growth rate [N.s/m], by port.
-        growth: Largest real part of that loop's poles [1/s]; the loop is unstable if it is above zero.
-        tried: Number of sets of dampers that were tried.
-    """
-
-    stable: bool
-    worst: Mapping[str, float]
-    growth: float
-    tried: int
+    stable: bool  #: Whether the vehicle is stable with all dampers that were tried.
+    worst: Mapping[str, float]  #: Damping of the loop with the largest growth rate [N.s/m], by port.
+    growth: float  #: Largest real part of that loop's poles [1/s]; the loop is unstable if it is above zero.
+    tried: int  #: Number of sets of dampers that were tried.
 
     def summary(self) -> str:
         """Return the result as a sentence."""
@@ -120,17 +113,11 @@ _FREQUENCIES = np.geomspace(0.01, 2000.0, 700)
 
 
 class _SafeSlopes(NamedTuple):
-    """Range of shock slopes with proved stability.
+    """Range of shock slopes with proved stability."""
 
-    Attributes:
-        softest: Lowest safe slope relative to the baseline damper [1]; None if no tested slope is safe.
-        stiffest: Highest safe slope relative to the baseline damper [1].
-        worst: Frequency at which the criterion is closest to failing, or fails for the last tested slope [Hz].
-    """
-
-    softest: float | None
-    stiffest: float
-    worst: float
+    softest: float | None  #: Lowest safe slope relative to the baseline damper [1]; None if no tested slope is safe.
+    stiffest: float  #: Highest safe slope relative to the baseline damper [1].
+    worst: float  #: Frequency at which the criterion is closest to failing, or fails for the last tested slope [Hz].
 
     def summary(self) -> str:
         """Return the result as a sentence."""

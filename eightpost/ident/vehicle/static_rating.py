@@ -39,28 +39,20 @@ _MOVED = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticRating:
-    """Result of static records.
+    """Result of static records."""
 
-    Attributes:
-        levels: Number of levels that were held with all tires on the ground.
-        lifted: Number of levels that were left out: those of a record from the first one at which a tire carries no
-            load.
-        loads: Names of the loads.
-        zero: Tire forces and ride heights at zero load, SI, by channel.
-        stiffness: Spring matrix K by aeroloader [N/m] (4, 4); None if the loads were not moved in all four modes.
-        zero_force: Force F_zero [N] (4,); None like `stiffness`.
-        modal: Spring matrix K_m in heave, pitch, roll, warp [N/m, N/rad, N.m/m, N.m/rad] (4, 4); None like `stiffness`.
-        unexplained: RMS of the part of each aeroloader's force that K does not explain, relative to the RMS of the
-            force [1] (4,); None like `stiffness`.
-    """
-
-    levels: int
+    levels: int  #: Number of levels that were held with all tires on the ground.
+    #: Number of levels that were left out: those of a record from the first one at which a tire carries no load.
     lifted: int
-    loads: tuple[str, ...]
-    zero: Mapping[str, float]
+    loads: tuple[str, ...]  #: Names of the loads.
+    zero: Mapping[str, float]  #: Tire forces and ride heights at zero load, SI, by channel.
+    #: Spring matrix K by aeroloader [N/m] (4, 4); None if the loads were not moved in all four modes.
     stiffness: Array | None = None
-    zero_force: Array | None = None
+    zero_force: Array | None = None  #: Force F_zero [N] (4,); None like `stiffness`.
+    #: Spring matrix K_m in heave, pitch, roll, warp [N/m, N/rad, N.m/m, N.m/rad] (4, 4); None like `stiffness`.
     modal: Array | None = None
+    #: RMS of the part of each aeroloader's force that K does not explain, relative to the RMS of the force [1] (4,);
+    #: None like `stiffness`.
     unexplained: Array | None = None
 
     def summary(self, outputs: Collection[str]) -> str:

@@ -40,32 +40,21 @@ class OrderCandidate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Choice of the number of states.
+    """Choice of the number of states."""
 
-    Attributes:
-        tried: Models of increasing order.
-        chosen: Number of states of the chosen model, without the road lags.
-        is_clear: Whether a clear gap of the singular values gives the order; otherwise the description length does.
-        high: Highest frequency of the fit [Hz].
-    """
-
-    tried: tuple[OrderCandidate, ...]
-    chosen: int
+    tried: tuple[OrderCandidate, ...]  #: Models of increasing order.
+    chosen: int  #: Number of states of the chosen model, without the road lags.
+    #: Whether a clear gap of the singular values gives the order; otherwise the description length does.
     is_clear: bool
-    high: float
+    high: float  #: Highest frequency of the fit [Hz].
 
 
 @dataclass(frozen=True, slots=True)
 class ForceEstimate:
-    """Estimated force at a port.
+    """Estimated force at a port."""
 
-    Attributes:
-        value: Force [N].
-        deviation: Standard deviation of the force [N].
-    """
-
-    value: float
-    deviation: float
+    value: float  #: Force [N].
+    deviation: float  #: Standard deviation of the force [N].
 
     @property
     def is_significant(self) -> bool:
@@ -80,46 +69,34 @@ class ForceEstimate:
 
 @dataclass(frozen=True, slots=True)
 class OutputTrust:
-    """Uncertainty of one output.
+    """Uncertainty of one output."""
 
-    Attributes:
-        response: Relative standard deviation of the model's responses, RMS over inputs and frequencies [1].
-        measure: Relative standard deviation of the output's RMS on the drive of the tests [1]; the largest value with
-            linear dampers of half, one and two times the baseline damping.
-        misfit: RMS of model minus estimate in standard deviations of the estimate; 1 if noise explains it.
-        with_friction: RMS of the part that no linear response explains, with friction at the ports relative to without
-            [1]; None if friction was not estimated.
-    """
-
-    response: float
+    response: float  #: Relative standard deviation of the model's responses, RMS over inputs and frequencies [1].
+    #: Relative standard deviation of the output's RMS on the drive of the tests [1]; the largest value with linear
+    #: dampers of half, one and two times the baseline damping.
     measure: float
-    misfit: float
+    misfit: float  #: RMS of model minus estimate in standard deviations of the estimate; 1 if noise explains it.
+    #: RMS of the part that no linear response explains, with friction at the ports relative to without [1]; None if
+    #: friction was not estimated.
     with_friction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Uncertainty and limits of a fit.
+    """Uncertainty and limits of a fit."""
 
-    Attributes:
-        outputs: Uncertainty by output.
-        friction: Estimated sliding friction by port, significant or not; empty if friction was not estimated.
-        springs: Spring force that grows with the square of the travel, at the RMS travel, by port; empty if it was not
-            estimated.
-        flags: Sentences on effects in the car that a linear model does not have, by `friction`, `springs`, `lift-off`,
-            `misfit` and `unexplained`; and why it cannot be simulated, by `UNUSABLE`.
-        orders: Choice of the number of states.
-        samples: Number of models with resampled noise or drawn parameters that give the standard deviations.
-        measures: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire
-            forces; empty if it was not estimated.
-    """
-
-    outputs: Mapping[str, OutputTrust]
+    outputs: Mapping[str, OutputTrust]  #: Uncertainty by output.
+    #: Estimated sliding friction by port, significant or not; empty if friction was not estimated.
     friction: Mapping[str, ForceEstimate] = field(default_factory=dict)
+    #: Spring force that grows with the square of the travel, at the RMS travel, by port; empty if it was not estimated.
     springs: Mapping[str, ForceEstimate] = field(default_factory=dict)
+    #: Sentences on effects in the car that a linear model does not have, by `friction`, `springs`, `lift-off`, `misfit`
+    #: and `unexplained`; and why it cannot be simulated, by `UNUSABLE`.
     flags: Mapping[str, str] = field(default_factory=dict)
-    orders: Orders | None = None
-    samples: int = 0
+    orders: Orders | None = None  #: Choice of the number of states.
+    samples: int = 0  #: Number of models with resampled noise or drawn parameters that give the standard deviations.
+    #: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire forces;
+    #: empty if it was not estimated.
     measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
 
     def as_json(self) -> Any:

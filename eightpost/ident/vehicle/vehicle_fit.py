@@ -47,35 +47,26 @@ class FittedParameter(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VehicleFit(Summarized):
-    """An identified vehicle and the quality of its fit.
+    """An identified vehicle and the quality of its fit."""
 
-    Attributes:
-        vehicle: Identified vehicle: model, baseline damping, digests of the input files.
-        recipe: Name of the recipe.
-        response: Response that the model was fitted to, preconditioned, around the baseline damping.
-        residual: Relative error of the model's response against `response`, weighted by frequency as in the fit [1], by
-            output.
-        notes: Notes for the user, one sentence each: what was dropped, replaced or reduced, and what is doubtful.
-        seconds: Processor time of estimate and fit [s].
-        stable: Whether the vehicle is stable with the baseline dampers and with all other dampers that were tried.
-        ranges: Ranges that the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty
-            if the recipe does not give them.
-        trust: Uncertainty, friction, flags and choice of the order; None if the recipe does not give them.
-        parameters: Physical parameters with 95 % intervals; empty if the recipe has none.
-        choice: Choice of the recipe by a left-out test; None if the user named the recipe.
-    """
-
-    vehicle: IdentifiedVehicle
-    recipe: str
-    response: FrequencyResponse
+    vehicle: IdentifiedVehicle  #: Identified vehicle: model, baseline damping, digests of the input files.
+    recipe: str  #: Name of the recipe.
+    response: FrequencyResponse  #: Response that the model was fitted to, preconditioned, around the baseline damping.
+    #: Relative error of the model's response against `response`, weighted by frequency as in the fit [1], by output.
     residual: Mapping[str, float]
+    #: Notes for the user, one sentence each: what was dropped, replaced or reduced, and what is doubtful.
     notes: tuple[str, ...] = ()
-    seconds: float = 0.0
+    seconds: float = 0.0  #: Processor time of estimate and fit [s].
+    #: Whether the vehicle is stable with the baseline dampers and with all other dampers that were tried.
     stable: bool = True
+    #: Ranges that the tests covered: smallest and largest value by channel, SI, and of `frequency` [Hz]; empty if the
+    #: recipe does not give them.
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: Uncertainty, friction, flags and choice of the order; None if the recipe does not give them.
     trust: Trust | None = None
+    #: Physical parameters with 95 % intervals; empty if the recipe has none.
     parameters: tuple[FittedParameter, ...] = ()
-    choice: RecipeChoice | None = None
+    choice: RecipeChoice | None = None  #: Choice of the recipe by a left-out test; None if the user named the recipe.
 
     @property
     def sources(self) -> Mapping[str, str]:

@@ -34,24 +34,19 @@ class Fluid:
     At low pressure the gas makes the fluid soft; at high pressure the oil and the wall limit the stiffness. The
     pressure of a bubble is the sum of the pressures of its gas and of the oil's vapour, so p stays above p_v even if a
     chamber cavitates. Gas neither dissolves nor comes out of solution.
-
-    Attributes:
-        density: Density [kg/m3]; 820 to 880 for damper oils (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
-        bulk_modulus: Bulk modulus B of the oil without gas [Pa]; 1.2 to 1.8 GPa (Gholizadeh et al. 2011).
-        gas_fraction: Volume share a of free gas at atmospheric pressure [1]; up to several % in open systems
-            (Gholizadeh et al. 2011), 0.1 to 1 % in a bled damper with a floating piston.
-        gas_exponent: Polytropic exponent n of the bubbles [1]; 1 for slow and 1.4 for fast motion.
-        vapour_pressure: Absolute vapour pressure p_v [Pa]; under 0.1 kPa for the oil itself, up to 30 kPa if dissolved
-            air comes out first.
-        wall_modulus: Modulus B_w of the chamber walls: tube, seals and piston ring [Pa]; 0.3 to 5 GPa.
     """
 
+    #: Density [kg/m3]; 820 to 880 for damper oils (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
     density: float = 850.0
-    bulk_modulus: float = 1.4e9
+    bulk_modulus: float = 1.4e9  #: Bulk modulus B of the oil without gas [Pa]; 1.2 to 1.8 GPa (Gholizadeh et al. 2011).
+    #: Volume share a of free gas at atmospheric pressure [1]; up to several % in open systems (Gholizadeh et al. 2011),
+    #: 0.1 to 1 % in a bled damper with a floating piston.
     gas_fraction: float = 0.0033
-    gas_exponent: float = 1.3
+    gas_exponent: float = 1.3  #: Polytropic exponent n of the bubbles [1]; 1 for slow and 1.4 for fast motion.
+    #: Absolute vapour pressure p_v [Pa]; under 0.1 kPa for the oil itself, up to 30 kPa if dissolved air comes out
+    #: first.
     vapour_pressure: float = 3e3
-    wall_modulus: float = 0.85e9
+    wall_modulus: float = 0.85e9  #: Modulus B_w of the chamber walls: tube, seals and piston ring [Pa]; 0.3 to 5 GPa.
 
     @property
     def span(self) -> float:
@@ -85,19 +80,14 @@ class Fluid:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """Bore, rod, and the two chambers at mid-travel.
+    """Bore, rod, and the two chambers at mid-travel."""
 
-    Attributes:
-        bore: Bore [m]; 36 to 46 mm for race monotubes.
-        rod: Rod diameter [m]; 1/2 to 5/8 in. 5/8 in and 150 psi give a static gas force of 46 lbf, a typical value.
-        compression_length: Length of the compression chamber (main piston to head valve) at displacement 0 [m].
-        rebound_length: Length of the rebound chamber at displacement 0 [m].
-    """
-
-    bore: float = convert(1.75, "in", "m")
+    bore: float = convert(1.75, "in", "m")  #: Bore [m]; 36 to 46 mm for race monotubes.
+    #: Rod diameter [m]; 1/2 to 5/8 in. 5/8 in and 150 psi give a static gas force of 46 lbf, a typical value.
     rod: float = convert(0.625, "in", "m")
+    #: Length of the compression chamber (main piston to head valve) at displacement 0 [m].
     compression_length: float = convert(5.5, "in", "m")
-    rebound_length: float = convert(3.7, "in", "m")
+    rebound_length: float = convert(3.7, "in", "m")  #: Length of the rebound chamber at displacement 0 [m].
 
     @property
     def compression_area(self) -> float:
@@ -122,17 +112,11 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class GasChamber:
-    """Nitrogen behind a massless floating piston: p V^n = const.
+    """Nitrogen behind a massless floating piston: p V^n = const."""
 
-    Attributes:
-        pressure: Gauge pressure at displacement 0 [Pa].
-        volume: Volume at displacement 0 [m3].
-        exponent: Polytropic exponent n [1]; 1 for very slow and 1.4 for very fast motion.
-    """
-
-    pressure: float
-    volume: float = convert(4.8, "in^3", "m^3")
-    exponent: float = 1.25
+    pressure: float  #: Gauge pressure at displacement 0 [Pa].
+    volume: float = convert(4.8, "in^3", "m^3")  #: Volume at displacement 0 [m3].
+    exponent: float = 1.25  #: Polytropic exponent n [1]; 1 for very slow and 1.4 for very fast motion.
 
     @property
     def charge(self) -> float:
@@ -151,14 +135,10 @@ class Seals:
         dF / dx = s (1 - sign(v) F / F_c)
 
     The force remains while the rod is at rest, as observed in the static test (3.4.3).
-
-    Attributes:
-        drag: Sliding friction F_c [N]; 3 to 5 lbf (3.4.3).
-        length: Displacement F_c / s over which the friction reverses [m].
     """
 
-    drag: float = convert(4.5, "lbf", "N")
-    length: float = 5e-5
+    drag: float = convert(4.5, "lbf", "N")  #: Sliding friction F_c [N]; 3 to 5 lbf (3.4.3).
+    length: float = 5e-5  #: Displacement F_c / s over which the friction reverses [m].
 
     def force(self, displacement: Array) -> Array:
         """Return the friction (N,) [N] for a displacement (N,) [m], starting from zero; exact if turns are sampled."""

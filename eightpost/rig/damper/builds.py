@@ -22,32 +22,20 @@ HIGHEST_GAS = 400.0 * PSI
 
 @dataclass(frozen=True, slots=True)
 class Shims:
-    """Codes of Table 7.2 for the three shim stacks of a shock.
+    """Codes of Table 7.2 for the three shim stacks of a shock."""
 
-    Attributes:
-        compression: Compression stack on the main piston.
-        rebound: Rebound stack on the main piston.
-        head: Compression stack on the head valve.
-    """
-
-    compression: str
-    rebound: str
-    head: str = "B"
+    compression: str  #: Compression stack on the main piston.
+    rebound: str  #: Rebound stack on the main piston.
+    head: str = "B"  #: Compression stack on the head valve.
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One row of Table 3.1.
+    """One row of Table 3.1."""
 
-    Attributes:
-        build: Build number in the table: 1, 2 or 4.
-        clicks: Clicks of the bleed adjuster from fully open.
-        gas_pressure: Gauge pressure of the gas [Pa].
-    """
-
-    build: int
-    clicks: int
-    gas_pressure: float
+    build: int  #: Build number in the table: 1, 2 or 4.
+    clicks: int  #: Clicks of the bleed adjuster from fully open.
+    gas_pressure: float  #: Gauge pressure of the gas [Pa].
 
 
 #: The three builds of 3.2.2: baseline, softer compression shims on the head valve, and softer ones on the main piston.

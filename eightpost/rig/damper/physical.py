@@ -42,26 +42,17 @@ class PhysicalDamper:
 
     Displacement is measured from mid-travel, the 3 in offset of 3.2.1. Temperature effects on the fluid, dissolved gas,
     inertia of shims and fluid, bushings, and end stops are not modelled.
-
-    Attributes:
-        piston: Valves of the main piston.
-        head: Head valve.
-        gas: Gas chamber.
-        cylinder: Bore, rod and chambers.
-        fluid: Oil, free gas and wall.
-        orifices: Common properties of all orifices.
-        seals: Dry friction of the seals.
-        heat_capacity: Heat capacity of shock and oil [J/K], for the body temperature that the dynamometer reads: 1.5 kg
-            at about 900 J/kg/K. All work heats the body, and there is no cooling.
     """
 
-    piston: MainPiston
-    head: HeadValve
-    gas: GasChamber
-    cylinder: Cylinder = field(default_factory=Cylinder)
-    fluid: Fluid = field(default_factory=Fluid)
-    orifices: Orifices = field(default_factory=Orifices)
-    seals: Seals = field(default_factory=Seals)
+    piston: MainPiston  #: Valves of the main piston.
+    head: HeadValve  #: Head valve.
+    gas: GasChamber  #: Gas chamber.
+    cylinder: Cylinder = field(default_factory=Cylinder)  #: Bore, rod and chambers.
+    fluid: Fluid = field(default_factory=Fluid)  #: Oil, free gas and wall.
+    orifices: Orifices = field(default_factory=Orifices)  #: Common properties of all orifices.
+    seals: Seals = field(default_factory=Seals)  #: Dry friction of the seals.
+    #: Heat capacity of shock and oil [J/K], for the body temperature that the dynamometer reads: 1.5 kg at about 900
+    #: J/kg/K. All work heats the body, and there is no cooling.
     heat_capacity: float = 1350.0
 
     @cached_property

@@ -28,20 +28,13 @@ class Passage(NamedTuple):
         L = dp^2 / (4 s) up to dp = 2 s, then dp - s
 
     The whole pressure drop lifts the stack, even if part of the drop is in the port.
-
-    Attributes:
-        orifice: Conductance G of the orifice [m3/s/Pa^0.5].
-        transition: Pressure drop dp_t of the transition from laminar to turbulent flow [Pa].
-        opening: Ratio a of the gap's conductance to L [m3/s/Pa^1.5]; 0 without a stack.
-        port: Conductance P of the port [m3/s/Pa^0.5].
-        preload: Mean pressure s at which the edge opens [Pa].
     """
 
-    orifice: float
-    transition: float
-    opening: float = 0.0
-    port: float = 1.0
-    preload: float = 0.0
+    orifice: float  #: Conductance G of the orifice [m3/s/Pa^0.5].
+    transition: float  #: Pressure drop dp_t of the transition from laminar to turbulent flow [Pa].
+    opening: float = 0.0  #: Ratio a of the gap's conductance to L [m3/s/Pa^1.5]; 0 without a stack.
+    port: float = 1.0  #: Conductance P of the port [m3/s/Pa^0.5].
+    preload: float = 0.0  #: Mean pressure s at which the edge opens [Pa].
 
 
 def passage_flow(drop: float, passage: Passage) -> float:
@@ -106,21 +99,16 @@ class ShimStack:
 
         h = K dp r^4 / D_stack
 
-    Attributes:
-        code: Code in Table 7.2.
-        radius: Radius r of the largest shim [m].
-        deflection: Coefficient K of a plate clamped inside, free outside and uniformly loaded [1]: 0.018, 0.0035, 0.001
-            for a clamp of 0.4, 0.6, 0.7 of the radius (thin-plate theory, tabulated in Roark's Formulas for Stress and
-            Strain).
-        backing: Thickness of the washer behind every stack, which bends with the stack [m].
-
     Raises:
         ParameterError: The code does not exist.
     """
 
-    code: str
-    radius: float = convert(0.65, "in", "m")
+    code: str  #: Code in Table 7.2.
+    radius: float = convert(0.65, "in", "m")  #: Radius r of the largest shim [m].
+    #: Coefficient K of a plate clamped inside, free outside and uniformly loaded [1]: 0.018, 0.0035, 0.001 for a clamp
+    #: of 0.4, 0.6, 0.7 of the radius (thin-plate theory, tabulated in Roark's Formulas for Stress and Strain).
     deflection: float = 0.00254
+    #: Thickness of the washer behind every stack, which bends with the stack [m].
     backing: float = convert(0.0045, "in", "m")
 
     def __post_init__(self) -> None:
@@ -144,19 +132,13 @@ class ShimStack:
 
 @dataclass(frozen=True, slots=True)
 class ShimValve:
-    """A shim stack over ports, for one flow direction.
+    """A shim stack over ports, for one flow direction."""
 
-    Attributes:
-        stack: Shim stack.
-        port_area: Total area of the ports under the stack [m2].
-        edge: Length of the edge under which the fluid leaves [m].
-        dish: Deflection of the clamped shims by the dished face of the piston [m]: 0 on a linear piston; 1 to 4 degrees
-            of dish on a digressive piston are 0.1 to 0.6 mm.
-    """
-
-    stack: ShimStack
-    port_area: float
-    edge: float
+    stack: ShimStack  #: Shim stack.
+    port_area: float  #: Total area of the ports under the stack [m2].
+    edge: float  #: Length of the edge under which the fluid leaves [m].
+    #: Deflection of the clamped shims by the dished face of the piston [m]: 0 on a linear piston; 1 to 4 degrees of
+    #: dish on a digressive piston are 0.1 to 0.6 mm.
     dish: float = 0.0
 
     @property
@@ -172,16 +154,11 @@ class Bleed:
     Clicks are counted from fully open. The dissertation must use the same convention: section 3.4.1 reports that the
     error of builds 1 and 2 increased with a more restrictive bleed setting, and in Table 3.5 it increases from 1 to 14
     clicks.
-
-    Attributes:
-        clicks: Clicks of the adjuster from fully open.
-        area_per_click: Area that a click closes [m2].
-        most: Number of clicks from fully open to closed.
     """
 
-    clicks: int
-    area_per_click: float
-    most: int = 28
+    clicks: int  #: Clicks of the adjuster from fully open.
+    area_per_click: float  #: Area that a click closes [m2].
+    most: int = 28  #: Number of clicks from fully open to closed.
 
     def __post_init__(self) -> None:
         if not 0 <= self.clicks <= self.most:
@@ -195,47 +172,31 @@ class Bleed:
 
 @dataclass(frozen=True, slots=True)
 class MainPiston:
-    """Valves between the compression and the rebound chamber.
+    """Valves between the compression and the rebound chamber."""
 
-    Attributes:
-        compression: Valve for flow from the compression chamber to the rebound chamber.
-        rebound: Valve for flow from the rebound chamber to the compression chamber.
-        bleed: Bleed in parallel with the rebound stack.
-        jet_area: Area of the bleed jet and the leakage past the piston, in both directions [m2].
-    """
-
-    compression: ShimValve
-    rebound: ShimValve
-    bleed: Bleed
-    jet_area: float
+    compression: ShimValve  #: Valve for flow from the compression chamber to the rebound chamber.
+    rebound: ShimValve  #: Valve for flow from the rebound chamber to the compression chamber.
+    bleed: Bleed  #: Bleed in parallel with the rebound stack.
+    jet_area: float  #: Area of the bleed jet and the leakage past the piston, in both directions [m2].
 
 
 @dataclass(frozen=True, slots=True)
 class HeadValve:
-    """Valve between compression chamber and reservoir.
+    """Valve between compression chamber and reservoir."""
 
-    Attributes:
-        compression: Valve for flow into the reservoir.
-        jet_area: Area of the jet, which is open in both directions [m2].
-        return_area: Area of the check valve for flow out of the reservoir [m2].
-    """
-
-    compression: ShimValve
-    jet_area: float
-    return_area: float
+    compression: ShimValve  #: Valve for flow into the reservoir.
+    jet_area: float  #: Area of the jet, which is open in both directions [m2].
+    return_area: float  #: Area of the check valve for flow out of the reservoir [m2].
 
 
 @dataclass(frozen=True, slots=True)
 class Orifices:
-    """Common properties of all orifices.
+    """Common properties of all orifices."""
 
-    Attributes:
-        discharge: Discharge coefficient C_d [1]; 0.6 to 0.8 (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
-        transition: Pressure drop of the transition from laminar to turbulent flow [Pa]; Reynolds numbers near 1000 in
-            openings of a millimetre give 10 to 100 kPa.
-    """
-
+    #: Discharge coefficient C_d [1]; 0.6 to 0.8 (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
     discharge: float = 0.7
+    #: Pressure drop of the transition from laminar to turbulent flow [Pa]; Reynolds numbers near 1000 in openings of a
+    #: millimetre give 10 to 100 kPa.
     transition: float = 20e3
 
 
@@ -250,15 +211,10 @@ CAVITATION_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Cavitation:
-    """Cavitation in a run.
+    """Cavitation in a run."""
 
-    Attributes:
-        share: Share of samples with a chamber below 30 kPa absolute [1].
-        lowest: Minimum absolute chamber pressure [Pa].
-    """
-
-    share: float
-    lowest: float
+    share: float  #: Share of samples with a chamber below 30 kPa absolute [1].
+    lowest: float  #: Minimum absolute chamber pressure [Pa].
 
     @property
     def cavitates(self) -> bool:

@@ -36,25 +36,15 @@ _REACH, _SPEEDS = 1.3, 40
 
 @dataclass(frozen=True, slots=True)
 class Valving:
-    """Parts that a team changes in a shock.
+    """Parts that a team changes in a shock."""
 
-    Attributes:
-        compression: Code of the compression stack on the main piston (Table 7.2).
-        rebound: Code of the rebound stack on the main piston.
-        head: Code of the compression stack on the head valve.
-        clicks: Clicks of the rebound bleed from fully open, 0 to 28.
-        jet: Area of the bleed jet in the main piston [m2].
-        dish: Dish of the main piston [m]; 0 on a linear piston.
-        gas_pressure: Gauge pressure of the gas [Pa].
-    """
-
-    compression: str = "B"
-    rebound: str = "B"
-    head: str = "B"
-    clicks: int = 1
-    jet: float = 0.3e-6
-    dish: float = 0.0
-    gas_pressure: float = 150.0 * PSI
+    compression: str = "B"  #: Code of the compression stack on the main piston (Table 7.2).
+    rebound: str = "B"  #: Code of the rebound stack on the main piston.
+    head: str = "B"  #: Code of the compression stack on the head valve.
+    clicks: int = 1  #: Clicks of the rebound bleed from fully open, 0 to 28.
+    jet: float = 0.3e-6  #: Area of the bleed jet in the main piston [m2].
+    dish: float = 0.0  #: Dish of the main piston [m]; 0 on a linear piston.
+    gas_pressure: float = 150.0 * PSI  #: Gauge pressure of the gas [Pa].
 
     def damper(self) -> PhysicalDamper:
         """Return the shock with this valving.
@@ -79,28 +69,18 @@ class Valving:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestValving:
-    """The valving that comes closest to a curve.
+    """The valving that comes closest to a curve."""
 
-    Attributes:
-        valving: Parts.
-        level: Constant force that the curve has in addition to the damper's [N]: gas force and the level of a
-            dynamometer are not known exactly, and fitted curves contain a part of them.
-        residual: RMS difference of the static forces over both sides [N], without the level.
-        relative: The same as a share of the curve's RMS force [1].
-        velocity: Velocities that were compared (N,) [m/s].
-        force: Static force of the damper at these, with seal friction and level (N,) [N].
-        combinations: Number of combinations of parts that were compared.
-        limits: Parts that are at the end of what the search may use.
-    """
-
-    valving: Valving
+    valving: Valving  #: Parts.
+    #: Constant force that the curve has in addition to the damper's [N]: gas force and the level of a dynamometer are
+    #: not known exactly, and fitted curves contain a part of them.
     level: float
-    residual: float
-    relative: float
-    velocity: Array
-    force: Array
-    combinations: int
-    limits: tuple[str, ...]
+    residual: float  #: RMS difference of the static forces over both sides [N], without the level.
+    relative: float  #: The same as a share of the curve's RMS force [1].
+    velocity: Array  #: Velocities that were compared (N,) [m/s].
+    force: Array  #: Static force of the damper at these, with seal friction and level (N,) [N].
+    combinations: int  #: Number of combinations of parts that were compared.
+    limits: tuple[str, ...]  #: Parts that are at the end of what the search may use.
 
 
 def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 150.0 * PSI) -> NearestValving:

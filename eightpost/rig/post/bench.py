@@ -26,19 +26,12 @@ from eightpost.signals.drivefile import Drivefile
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A car on the virtual rig.
+    """A car on the virtual rig."""
 
-    Attributes:
-        car: Car under test.
-        is_noisy: Whether the sensors have noise and the rig drifts from run to run.
-        run: Seed of noise and drift; another number is another run.
-        note: Note that marks the records as synthetic.
-    """
-
-    car: AnyCar
-    is_noisy: bool
-    run: int
-    note: str
+    car: AnyCar  #: Car under test.
+    is_noisy: bool  #: Whether the sensors have noise and the rig drifts from run to run.
+    run: int  #: Seed of noise and drift; another number is another run.
+    note: str  #: Note that marks the records as synthetic.
 
     @classmethod
     def of(

@@ -16,27 +16,16 @@ from eightpost.corners import channel
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Positions of actuators and measurements on a four-wheeled car, relative to its centre of gravity.
+    """Positions of actuators and measurements on a four-wheeled car, relative to its centre of gravity."""
 
-    Attributes:
-        front_axle: Distance a forward to the front axle [m].
-        rear_axle: Distance b back to the rear axle [m].
-        front_aero: Distance a' forward to the front aeroloaders [m].
-        rear_aero: Distance b' back to the rear aeroloaders [m].
-        front_aero_track: Distance t_f' between the front aeroloaders [m].
-        rear_aero_track: Distance t_r' between the rear aeroloaders [m].
-        front_overhang: Distance from the front axle to the nose, where the front ride height is measured [m].
-        rear_overhang: Distance from the rear axle to the spoiler, where the rear ride height is measured [m].
-    """
-
-    front_axle: float
-    rear_axle: float
-    front_aero: float
-    rear_aero: float
-    front_aero_track: float
-    rear_aero_track: float
-    front_overhang: float
-    rear_overhang: float
+    front_axle: float  #: Distance a forward to the front axle [m].
+    rear_axle: float  #: Distance b back to the rear axle [m].
+    front_aero: float  #: Distance a' forward to the front aeroloaders [m].
+    rear_aero: float  #: Distance b' back to the rear aeroloaders [m].
+    front_aero_track: float  #: Distance t_f' between the front aeroloaders [m].
+    rear_aero_track: float  #: Distance t_r' between the rear aeroloaders [m].
+    front_overhang: float  #: Distance from the front axle to the nose, where the front ride height is measured [m].
+    rear_overhang: float  #: Distance from the rear axle to the spoiler, where the rear ride height is measured [m].
 
 
 Self = TypeVar("Self", bound="RigCar")
@@ -120,45 +109,25 @@ class RigCar(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Car:
-    """A simulated car with D coordinates q relative to the static position, C corners and A loads.
+    """A simulated car with D coordinates q relative to the static position, C corners and A loads."""
 
-    Attributes:
-        name: Name of the car.
-        corners: C corner names; one empty name for a quarter car.
-        mass: Masses (D,) [kg] or inertias [kg.m2] of the coordinates.
-        shock: Matrix (C, D) from q to the compression of the shocks.
-        spring: Matrix (C, D) from q to the compression of the springs.
-        wheel: Matrix (C, D) from q to the heights of the wheels at the tires.
-        chassis: Matrix (C, D) from q to the heights of the chassis above the wheels.
-        loads: A load names, as in a drive file.
-        load_units: A load units, N or N.m.
-        load: Matrix (A, D); the generalised force is load^T f.
-        stiffness: Stiffness K (D, D) of elements other than springs: anti-roll bars, the twist of the chassis.
-        damping: Damping C (D, D) of elements other than shocks and tires.
-        springs: Suspension springs.
-        tires: Tires.
-        friction: Friction along the shocks.
-        points: Rows (D,) from q to the heights or angles of other measured points, by name.
-        geometry: Positions of actuators and measurements, None for a quarter car.
-    """
-
-    name: str
-    corners: tuple[str, ...]
-    mass: Array
-    shock: Array
-    spring: Array
-    wheel: Array
-    chassis: Array
-    loads: tuple[str, ...]
-    load_units: tuple[str, ...]
-    load: Array
-    stiffness: Array
-    damping: Array
-    springs: Springs
-    tires: Tires
-    friction: Friction
-    points: Mapping[str, Array]
-    geometry: Geometry | None = None
+    name: str  #: Name of the car.
+    corners: tuple[str, ...]  #: C corner names; one empty name for a quarter car.
+    mass: Array  #: Masses (D,) [kg] or inertias [kg.m2] of the coordinates.
+    shock: Array  #: Matrix (C, D) from q to the compression of the shocks.
+    spring: Array  #: Matrix (C, D) from q to the compression of the springs.
+    wheel: Array  #: Matrix (C, D) from q to the heights of the wheels at the tires.
+    chassis: Array  #: Matrix (C, D) from q to the heights of the chassis above the wheels.
+    loads: tuple[str, ...]  #: A load names, as in a drive file.
+    load_units: tuple[str, ...]  #: A load units, N or N.m.
+    load: Array  #: Matrix (A, D); the generalised force is load^T f.
+    stiffness: Array  #: Stiffness K (D, D) of elements other than springs: anti-roll bars, the twist of the chassis.
+    damping: Array  #: Damping C (D, D) of elements other than shocks and tires.
+    springs: Springs  #: Suspension springs.
+    tires: Tires  #: Tires.
+    friction: Friction  #: Friction along the shocks.
+    points: Mapping[str, Array]  #: Rows (D,) from q to the heights or angles of other measured points, by name.
+    geometry: Geometry | None = None  #: Positions of actuators and measurements, None for a quarter car.
 
     def named(self, quantity: str) -> tuple[str, ...]:
         """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
@@ -191,19 +160,13 @@ class Car:
 class Springs:
     """Progressive coil springs and bump stops; s is the compression from the static height, positive in bump.
 
-        F = k s (1 + p s) + k_stop max(s - gap, 0)^2
-
-    Attributes:
-        rate: Spring rates k (C, 1) [N/m].
-        progression: Progression p (C, 1) [1/m]; the rate at s is k (1 + 2 p s).
-        stop_gap: Gap to the bump stop (C, 1) [m]; infinite without a stop.
-        stop_rate: Coefficient k_stop of the bump stop (C, 1) [N/m2].
+    F = k s (1 + p s) + k_stop max(s - gap, 0)^2
     """
 
-    rate: Array
-    progression: Array
-    stop_gap: Array
-    stop_rate: Array
+    rate: Array  #: Spring rates k (C, 1) [N/m].
+    progression: Array  #: Progression p (C, 1) [1/m]; the rate at s is k (1 + 2 p s).
+    stop_gap: Array  #: Gap to the bump stop (C, 1) [m]; infinite without a stop.
+    stop_rate: Array  #: Coefficient k_stop of the bump stop (C, 1) [N/m2].
 
     @classmethod
     def linear(cls, rate: Array) -> Springs:
@@ -214,17 +177,11 @@ class Springs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tires:
-    """Tires that can push but not pull: the total force is max(0, W + k d + c d'), d = road - wheel.
+    """Tires that can push but not pull: the total force is max(0, W + k d + c d'), d = road - wheel."""
 
-    Attributes:
-        stiffness: Stiffness k (C, 1) [N/m].
-        damping: Damping c (C, 1) [N.s/m].
-        static_load: Static load W (C, 1) [N]; infinite for tires that never lift off.
-    """
-
-    stiffness: Array
-    damping: Array
-    static_load: Array
+    stiffness: Array  #: Stiffness k (C, 1) [N/m].
+    damping: Array  #: Damping c (C, 1) [N.s/m].
+    static_load: Array  #: Static load W (C, 1) [N]; infinite for tires that never lift off.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,18 +191,12 @@ class Friction:
         dz/dt = v - |v| z / z_b(v),  F = sigma z,  z_b = (F_c + (F_s - F_c) exp(-(v / v_s)^2)) / sigma
 
     Below the breakaway force it sticks and acts as a spring of stiffness sigma; above, it slides with the force F_c.
-
-    Attributes:
-        coulomb: Sliding friction F_c (C, 1) [N].
-        breakaway: Breakaway force F_s (C, 1) [N], at least F_c.
-        stiffness: Presliding stiffness sigma (C, 1) [N/m].
-        stribeck_velocity: Stribeck velocity v_s [m/s].
     """
 
-    coulomb: Array
-    breakaway: Array
-    stiffness: Array
-    stribeck_velocity: float = 0.01
+    coulomb: Array  #: Sliding friction F_c (C, 1) [N].
+    breakaway: Array  #: Breakaway force F_s (C, 1) [N], at least F_c.
+    stiffness: Array  #: Presliding stiffness sigma (C, 1) [N/m].
+    stribeck_velocity: float = 0.01  #: Stribeck velocity v_s [m/s].
 
     def scaled(self, factor: float) -> Friction:
         """Return a friction with forces multiplied by `factor` and the same presliding distance."""

@@ -30,23 +30,14 @@ _GRAVITY = convert(1.0, "g_0", "m/s2")
 
 @dataclass(frozen=True, slots=True)
 class RigSensors:
-    """White noise of the sensors of rig and car, as standard deviations.
+    """White noise of the sensors of rig and car, as standard deviations."""
 
-    Attributes:
-        position: Noise of the position sensors (LVDTs) of the actuators [m].
-        travel: Noise of the shock potentiometers [m].
-        load: Noise of the load cells of wheelloaders and aeroloaders [N].
-        shock_load: Noise of the load cells of the shocks [N].
-        acceleration: Noise of the accelerometers [m/s2].
-        relative: Additional white noise, relative to the standard deviation of each measured channel [1].
-    """
-
-    position: float = convert(5e-4, "in", "m")
-    travel: float = convert(1e-3, "in", "m")
-    load: float = convert(3.0, "lbf", "N")
-    shock_load: float = convert(1.0, "lbf", "N")
-    acceleration: float = convert(0.01, "g_0", "m/s2")
-    relative: float = 0.0
+    position: float = convert(5e-4, "in", "m")  #: Noise of the position sensors (LVDTs) of the actuators [m].
+    travel: float = convert(1e-3, "in", "m")  #: Noise of the shock potentiometers [m].
+    load: float = convert(3.0, "lbf", "N")  #: Noise of the load cells of wheelloaders and aeroloaders [N].
+    shock_load: float = convert(1.0, "lbf", "N")  #: Noise of the load cells of the shocks [N].
+    acceleration: float = convert(0.01, "g_0", "m/s2")  #: Noise of the accelerometers [m/s2].
+    relative: float = 0.0  #: Additional white noise, relative to the standard deviation of each measured channel [1].
 
     @classmethod
     def perfect(cls, *, relative: float = 0.0) -> RigSensors:

@@ -46,61 +46,36 @@ _CHECK_INTERVAL = 500
 
 
 class CarNumbers(NamedTuple):
-    """Arrays of a car with D coordinates, C corners and U inputs.
+    """Arrays of a car with D coordinates, C corners and U inputs."""
 
-    Attributes:
-        ports: Displacements per q (3 C, D), in rows of shocks, wheels, springs.
-        push: Accelerations per force (D, 3 C + loads).
-        stiffness: Accelerations per q (D, D).
-        damping: Accelerations per q' (D, D).
-        springs: Rate, progression, stop gap and stop rate of the springs (C, 4).
-        tires: Stiffness, damping and static load of the tires (C, 3).
-        friction: Sliding friction, breakaway force, stiffness and Stribeck velocity (C, 4).
-    """
-
-    ports: Array
-    push: Array
-    stiffness: Array
-    damping: Array
-    springs: Array
-    tires: Array
-    friction: Array
+    ports: Array  #: Displacements per q (3 C, D), in rows of shocks, wheels, springs.
+    push: Array  #: Accelerations per force (D, 3 C + loads).
+    stiffness: Array  #: Accelerations per q (D, D).
+    damping: Array  #: Accelerations per q' (D, D).
+    springs: Array  #: Rate, progression, stop gap and stop rate of the springs (C, 4).
+    tires: Array  #: Stiffness, damping and static load of the tires (C, 3).
+    friction: Array  #: Sliding friction, breakaway force, stiffness and Stribeck velocity (C, 4).
 
 
 class ShockNumbers(NamedTuple):
-    """Arrays of S different shocks.
+    """Arrays of S different shocks."""
 
-    Attributes:
-        kinds: Types of the shocks (S,).
-        numbers: Parameters (S, NUMBERS).
-        starts: Initial states (S, STATES).
-        laws: Laws (S,) as records of `LAW_NUMBERS`; zeros for the other shocks.
-    """
-
-    kinds: Counts
-    numbers: Array
-    starts: Array
-    laws: NDArray[np.void]
+    kinds: Counts  #: Types of the shocks (S,).
+    numbers: Array  #: Parameters (S, NUMBERS).
+    starts: Array  #: Initial states (S, STATES).
+    laws: NDArray[np.void]  #: Laws (S,) as records of `LAW_NUMBERS`; zeros for the other shocks.
 
 
 class Inputs(NamedTuple):
-    """Drive of one run.
+    """Drive of one run."""
 
-    Attributes:
-        values: Roads and loads (N, U).
-        slopes: Changes of the values per sample (N, U).
-        lead: Number of samples of the lead-in.
-        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2).
-        weights: Weights (2, S, 4) of value, slope, next value and next slope at each step, for the input and its slope.
-        rate: Sample rate [Hz].
-    """
-
-    values: Array
-    slopes: Array
-    lead: int
-    growth: Array
+    values: Array  #: Roads and loads (N, U).
+    slopes: Array  #: Changes of the values per sample (N, U).
+    lead: int  #: Number of samples of the lead-in.
+    growth: Array  #: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2).
+    #: Weights (2, S, 4) of value, slope, next value and next slope at each step, for the input and its slope.
     weights: Array
-    rate: float
+    rate: float  #: Sample rate [Hz].
 
 
 def compiled(function: Function) -> Function:

@@ -44,15 +44,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Actuators:
-    """Actuators modelled as second-order low-passes.
+    """Actuators modelled as second-order low-passes."""
 
-    Attributes:
-        wheelloader: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
-        aeroloader: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
-    """
-
-    wheelloader: float = 125.0
-    aeroloader: float = 9.0
+    wheelloader: float = 125.0  #: Bandwidth of the wheelloaders [Hz]; 125 in 6.1.1.
+    aeroloader: float = 9.0  #: Bandwidth of the aeroloaders [Hz]; 9 in 6.1.1.
 
     def follow(self, command: TimeSeries, car: AnyCar) -> TimeSeries:
         """Return the roads and loads (`car.inputs`) at 1250 Hz for commands with the same names."""
@@ -77,19 +72,12 @@ def _filter(command: Array, bandwidth: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Standard deviations of the random changes from run to run.
+    """Standard deviations of the random changes from run to run."""
 
-    Attributes:
-        friction: Relative change of all friction forces together [1].
-        tire: Relative change of the tires' stiffness, warm or cold [1].
-        load_zero: Zero offset of the load cells [N].
-        travel_zero: Zero offset of the potentiometers [m].
-    """
-
-    friction: float = 0.05
-    tire: float = 0.004
-    load_zero: float = convert(2.0, "lbf", "N")
-    travel_zero: float = convert(0.002, "in", "m")
+    friction: float = 0.05  #: Relative change of all friction forces together [1].
+    tire: float = 0.004  #: Relative change of the tires' stiffness, warm or cold [1].
+    load_zero: float = convert(2.0, "lbf", "N")  #: Zero offset of the load cells [N].
+    travel_zero: float = convert(0.002, "in", "m")  #: Zero offset of the potentiometers [m].
 
     def of(self, car: AnyCar, generator: np.random.Generator) -> AnyCar:
         """Return the car with the random changes of one run."""
@@ -164,19 +152,12 @@ Draws = Literal["same", "other"]
 
 @dataclass(frozen=True, slots=True)
 class PlannedTest:
-    """One test of a program.
+    """One test of a program."""
 
-    Attributes:
-        name: Name of the output file, without suffix.
-        drivefile: Description of the drive file.
-        draw: Function that creates the drive file; tests with the same drive file share it.
-        alternate: Corner with the alternate shock, None if all corners have the baseline shock.
-    """
-
-    name: str
-    drivefile: str
-    draw: Callable[[], Drivefile]
-    alternate: str | None = None
+    name: str  #: Name of the output file, without suffix.
+    drivefile: str  #: Description of the drive file.
+    draw: Callable[[], Drivefile]  #: Function that creates the drive file; tests with the same drive file share it.
+    alternate: str | None = None  #: Corner with the alternate shock, None if all corners have the baseline shock.
 
 
 def identification_program(

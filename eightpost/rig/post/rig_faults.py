@@ -215,31 +215,19 @@ def _partners(quantity: str) -> tuple[str, ...]:
 
 
 class _Rival(NamedTuple):
-    """Alternative explanation of a hub's motion: one channel with the opposite sign, or from another corner.
+    """Alternative explanation of a hub's motion: one channel with the opposite sign, or from another corner."""
 
-    Attributes:
-        explained: Explained share of the variance of the hub's acceleration [1].
-        quantity: Quantity of the changed channel.
-        corner: Index of the corner from which the channel is taken.
-    """
-
-    explained: float
-    quantity: str
-    corner: int
+    explained: float  #: Explained share of the variance of the hub's acceleration [1].
+    quantity: str  #: Quantity of the changed channel.
+    corner: int  #: Index of the corner from which the channel is taken.
 
 
 class _Tires(NamedTuple):
-    """Correlations (C, C) of hub accelerations, road'' and tire_force''.
+    """Correlations (C, C) of hub accelerations, road'' and tire_force''."""
 
-    Attributes:
-        hub_road: Correlations of hub accelerations with road''.
-        hub_force: Correlations of hub accelerations with tire_force''.
-        road_force: Correlations of road'' with tire_force''.
-    """
-
-    hub_road: Array
-    hub_force: Array
-    road_force: Array
+    hub_road: Array  #: Correlations of hub accelerations with road''.
+    hub_force: Array  #: Correlations of hub accelerations with tire_force''.
+    road_force: Array  #: Correlations of road'' with tire_force''.
 
     def explained(self, hub: int, road: int, force: int, signs: tuple[int, int] = (1, -1)) -> float:
         """Return the share of a hub's variance that road'' and tire_force'' explain with factors of these signs."""

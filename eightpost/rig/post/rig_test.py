@@ -89,21 +89,13 @@ CUTOFF = 50.0
 
 @dataclass(frozen=True, slots=True)
 class RigConditions:
-    """Conditions of a rig test.
+    """Conditions of a rig test."""
 
-    Attributes:
-        truth: Name of the simulated car; empty for a real rig.
-        drivefile: Description of the drive file.
-        shocks: Description of the shock at each corner.
-        seed: Seed of noise and drift, None without them.
-        synthetic: Note that marks synthetic data.
-    """
-
-    truth: str = ""
-    drivefile: str = ""
-    shocks: tuple[str, ...] = ()
-    seed: int | None = None
-    synthetic: str = ""
+    truth: str = ""  #: Name of the simulated car; empty for a real rig.
+    drivefile: str = ""  #: Description of the drive file.
+    shocks: tuple[str, ...] = ()  #: Description of the shock at each corner.
+    seed: int | None = None  #: Seed of noise and drift, None without them.
+    synthetic: str = ""  #: Note that marks synthetic data.
 
     def over(self, known: RigConditions) -> RigConditions:
         """Return these conditions, with missing ones taken from `known`."""
@@ -114,22 +106,14 @@ class RigConditions:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RigTest(Recording):
-    """A rig test with the channel names of docs/explanation/rig.md.
+    """A rig test with the channel names of docs/explanation/rig.md."""
 
-    Attributes:
-        series: Channels in SI.
-        conditions: Known conditions of the test.
-        source: Path of the file, None for a record created in memory.
-        sha256: SHA-256 digest of the file, empty without a file.
-        derived: Descriptions of channels that were computed, not measured.
-        unchecked: Channels whose sign and corner were not checked, because the channels that show it are missing.
-    """
-
-    series: TimeSeries
-    conditions: RigConditions = field(default_factory=RigConditions)
-    source: Path | None = None
-    sha256: str = ""
-    derived: tuple[str, ...] = ()
+    series: TimeSeries  #: Channels in SI.
+    conditions: RigConditions = field(default_factory=RigConditions)  #: Known conditions of the test.
+    source: Path | None = None  #: Path of the file, None for a record created in memory.
+    sha256: str = ""  #: SHA-256 digest of the file, empty without a file.
+    derived: tuple[str, ...] = ()  #: Descriptions of channels that were computed, not measured.
+    #: Channels whose sign and corner were not checked, because the channels that show it are missing.
     unchecked: tuple[str, ...] = ()
 
     @property

@@ -16,13 +16,9 @@ from eightpost.shock.law import ShockLaw
 
 @dataclass(frozen=True, slots=True)
 class LinearDamper:
-    """Linear damper F = c v.
+    """Linear damper F = c v."""
 
-    Attributes:
-        damping: Damping c [N.s/m].
-    """
-
-    damping: float
+    damping: float  #: Damping c [N.s/m].
 
 
 Shock = LinearDamper | ShockLaw | TruthDamper | PhysicalDamper

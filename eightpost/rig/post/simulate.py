@@ -198,40 +198,24 @@ _TOGETHER = 16
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Inputs of one run.
+    """Inputs of one run."""
 
-    Attributes:
-        drive: Actual motion and force of the actuators at `RATE`, with the car's `inputs` as channels.
-        shocks: One shock per corner.
-    """
-
-    drive: TimeSeries
-    shocks: tuple[Shock, ...]
+    drive: TimeSeries  #: Actual motion and force of the actuators at `RATE`, with the car's `inputs` as channels.
+    shocks: tuple[Shock, ...]  #: One shock per corner.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Exact motion of the car in a run, relative to the static state under gravity alone.
+    """Exact motion of the car in a run, relative to the static state under gravity alone."""
 
-    Attributes:
-        time: Times (N,) [s].
-        drive: Roads and loads (U, N) in the order of the car's inputs.
-        position: Coordinates q (D, N); those in which the rig measures for the flexible car.
-        velocity: Velocities q' (D, N).
-        acceleration: Accelerations q'' (D, N).
-        shock_force: Forces of the shocks (C, N) [N].
-        friction_force: Friction forces (C, N) [N].
-        tire_force: Changes of the tire forces from static (C, N) [N].
-    """
-
-    time: Array
-    drive: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    shock_force: Array
-    friction_force: Array
-    tire_force: Array
+    time: Array  #: Times (N,) [s].
+    drive: Array  #: Roads and loads (U, N) in the order of the car's inputs.
+    position: Array  #: Coordinates q (D, N); those in which the rig measures for the flexible car.
+    velocity: Array  #: Velocities q' (D, N).
+    acceleration: Array  #: Accelerations q'' (D, N).
+    shock_force: Array  #: Forces of the shocks (C, N) [N].
+    friction_force: Array  #: Friction forces (C, N) [N].
+    tire_force: Array  #: Changes of the tire forces from static (C, N) [N].
 
 
 def simulate(car: AnyCar, runs: Sequence[Run], *, lead: float = LEAD, steps: int = STEPS) -> list[Motion]:

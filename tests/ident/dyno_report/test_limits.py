@@ -7,13 +7,14 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.errors import InputError
+from eightpost.errors import InputError, TooShortError
 from eightpost.ident.dyno_report.builds import dyno_report
+from eightpost.ident.dyno_report.entry import entry_of_test
 from eightpost.ident.dyno_report.figures import curves_figure
 from eightpost.ident.dyno_report.reading import Reading, read_entries, read_limits, read_track
 from eightpost.ident.dyno_report.tables import limit_table
 
-from .conftest import sine, valve, viscous
+from .conftest import run, sine, valve, viscous
 
 SPEEDS = (0.05, 0.1, 0.2)
 
@@ -57,10 +58,10 @@ def test_a_column_of_tolerances_belongs_to_the_speeds_of_the_master(tmp_path, ra
 
 def test_the_judged_speed_is_that_with_the_largest_share_of_the_tolerance(tmp_path):
     limits = read_limits(master(tmp_path / "master.csv", values=(20.0, 20.0, 60.0, 60.0)), Reading(), ())
-    compression = judged(tmp_path, 2400.0, limits).judgements[0]
+    compression = judged(tmp_path, 2410.0, limits).judgements[0]
     assert compression.speed == 0.1
-    assert compression.deviation == pytest.approx(40.0, rel=0.02)
-    assert compression.text == "53.9 lbf at 3.94 in/s, master 45 ± 4.5 lbf"
+    assert compression.deviation == pytest.approx(41.0, rel=0.02)
+    assert compression.text == "54.2 lbf at 3.94 in/s, master 45 ± 4.5 lbf"
 
 
 def test_a_tolerance_in_percent_is_that_of_the_masters_force(tmp_path):
@@ -94,7 +95,7 @@ def test_limits_are_a_band_in_both_panels(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rate", "code", "text"), [(2010.0, 0, "pass: all curves"), (2400.0, 1, "FAIL: run, compression")]
+    ("rate", "code", "text"), [(2010.0, 0, "pass: all judged curves"), (2400.0, 1, "FAIL: run, compression")]
 )
 def test_the_command_prints_the_result_and_exits_1_if_a_curve_fails(tmp_path, rate, code, text):
     words = ["report", record(tmp_path / "run.csv", rate), "--limits", master(tmp_path / "m.csv", tolerance=""),
@@ -116,5 +117,61 @@ def test_the_velocity_of_a_track_is_measured_or_the_derivative_of_the_displaceme
     assert read_track(tmp_path / "lap.csv") == pytest.approx(velocity, abs=1e-6)
     derived = read_track(tmp_path / "lap.csv", "pot")
     assert derived[100:-100] == pytest.approx(velocity[100:-100], abs=2e-4)
-    with pytest.raises(InputError, match=r"the file has: pot \[m\], shaft \[m/s\]"):
+    with pytest.raises(InputError, match=r"the file has: time \[s\], pot \[mm\], shaft \[m/s\]"):
         read_track(tmp_path / "lap.csv", "time")
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -20.0])
+def test_a_tolerance_that_is_not_positive_is_an_error(tmp_path, tolerance):
+    with pytest.raises(InputError, match=f"a tolerance must be above 0, not {tolerance:g}"):
+        read_limits(master(tmp_path / "m.csv", values=(20.0, tolerance, 20.0, 20.0)), Reading(), ())
+
+
+def test_curves_that_reach_no_speed_of_the_master_are_not_judged_and_pass_nothing(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text("speed [m/s],compression [N],rebound [N],tolerance [N]\n3,100,-100,5\n4,200,-200,5\n")
+    words = ["report", record(tmp_path / "run.csv"), "--limits", path, "-o", tmp_path / "page.html"]
+    done = CliRunner().invoke(main, list(map(str, words)))
+    assert done.exit_code == 1, done.output
+    assert "not judged: run, which has no measured curve" in done.output
+    assert "pass" not in done.output
+    assert "Limits: not judged." in (tmp_path / "page.html").read_text(encoding="utf-8")
+    table = master(tmp_path / "table.csv", tolerance="")
+    entries = read_entries([tmp_path / "run.csv", table], Reading())
+    judged = dyno_report(entries, speeds=SPEEDS, limits=read_limits(master(tmp_path / "near.csv"), Reading(), ()))
+    assert judged.unjudged == ()
+    assert dyno_report(entries, speeds=SPEEDS).unjudged == ()
+
+
+def test_a_cycle_of_a_motion_that_is_not_one_steady_cycle_is_named_as_not_shown():
+    series = sine(valve(viscous(2000.0), viscous(2000.0)), duration=0.75)
+    shown = [entry_of_test(run(series), "a", "a", cycle=cycle).notes for cycle in ("mean", "last", 3)]
+    assert [any("all cycles are shown" in note for note in notes) for notes in shown] == [False, True, True]
+    steady = sine(valve(viscous(2000.0), viscous(2000.0)), duration=3.0)
+    assert not any("all cycles" in note for note in entry_of_test(run(steady), "a", "a", cycle="last").notes)
+
+
+def lap(path, columns):
+    """Write a record of 4 s with columns by header."""
+    time = np.arange(2000) / 500.0
+    rows = zip(time, *(values * np.sin(6.0 * time) for values in columns.values()), strict=True)
+    path.write_text("\n".join([",".join(["time [s]", *columns]), *(",".join(f"{v:.6g}" for v in r) for r in rows)]))
+    return path
+
+
+def test_a_track_whose_columns_do_not_show_the_shaft_needs_its_name(tmp_path):
+    """Two shafts, or the speed of the car, give no histogram by chance; other columns may be incomplete."""
+    two = lap(tmp_path / "two.csv", {"lf [mm/s]": 100.0, "rf [mm/s]": 50.0})
+    with pytest.raises(InputError, match=r"2 columns have a unit of velocity or length; name one"):
+        read_track(two)
+    assert np.abs(read_track(two, "rf")).max() == pytest.approx(0.05, rel=0.01)
+    car = lap(tmp_path / "car.csv", {"GPS [km/h]": 150.0, "pot [mm]": 10.0, "fuel [%]": np.nan})
+    with pytest.raises(InputError, match=r"'GPS' reaches 41.7 m/s, which no shaft does"):
+        read_track(car)
+    assert np.abs(read_track(car, "pot")).max() == pytest.approx(0.06, rel=0.01)
+
+
+def test_a_track_of_a_few_samples_is_too_short(tmp_path):
+    (tmp_path / "lap.csv").write_text("time [s],pot [mm]\n0,1\n0.01,2\n0.02,3\n")
+    with pytest.raises(TooShortError, match="has 3 samples"):
+        read_track(tmp_path / "lap.csv")

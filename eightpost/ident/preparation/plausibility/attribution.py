@@ -30,25 +30,15 @@ DIMENSIONS = {
 
 
 class Fault(NamedTuple):
-    """A gain or a delay that explains violated laws.
+    """A gain or a delay that explains violated laws."""
 
-    Attributes:
-        kind: Kind of the fault.
-        name: Channel, `*.quantity` for a quantity at all corners, or the name of a group.
-        channels: Channels that it concerns.
-        value: Logarithm of the gain, or delay [s].
-        deviation: Standard deviation of the value.
-        law: Law that shows it best.
-        others: Channels or groups that explain the laws equally well.
-    """
-
-    kind: Kind
-    name: str
-    channels: tuple[str, ...]
-    value: float
-    deviation: float
-    law: str
-    others: tuple[str, ...] = ()
+    kind: Kind  #: Kind of the fault.
+    name: str  #: Channel, `*.quantity` for a quantity at all corners, or the name of a group.
+    channels: tuple[str, ...]  #: Channels that it concerns.
+    value: float  #: Logarithm of the gain, or delay [s].
+    deviation: float  #: Standard deviation of the value.
+    law: str  #: Law that shows it best.
+    others: tuple[str, ...] = ()  #: Channels or groups that explain the laws equally well.
 
 
 class Attribution(NamedTuple):
@@ -97,19 +87,12 @@ def _corrected(
 
 
 class _Estimate(NamedTuple):
-    """Least-squares estimate of a fault from all comparisons.
+    """Least-squares estimate of a fault from all comparisons."""
 
-    Attributes:
-        value: Logarithm of the gain, or delay [s].
-        norm: Sum of the squared effects on the scores.
-        effects: Effect on each score (C,).
-        scores: Scores (C,).
-    """
-
-    value: float
-    norm: float
-    effects: Array
-    scores: Array
+    value: float  #: Logarithm of the gain, or delay [s].
+    norm: float  #: Sum of the squared effects on the scores.
+    effects: Array  #: Effect on each score (C,).
+    scores: Array  #: Scores (C,).
 
     @property
     def reduction(self) -> float:

@@ -28,23 +28,14 @@ class Kind(StrEnum):
 
 
 class Comparison(NamedTuple):
-    """A figure that should be zero.
+    """A figure that should be zero."""
 
-    Attributes:
-        law: Law of mechanics, as a message names it.
-        kind: Whether the figure is the logarithm of a ratio or a time [s].
-        value: Figure minus its expectation.
-        tolerance: Absolute value that a sound record and a usual car may reach.
-        deviation: Standard deviation of the figure from the record's noise, with `few_blocks_factor`.
-        effect: Change of the figure per logarithm of the gain, or per delay, of each channel.
-    """
-
-    law: str
-    kind: Kind
-    value: float
-    tolerance: float
-    deviation: float
-    effect: Mapping[str, float]
+    law: str  #: Law of mechanics, as a message names it.
+    kind: Kind  #: Whether the figure is the logarithm of a ratio or a time [s].
+    value: float  #: Figure minus its expectation.
+    tolerance: float  #: Absolute value that a sound record and a usual car may reach.
+    deviation: float  #: Standard deviation of the figure from the record's noise, with `few_blocks_factor`.
+    effect: Mapping[str, float]  #: Change of the figure per logarithm of the gain, or per delay, of each channel.
 
     @property
     def scale(self) -> float:

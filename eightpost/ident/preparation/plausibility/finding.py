@@ -11,19 +11,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A fault that the laws of mechanics show.
+    """A fault that the laws of mechanics show."""
 
-    Attributes:
-        rule: Rule of the verdict.
-        channels: Names of the faulty channels.
-        text: Finding as a clause: channel, figure and limit.
-        remedy: Advice on what to do.
-    """
-
-    rule: Rule
-    channels: tuple[str, ...]
-    text: str
-    remedy: str
+    rule: Rule  #: Rule of the verdict.
+    channels: tuple[str, ...]  #: Names of the faulty channels.
+    text: str  #: Finding as a clause: channel, figure and limit.
+    remedy: str  #: Advice on what to do.
 
     def reason(self, origin: str) -> Reason:
         """Return the finding as a reason of a verdict; `origin` is the name of the record."""

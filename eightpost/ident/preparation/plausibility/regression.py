@@ -16,17 +16,11 @@ BLOCKS = 16
 
 
 class Regression(NamedTuple):
-    """Coefficients of a linear law.
+    """Coefficients of a linear law."""
 
-    Attributes:
-        values: Coefficients (P,).
-        samples: Coefficients (B, P) without each of B blocks of the record.
-        explained: Explained share of the weighted variance [1].
-    """
-
-    values: Array
-    samples: Array
-    explained: float
+    values: Array  #: Coefficients (P,).
+    samples: Array  #: Coefficients (B, P) without each of B blocks of the record.
+    explained: float  #: Explained share of the weighted variance [1].
 
     def deviation(self, numbers: Array) -> float:
         """Return the jackknife standard deviation of a figure from its values (B,) without each block."""

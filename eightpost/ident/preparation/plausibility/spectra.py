@@ -34,17 +34,11 @@ SLOW = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Spectra of the channels of a record, with the corrections that a search for faults applies.
+    """Spectra of the channels of a record, with the corrections that a search for faults applies."""
 
-    Attributes:
-        frequencies: Frequencies f (F,) [Hz].
-        rows: Spectra (S, F) of S segments by channel.
-        left_out: Names of channels of the record that must not be used.
-    """
-
-    frequencies: NDArray[np.float64]
-    rows: Mapping[str, Spectrum]
-    left_out: frozenset[str] = frozenset()
+    frequencies: NDArray[np.float64]  #: Frequencies f (F,) [Hz].
+    rows: Mapping[str, Spectrum]  #: Spectra (S, F) of S segments by channel.
+    left_out: frozenset[str] = frozenset()  #: Names of channels of the record that must not be used.
 
     def __contains__(self, name: str) -> bool:
         """Return whether a channel is known."""

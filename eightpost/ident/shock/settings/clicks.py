@@ -38,60 +38,37 @@ _TOLERANCE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class RangeError:
-    """Error of a setting over a range of speeds.
+    """Error of a setting over a range of speeds."""
 
-    Attributes:
-        name: Name of the range, such as `compression 0.05 to 0.15 m/s`.
-        mean: Mean of setting minus target [N].
-        rms: RMS of setting minus target [N].
-        percent: RMS in percent of the RMS of the target there.
-    """
-
-    name: str
-    mean: float
-    rms: float
-    percent: float
+    name: str  #: Name of the range, such as `compression 0.05 to 0.15 m/s`.
+    mean: float  #: Mean of setting minus target [N].
+    rms: float  #: RMS of setting minus target [N].
+    percent: float  #: RMS in percent of the RMS of the target there.
 
 
 @dataclass(frozen=True, slots=True)
 class ClickChoice:
-    """A setting of the adjusters and its distance from the target.
+    """A setting of the adjusters and its distance from the target."""
 
-    Attributes:
-        setting: Value per axis.
-        text: Setting as text.
-        rms: RMS error over the target's speeds [N].
-        percent: The same, in percent of the RMS of the target.
-        ranges: Errors over ranges of speed.
-        is_tested: Whether the combination of the adjusters was measured.
-        is_same: Whether its curve is within the band of the best setting.
-    """
-
-    setting: tuple[float, ...]
-    text: str
-    rms: float
-    percent: float
-    ranges: tuple[RangeError, ...]
-    is_tested: bool
-    is_same: bool
+    setting: tuple[float, ...]  #: Value per axis.
+    text: str  #: Setting as text.
+    rms: float  #: RMS error over the target's speeds [N].
+    percent: float  #: The same, in percent of the RMS of the target.
+    ranges: tuple[RangeError, ...]  #: Errors over ranges of speed.
+    is_tested: bool  #: Whether the combination of the adjusters was measured.
+    is_same: bool  #: Whether its curve is within the band of the best setting.
 
 
 @dataclass(frozen=True, slots=True)
 class ClickAnswer:
-    """The answer to the inverse problem.
+    """The answer to the inverse problem."""
 
-    Attributes:
-        choices: The best setting, then the next best ones.
-        combinations: Number of possible settings.
-        unreachable: Sentences about speeds at which no setting reaches the target; empty if the best setting is within
-            the model's band and 2 % of the largest force everywhere.
-        notes: Further notes, one sentence each.
-    """
-
-    choices: tuple[ClickChoice, ...]
-    combinations: int
+    choices: tuple[ClickChoice, ...]  #: The best setting, then the next best ones.
+    combinations: int  #: Number of possible settings.
+    #: Sentences about speeds at which no setting reaches the target; empty if the best setting is within the model's
+    #: band and 2 % of the largest force everywhere.
     unreachable: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  #: Further notes, one sentence each.
 
     @property
     def best(self) -> ClickChoice:
@@ -156,25 +133,15 @@ def best_clicks(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search over all settings.
+    """Search over all settings."""
 
-    Attributes:
-        shock: Shock.
-        settings: Effect of the adjusters on the shock.
-        target: Curve to reach.
-        values: Possible values of each axis.
-        design: Matrix (M, 25) from slopes at the knots to forces at the target's velocities.
-        weight: Weight (M,) of each velocity; they sum to 1.
-        level: Treatment of a constant force; see `best_clicks`.
-    """
-
-    shock: Shock
-    settings: Settings
-    target: TargetCurve
-    values: tuple[tuple[float, ...], ...]
-    design: Array
-    weight: Array
-    level: Level
+    shock: Shock  #: Shock.
+    settings: Settings  #: Effect of the adjusters on the shock.
+    target: TargetCurve  #: Curve to reach.
+    values: tuple[tuple[float, ...], ...]  #: Possible values of each axis.
+    design: Array  #: Matrix (M, 25) from slopes at the knots to forces at the target's velocities.
+    weight: Array  #: Weight (M,) of each velocity; they sum to 1.
+    level: Level  #: Treatment of a constant force; see `best_clicks`.
 
     @classmethod
     def of(cls, shock: Shock, target: TargetCurve, fixed: Mapping[str, float], level: Level) -> _Search:

@@ -27,14 +27,10 @@ class JointModel:
 
     Parameters x: for each setting its slopes (K,), gas offsets and own elements of theta, then the shared gas stiffness
     if it is fitted, then the rest of the law's theta, which all settings share.
-
-    Attributes:
-        models: Force model of each setting; all have the same knots and the same dynamics.
-        local: Number of leading elements of theta that each setting has for itself.
     """
 
-    models: tuple[ForceModel, ...]
-    local: int = 0
+    models: tuple[ForceModel, ...]  #: Force model of each setting; all have the same knots and the same dynamics.
+    local: int = 0  #: Number of leading elements of theta that each setting has for itself.
 
     @property
     def dynamics(self) -> Dynamics:
@@ -124,23 +120,14 @@ class JointModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFit:
-    """The curves of all settings and their law.
+    """The curves of all settings and their law."""
 
-    Attributes:
-        model: Model of all settings.
-        x: Parameters.
-        covariance: Covariances (3, n, n) of x, see `covariances`.
-        converged: Whether the search ended at a minimum.
-        status: Description of how the search ended.
-        notes: Notes on the choices of the fit, one sentence each.
-    """
-
-    model: JointModel
-    x: Array
-    covariance: Array
-    converged: bool
-    status: str
-    notes: tuple[str, ...]
+    model: JointModel  #: Model of all settings.
+    x: Array  #: Parameters.
+    covariance: Array  #: Covariances (3, n, n) of x, see `covariances`.
+    converged: bool  #: Whether the search ended at a minimum.
+    status: str  #: Description of how the search ended.
+    notes: tuple[str, ...]  #: Notes on the choices of the fit, one sentence each.
 
     def solution(self, number: int) -> Solution:
         """Return the part of the solution that belongs to a setting."""

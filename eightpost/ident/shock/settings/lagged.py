@@ -38,14 +38,10 @@ class JointProjection:
 
     The parameters of the search are those of the states (3,) or (5,), then the force of the stop at its yield travel if
     there is one, and the weight of the gas stiffness if it is fitted, both as shares of the force's standard deviation.
-
-    Attributes:
-        parts: Force error of each setting.
-        deviation: Standard deviation of the force [N].
     """
 
-    parts: tuple[Projection, ...]
-    deviation: float
+    parts: tuple[Projection, ...]  #: Force error of each setting.
+    deviation: float  #: Standard deviation of the force [N].
 
     @classmethod
     def of(cls, model: JointModel, *, is_thin: bool) -> JointProjection:
@@ -99,17 +95,11 @@ class JointProjection:
 
 @dataclass(frozen=True, eq=False)
 class JointPoint:
-    """The minimum over the curves of all settings for given shared parameters.
+    """The minimum over the curves of all settings for given shared parameters."""
 
-    Attributes:
-        problem: Problem that was minimised.
-        parameters: Shared parameters.
-        parts: Minimum of each setting.
-    """
-
-    problem: JointProjection
-    parameters: Array
-    parts: tuple[Projected, ...]
+    problem: JointProjection  #: Problem that was minimised.
+    parameters: Array  #: Shared parameters.
+    parts: tuple[Projected, ...]  #: Minimum of each setting.
 
     @cached_property
     def cost(self) -> float:

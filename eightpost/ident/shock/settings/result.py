@@ -38,39 +38,25 @@ _OTHER_LEVEL = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """All files of one setting.
+    """All files of one setting."""
 
-    Attributes:
-        setting: Value per axis.
-        tests: Records.
-        names: Names of the files.
-    """
-
-    setting: tuple[float, ...]
-    tests: tuple[DynoTest, ...]
-    names: tuple[str, ...]
+    setting: tuple[float, ...]  #: Value per axis.
+    tests: tuple[DynoTest, ...]  #: Records.
+    names: tuple[str, ...]  #: Names of the files.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SettingsFit:
-    """A shock fitted over its settings.
+    """A shock fitted over its settings."""
 
-    Attributes:
-        shock: Shock that `write_shock` writes.
-        groups: Files of each setting.
-        fits: Fit of each setting, in the order of `groups`.
-        predicted: Error with which the other settings predict each setting's records, in percent of the force's
-            standard deviation and without the level; None where the others do not surround it.
-        joint: Joint fit.
-        seconds: Computing time [s].
-    """
-
-    shock: Shock
-    groups: tuple[Group, ...]
-    fits: tuple[ShockFit, ...]
+    shock: Shock  #: Shock that `write_shock` writes.
+    groups: tuple[Group, ...]  #: Files of each setting.
+    fits: tuple[ShockFit, ...]  #: Fit of each setting, in the order of `groups`.
+    #: Error with which the other settings predict each setting's records, in percent of the force's standard deviation
+    #: and without the level; None where the others do not surround it.
     predicted: tuple[float | None, ...]
-    joint: JointFit
-    seconds: float
+    joint: JointFit  #: Joint fit.
+    seconds: float  #: Computing time [s].
 
     @property
     def settings(self) -> Settings:

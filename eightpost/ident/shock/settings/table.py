@@ -69,27 +69,16 @@ class _Table(_Strict):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SettingsTable:
-    """Files of a shock and their settings.
+    """Files of a shock and their settings."""
 
-    Attributes:
-        name: Name of the shock.
-        law: Name of the law; None for the default.
-        gas: Treatment of the gas force.
-        axes: Adjusters, and the temperature if it is one; the nodes are the settings of the files.
-        settings: Setting of each file, a value per axis.
-        tests: Records of each file.
-        files: Path of each file.
-        notes: Sentences on settings that were taken from the names of the files.
-    """
-
-    name: str
-    law: str | None
-    gas: str
-    axes: tuple[Axis, ...]
-    settings: tuple[tuple[float, ...], ...]
-    tests: tuple[tuple[DynoTest, ...], ...]
-    files: tuple[Path, ...]
-    notes: tuple[str, ...] = ()
+    name: str  #: Name of the shock.
+    law: str | None  #: Name of the law; None for the default.
+    gas: str  #: Treatment of the gas force.
+    axes: tuple[Axis, ...]  #: Adjusters, and the temperature if it is one; the nodes are the settings of the files.
+    settings: tuple[tuple[float, ...], ...]  #: Setting of each file, a value per axis.
+    tests: tuple[tuple[DynoTest, ...], ...]  #: Records of each file.
+    files: tuple[Path, ...]  #: Path of each file.
+    notes: tuple[str, ...] = ()  #: Sentences on settings that were taken from the names of the files.
 
     def without(self, number: int) -> SettingsTable:
         """Return the table without a file; if its setting was a reference, the nearest measured one becomes it."""

@@ -27,19 +27,12 @@ _POINTS = 121
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetCurve:
-    """A static curve to reach.
+    """A static curve to reach."""
 
-    Attributes:
-        name: Name of the file.
-        velocity: Velocities (M,) [m/s], positive in compression.
-        force: Forces (M,) [N] without gas force.
-        notes: Notes on how it was read, one sentence each.
-    """
-
-    name: str
-    velocity: Array
-    force: Array
-    notes: tuple[str, ...] = ()
+    name: str  #: Name of the file.
+    velocity: Array  #: Velocities (M,) [m/s], positive in compression.
+    force: Array  #: Forces (M,) [N] without gas force.
+    notes: tuple[str, ...] = ()  #: Notes on how it was read, one sentence each.
 
 
 def read_target(path: str | Path) -> TargetCurve:

@@ -18,16 +18,11 @@ _NO_INFORMATION = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effects:
-    """Values at the reference setting and their changes.
+    """Values at the reference setting and their changes."""
 
-    Attributes:
-        reference: Values (P,) at the reference setting.
-        terms: Changes with the settings.
-        left: Remainder (G, P) that the terms do not describe, for each measured setting; 0 except in scattered tests.
-    """
-
-    reference: Array
-    terms: tuple[Term, ...]
+    reference: Array  #: Values (P,) at the reference setting.
+    terms: tuple[Term, ...]  #: Changes with the settings.
+    #: Remainder (G, P) that the terms do not describe, for each measured setting; 0 except in scattered tests.
     left: Array
 
 

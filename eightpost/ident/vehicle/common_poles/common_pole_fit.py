@@ -90,23 +90,14 @@ _STEADY_FREQUENCY, _STEADY_DAMPING = 0.01, 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderStudy:
-    """Comparison of models of increasing order.
+    """Comparison of models of increasing order."""
 
-    Attributes:
-        orders: Even numbers of states (R,).
-        costs: Sum of squares of each model's weighted misfit, with optimal inputs and outputs for its poles (R,).
-        gaps: Ratio of the singular value of the order to the next one [1] (R,).
-        poles: Poles of each model before unstable ones are mirrored [1/s].
-        samples: Number of real values that were fitted.
-        parameters: Number of parameters of each model (R,).
-    """
-
-    orders: tuple[int, ...]
-    costs: Array
-    gaps: Array
-    poles: tuple[Complex, ...]
-    samples: int
-    parameters: Array
+    orders: tuple[int, ...]  #: Even numbers of states (R,).
+    costs: Array  #: Sum of squares of each model's weighted misfit, with optimal inputs and outputs for its poles (R,).
+    gaps: Array  #: Ratio of the singular value of the order to the next one [1] (R,).
+    poles: tuple[Complex, ...]  #: Poles of each model before unstable ones are mirrored [1/s].
+    samples: int  #: Number of real values that were fitted.
+    parameters: Array  #: Number of parameters of each model (R,).
 
     @property
     def clear(self) -> bool:
@@ -200,27 +191,20 @@ _STUDIED = 100
 class CommonPoleFit:
     """Settings of the common-pole fit: a subspace estimate, refined by maximum likelihood.
 
-    Attributes:
-        order: Number of states, even, without the road lags; None uses the suggested order.
-        low: Lowest frequency of the fit [Hz].
-        high: Highest frequency of the fit [Hz]. Above it the rig's drive fades and noise of the measured forces biases
-            the estimate.
-        floor: Lower limit of the standard deviation of a response value, relative to the size of its output [1].
-        max_states: Highest order that may be suggested.
-        lags: Whether roads may act through fast lags, which represent tire damping.
-        refinement: Settings of the likelihood maximisation.
-
     Raises:
         ParameterError: The order is odd or below 2, or another value is outside its range.
     """
 
-    order: int | None = None
-    low: float = 0.1
+    order: int | None = None  #: Number of states, even, without the road lags; None uses the suggested order.
+    low: float = 0.1  #: Lowest frequency of the fit [Hz].
+    #: Highest frequency of the fit [Hz]. Above it the rig's drive fades and noise of the measured forces biases the
+    #: estimate.
     high: float = 16.0
+    #: Lower limit of the standard deviation of a response value, relative to the size of its output [1].
     floor: float = 2e-3
-    max_states: int = 28
-    lags: bool = True
-    refinement: Refinement = field(default_factory=Refinement)
+    max_states: int = 28  #: Highest order that may be suggested.
+    lags: bool = True  #: Whether roads may act through fast lags, which represent tire damping.
+    refinement: Refinement = field(default_factory=Refinement)  #: Settings of the likelihood maximisation.
 
     def __post_init__(self) -> None:
         """Check the settings."""
@@ -272,46 +256,29 @@ class CommonPoleFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Start:
-    """Start model from the subspace method.
+    """Start model from the subspace method."""
 
-    Attributes:
-        study: Comparison of models of increasing order.
-        mirrored: Number of poles of the start model that were unstable and were mirrored.
-        cost: Sum of squares of the weighted misfit of the start model.
-        order: Number of states of the start model.
-    """
-
-    study: OrderStudy
-    mirrored: int
-    cost: float
-    order: int
+    study: OrderStudy  #: Comparison of models of increasing order.
+    mirrored: int  #: Number of poles of the start model that were unstable and were mirrored.
+    cost: float  #: Sum of squares of the weighted misfit of the start model.
+    order: int  #: Number of states of the start model.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonPoleModel:
-    """A common-pole model with details of its fit.
+    """A common-pole model with details of its fit."""
 
-    Attributes:
-        model: Minimal, continuous and stable model with the channels of the response.
-        residual: RMS of the misfit relative to that of the response, weighted as in the fit [1], by output.
-        excess: RMS of the misfit in standard deviations of the estimate, by output; 1 if noise explains it.
-        refined: Result of the refinement, in scaled channels.
-        points: Response values that were fitted.
-        inputs: Inputs of `points`.
-        fitted: Outputs of `points`.
-        start: Start model from the subspace method.
-        band: Lowest and highest fitted frequency [Hz].
-    """
-
-    model: StateSpace
+    model: StateSpace  #: Minimal, continuous and stable model with the channels of the response.
+    #: RMS of the misfit relative to that of the response, weighted as in the fit [1], by output.
     residual: Mapping[str, float]
+    #: RMS of the misfit in standard deviations of the estimate, by output; 1 if noise explains it.
     excess: Mapping[str, float]
-    refined: RefinementResult
-    points: Points
-    inputs: Channels
-    fitted: Channels
-    start: _Start
-    band: tuple[float, float]
+    refined: RefinementResult  #: Result of the refinement, in scaled channels.
+    points: Points  #: Response values that were fitted.
+    inputs: Channels  #: Inputs of `points`.
+    fitted: Channels  #: Outputs of `points`.
+    start: _Start  #: Start model from the subspace method.
+    band: tuple[float, float]  #: Lowest and highest fitted frequency [Hz].
 
     @property
     def order(self) -> int:

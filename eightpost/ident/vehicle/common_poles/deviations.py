@@ -93,17 +93,11 @@ _SECONDS, _FREQUENCIES = 60.0, 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """Spectra of the inputs that drove a test.
+    """Spectra of the inputs that drove a test."""
 
-    Attributes:
-        names: Names of the r rig inputs.
-        frequency: Frequencies [Hz] (K,).
-        spectra: Spectra of the inputs (r, K).
-    """
-
-    names: tuple[str, ...]
-    frequency: Array
-    spectra: Complex
+    names: tuple[str, ...]  #: Names of the r rig inputs.
+    frequency: Array  #: Frequencies [Hz] (K,).
+    spectra: Complex  #: Spectra of the inputs (r, K).
 
     @classmethod
     def of(cls, test: TimeSeries, names: Sequence[str], band: tuple[float, float]) -> Excitation:

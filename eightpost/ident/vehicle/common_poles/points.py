@@ -23,16 +23,11 @@ class Feedthrough:
     A damped tire responds to the velocity of the road, which a proper model cannot represent: the tire force grows with
     frequency, and a part of the wheel velocity follows the road directly. A lag far above the band approximates this
     velocity and leaves shock velocities without a direct term.
-
-    Attributes:
-        direct: Mask of the direct terms D_ij that exist (p, m).
-        lagged: Mask of the inputs that have a lag (m,); it may act on all outputs.
-        rate: Rate of the lag [1/s].
     """
 
-    direct: NDArray[np.bool_]
-    lagged: NDArray[np.bool_]
-    rate: float
+    direct: NDArray[np.bool_]  #: Mask of the direct terms D_ij that exist (p, m).
+    lagged: NDArray[np.bool_]  #: Mask of the inputs that have a lag (m,); it may act on all outputs.
+    rate: float  #: Rate of the lag [1/s].
 
     @classmethod
     def of(cls, direct: NDArray[np.bool_], rate: float) -> Feedthrough:
@@ -87,17 +82,11 @@ _DOUBLE = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Poles and input matrices of N blocks.
+    """Poles and input matrices of N blocks."""
 
-    Attributes:
-        w: Natural frequencies [1/s] (N,), above zero.
-        zeta: Damping ratios [1] (N,), above zero.
-        B: Input matrices (N, 2, m).
-    """
-
-    w: Array
-    zeta: Array
-    B: Array
+    w: Array  #: Natural frequencies [1/s] (N,), above zero.
+    zeta: Array  #: Damping ratios [1] (N,), above zero.
+    B: Array  #: Input matrices (N, 2, m).
 
     @property
     def states(self) -> int:
@@ -184,21 +173,13 @@ _SWEEPS = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Response values in channels scaled to similar size: `H_scaled = H u_size / y_size`.
+    """Response values in channels scaled to similar size: `H_scaled = H u_size / y_size`."""
 
-    Attributes:
-        s: Laplace variable 2 pi j f [1/s] (K,).
-        H: Scaled response (p, m, K).
-        deviation: Standard deviation of the scaled response (p, m, K); infinite where a value is unknown.
-        input_size: Scale of the inputs [input units] (m,).
-        output_size: Scale of the outputs [output units] (p,).
-    """
-
-    s: Complex
-    H: Complex
-    deviation: Array
-    input_size: Array
-    output_size: Array
+    s: Complex  #: Laplace variable 2 pi j f [1/s] (K,).
+    H: Complex  #: Scaled response (p, m, K).
+    deviation: Array  #: Standard deviation of the scaled response (p, m, K); infinite where a value is unknown.
+    input_size: Array  #: Scale of the inputs [input units] (m,).
+    output_size: Array  #: Scale of the outputs [output units] (p,).
 
     @property
     def weight(self) -> Array:
@@ -275,20 +256,13 @@ def _root(power: Array) -> Array:
 
 
 class Row(NamedTuple):
-    """Least-squares solution of one output.
+    """Least-squares solution of one output."""
 
-    Attributes:
-        c: Row of the output matrix (n,).
-        d: Direct terms (m,); 0 for inputs without one.
-        lagged: Gains of the lagged inputs (m,); 0 for inputs without a lag.
-        misfit: Weighted complex misfit (m, K).
-        Q: Orthonormal basis of the responses that the row can represent (m, 2 K, r): real parts, then imaginary parts.
-    """
-
-    c: Array
-    d: Array
-    lagged: Array
-    misfit: Complex
+    c: Array  #: Row of the output matrix (n,).
+    d: Array  #: Direct terms (m,); 0 for inputs without one.
+    lagged: Array  #: Gains of the lagged inputs (m,); 0 for inputs without a lag.
+    misfit: Complex  #: Weighted complex misfit (m, K).
+    #: Orthonormal basis of the responses that the row can represent (m, 2 K, r): real parts, then imaginary parts.
     Q: Array
 
 

@@ -134,19 +134,12 @@ _NOTHING = 1e-30
 
 
 class Solution(NamedTuple):
-    """A model and its misfit.
+    """A model and its misfit."""
 
-    Attributes:
-        blocks: Poles and inputs.
-        rows: Solutions of the outputs, in order.
-        through: Direct terms and lags.
-        cost: Sum of the squares of the weighted misfit.
-    """
-
-    blocks: Blocks
-    rows: tuple[Row, ...]
-    through: Feedthrough
-    cost: float
+    blocks: Blocks  #: Poles and inputs.
+    rows: tuple[Row, ...]  #: Solutions of the outputs, in order.
+    through: Feedthrough  #: Direct terms and lags.
+    cost: float  #: Sum of the squares of the weighted misfit.
 
     @property
     def C(self) -> Array:  # noqa: N802  the symbol of the equation
@@ -170,30 +163,19 @@ class Solution(NamedTuple):
 
 
 class RefinementResult(NamedTuple):
-    """Result of the refinement.
+    """Result of the refinement."""
 
-    Attributes:
-        solution: Best model.
-        iterations: Number of steps taken.
-        converged: Whether the last step lowered the cost by less than the tolerance.
-    """
-
-    solution: Solution
-    iterations: int
-    converged: bool
+    solution: Solution  #: Best model.
+    iterations: int  #: Number of steps taken.
+    converged: bool  #: Whether the last step lowered the cost by less than the tolerance.
 
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """Settings of the refinement.
+    """Settings of the refinement."""
 
-    Attributes:
-        max_iterations: Maximum number of steps.
-        tolerance: Relative reduction of the cost by a step below which the search ends [1].
-    """
-
-    max_iterations: int = 60
-    tolerance: float = 1e-5
+    max_iterations: int = 60  #: Maximum number of steps.
+    tolerance: float = 1e-5  #: Relative reduction of the cost by a step below which the search ends [1].
 
     def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""

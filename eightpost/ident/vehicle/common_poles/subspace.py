@@ -30,19 +30,12 @@ _FASTEST = 1e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subspace:
-    """Range of the observability matrix, which gives models of any order.
+    """Range of the observability matrix, which gives models of any order."""
 
-    Attributes:
-        vectors: Left singular vectors (q p, r).
-        values: Singular values (r,).
-        outputs: Number of outputs p.
-        alpha: Parameter of the bilinear map [1/s].
-    """
-
-    vectors: Array
-    values: Array
-    outputs: int
-    alpha: float
+    vectors: Array  #: Left singular vectors (q p, r).
+    values: Array  #: Singular values (r,).
+    outputs: int  #: Number of outputs p.
+    alpha: float  #: Parameter of the bilinear map [1/s].
 
     def poles(self, order: int) -> tuple[Complex, Complex, int]:
         """Return poles [1/s] (order,), mode shapes (p, order), and the number of unstable poles that were mirrored."""

@@ -101,23 +101,14 @@ def _started(row: Parameter, starts: Mapping[str, float]) -> Parameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matrices:
-    """Arrays of one car.
+    """Arrays of one car."""
 
-    Attributes:
-        mass: Mass matrix (8, 8) [kg].
-        stiffness: Stiffness (8, 8) [N/m] of bar and twist.
-        damping: Damping (8, 8) [N.s/m] of the twist.
-        shock: Ports per q (4, 8).
-        spring: Springs per q (4, 8).
-        load: Load points per q (A, 8); the generalised force is load^T f.
-    """
-
-    mass: Array
-    stiffness: Array
-    damping: Array
-    shock: Array
-    spring: Array
-    load: Array
+    mass: Array  #: Mass matrix (8, 8) [kg].
+    stiffness: Array  #: Stiffness (8, 8) [N/m] of bar and twist.
+    damping: Array  #: Damping (8, 8) [N.s/m] of the twist.
+    shock: Array  #: Ports per q (4, 8).
+    spring: Array  #: Springs per q (4, 8).
+    load: Array  #: Load points per q (A, 8); the generalised force is load^T f.
 
 
 #: Chassis heights at the corners per q (4, 8), and hubs.

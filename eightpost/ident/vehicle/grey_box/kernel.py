@@ -21,39 +21,22 @@ from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 
 class Numbers(NamedTuple):
-    """Arrays of K cars with 8 coordinates, 4 ports, A loads and Y outputs.
+    """Arrays of K cars with 8 coordinates, 4 ports, A loads and Y outputs."""
 
-    Attributes:
-        shock: Port displacements per q (K, 4, 8).
-        spring: Spring displacements per q (K, 4, 8).
-        push: Accelerations per force of ports, springs, tires and loads (K, 8, 12 + A).
-        stiffness: Accelerations per q of the other elements (K, 8, 8).
-        damping: Accelerations per q' of the other elements (K, 8, 8).
-        springs: Rate, progression of the springs (K, 4, 2).
-        tires: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
-        friction: Sliding force, reach, static ratio and Stribeck velocity of the bristles (K, 4, 4).
-        baseline: Damping about which the ports are driven (4,).
-        position: Outputs per q (K, Y, 8).
-        velocity: Outputs per q' (K, Y, 8).
-        acceleration: Outputs per q'' (K, Y, 8).
-        road: Outputs per road (K, Y, 4).
-        tire: Outputs per tire force (Y, 4).
-    """
-
-    shock: Array
-    spring: Array
-    push: Array
-    stiffness: Array
-    damping: Array
-    springs: Array
-    tires: Array
-    friction: Array
-    baseline: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    road: Array
-    tire: Array
+    shock: Array  #: Port displacements per q (K, 4, 8).
+    spring: Array  #: Spring displacements per q (K, 4, 8).
+    push: Array  #: Accelerations per force of ports, springs, tires and loads (K, 8, 12 + A).
+    stiffness: Array  #: Accelerations per q of the other elements (K, 8, 8).
+    damping: Array  #: Accelerations per q' of the other elements (K, 8, 8).
+    springs: Array  #: Rate, progression of the springs (K, 4, 2).
+    tires: Array  #: Stiffness, damping, stiffening, static load of the tires (K, 4, 4).
+    friction: Array  #: Sliding force, reach, static ratio and Stribeck velocity of the bristles (K, 4, 4).
+    baseline: Array  #: Damping about which the ports are driven (4,).
+    position: Array  #: Outputs per q (K, Y, 8).
+    velocity: Array  #: Outputs per q' (K, Y, 8).
+    acceleration: Array  #: Outputs per q'' (K, Y, 8).
+    road: Array  #: Outputs per road (K, Y, 4).
+    tire: Array  #: Outputs per tire force (Y, 4).
 
 
 def _compile(function: Callable[..., Any]) -> Any:

@@ -31,20 +31,14 @@ class Auto:
 
     The left-out test is the baseline, as every other test has the only other shock of a corner. It is simulated from
     rest with its shocks. The recipe with the smaller error identifies the vehicle from all tests.
-
-    Attributes:
-        common_poles: Recipe common-poles.
-        grey_box: Recipe grey-box.
-        seconds: Duration of each test that common-poles uses in the trial [s].
-        judged: Duration of the left-out test that is simulated [s].
-        gain: Error of grey-box over that of common-poles below which grey-box is taken [1]: common-poles states the
-            uncertainty of every output.
     """
 
-    common_poles: CommonPoles = field(default_factory=CommonPoles)
-    grey_box: GreyBox = field(default_factory=GreyBox)
-    seconds: float = 200.0
-    judged: float = 60.0
+    common_poles: CommonPoles = field(default_factory=CommonPoles)  #: Recipe common-poles.
+    grey_box: GreyBox = field(default_factory=GreyBox)  #: Recipe grey-box.
+    seconds: float = 200.0  #: Duration of each test that common-poles uses in the trial [s].
+    judged: float = 60.0  #: Duration of the left-out test that is simulated [s].
+    #: Error of grey-box over that of common-poles below which grey-box is taken [1]: common-poles states the
+    #: uncertainty of every output.
     gain: float = 0.95
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:

@@ -38,24 +38,16 @@ _BAD_PATH, _CARRIES = 0.3, 0.05
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """Settings of a chapter of the dissertation for its kind of car.
+    """Settings of a chapter of the dissertation for its kind of car."""
 
-    Attributes:
-        blocks: Number of half-overlapping blocks of a record.
-        orders: Denominator degrees to try.
-        roads: Weights of wheelloaders and shock forces.
-        loads: Weights of aeroloaders and of forces and moments on the chassis.
-        direct: Function that returns whether a path (output, input) has a direct term.
-        same_drive: Whether two tests with the same drive use the two-experiment method of Eq 4.24 to 4.26.
-        preconditioning: Preconditioning of the responses; None skips it.
-    """
-
-    blocks: int
-    orders: tuple[int, ...]
-    roads: BandWeights
-    loads: BandWeights
+    blocks: int  #: Number of half-overlapping blocks of a record.
+    orders: tuple[int, ...]  #: Denominator degrees to try.
+    roads: BandWeights  #: Weights of wheelloaders and shock forces.
+    loads: BandWeights  #: Weights of aeroloaders and of forces and moments on the chassis.
+    #: Function that returns whether a path (output, input) has a direct term.
     direct: Callable[[str, str], bool] = has_direct_term
-    same_drive: bool = False
+    same_drive: bool = False  #: Whether two tests with the same drive use the two-experiment method of Eq 4.24 to 4.26.
+    #: Preconditioning of the responses; None skips it.
     preconditioning: Preconditioning | None = field(default_factory=Preconditioning)
 
 
@@ -73,16 +65,12 @@ class Boggs:
 
     Chapters 5 and 6 use discrete models (Tustin, invfreqz). Here models are continuous, because an FMU may be stepped
     by any length.
-
-    Attributes:
-        chapter: Settings; None uses those for the kind of car.
-        tolerance: Accepted error of a path [1]; higher denominator degrees are tried while the error is larger.
-        reduction: Maximum error of any output by the reduction of the number of states [1]; None keeps the poles of
-            every path.
     """
 
-    chapter: Chapter | None = None
+    chapter: Chapter | None = None  #: Settings; None uses those for the kind of car.
+    #: Accepted error of a path [1]; higher denominator degrees are tried while the error is larger.
     tolerance: float = 0.005
+    #: Maximum error of any output by the reduction of the number of states [1]; None keeps the poles of every path.
     reduction: float | None = 0.003
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:

@@ -48,23 +48,20 @@ class CommonPoles:
     The laws are friction that sticks or creeps, whichever explains more, and springs that are not linear. The vehicle
     has exactly the laws that the response was estimated with. If it is unstable or fails in a simulation, simpler laws
     are tried.
-
-    Attributes:
-        estimate: Method of estimating the response.
-        fit: Settings of the model fit. The upper end of its band is replaced by that of `band`.
-        band: Criterion for the upper end of the band; None uses that of `fit`.
-        friction: Settings of the friction estimate; None assumes ports without friction.
-        springs: Settings of the estimate of nonlinear springs; None assumes linear springs.
-        samples: Number of models with resampled noise that give the standard deviations; 0 gives none.
-        model_form: Settings of the uncertainty of measures on other drives; None gives none. It needs `samples`.
     """
 
+    #: Method of estimating the response.
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(half_width=0.05, spacing=0.1, high=32.0))
+    #: Settings of the model fit. The upper end of its band is replaced by that of `band`.
     fit: CommonPoleFit = field(default_factory=CommonPoleFit)
+    #: Criterion for the upper end of the band; None uses that of `fit`.
     band: CoherentBand | None = field(default_factory=CoherentBand)
+    #: Settings of the friction estimate; None assumes ports without friction.
     friction: FrictionSearch | None = field(default_factory=FrictionSearch)
+    #: Settings of the estimate of nonlinear springs; None assumes linear springs.
     springs: SpringSearch | None = field(default_factory=SpringSearch)
-    samples: int = 8
+    samples: int = 8  #: Number of models with resampled noise that give the standard deviations; 0 gives none.
+    #: Settings of the uncertainty of measures on other drives; None gives none. It needs `samples`.
     model_form: ModelForm | None = field(default_factory=ModelForm)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
@@ -236,17 +233,11 @@ def _gathered(tests: Sequence[TimeSeries], experiment: Experiment) -> Records:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PortLaws:
-    """Laws of the ports that a response is estimated around.
+    """Laws of the ports that a response is estimated around."""
 
-    Attributes:
-        friction: Estimate of the friction; None if it was not estimated.
-        springs: Estimate of the nonlinear springs.
-        of_ports: Friction and springs of the vehicle, by port.
-    """
-
-    friction: FrictionEstimate | None
-    springs: Mapping[str, ForceEstimate]
-    of_ports: Mapping[str, Friction]
+    friction: FrictionEstimate | None  #: Estimate of the friction; None if it was not estimated.
+    springs: Mapping[str, ForceEstimate]  #: Estimate of the nonlinear springs.
+    of_ports: Mapping[str, Friction]  #: Friction and springs of the vehicle, by port.
 
     @classmethod
     def of(cls, friction: FrictionEstimate | None) -> _PortLaws:
@@ -299,21 +290,13 @@ class _Car(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """A fit with its intermediate results.
+    """A fit with its intermediate results."""
 
-    Attributes:
-        vehicle_fit: Fit that `identify` returns.
-        model_fit: Common-pole model with details of its fit.
-        response: Response that was fitted, around baseline damping and friction.
-        friction: Estimated friction at the ports; None if it was not estimated.
-        ranges: Ranges that the tests covered.
-    """
-
-    vehicle_fit: VehicleFit
-    model_fit: CommonPoleModel
-    response: FrequencyResponse
-    friction: FrictionEstimate | None
-    ranges: Ranges
+    vehicle_fit: VehicleFit  #: Fit that `identify` returns.
+    model_fit: CommonPoleModel  #: Common-pole model with details of its fit.
+    response: FrequencyResponse  #: Response that was fitted, around baseline damping and friction.
+    friction: FrictionEstimate | None  #: Estimated friction at the ports; None if it was not estimated.
+    ranges: Ranges  #: Ranges that the tests covered.
 
 
 RECIPE = CommonPoles()

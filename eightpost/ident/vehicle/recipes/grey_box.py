@@ -52,27 +52,20 @@ _LOADED = 200.0
 
 @dataclass(frozen=True, slots=True)
 class GreyBox:
-    """Recipe that fits the masses, springs, tires and friction of a car.
+    """Recipe that fits the masses, springs, tires and friction of a car."""
 
-    Attributes:
-        band: Frequency band of the fit [Hz].
-        seconds: Durations of each record in the base fit and in the final fit [s].
-        converged: Largest residual of an output in the base fit from which optional effects are added [1].
-        limits: Limits of the residual gate.
-        priors: Values that the team knows, by parameter: value and relative standard deviation, e.g.
-            `{"lf.spring_rate": (2.2e5, 0.02)}`.
-        estimate: Method of estimating the response, which is reported and not fitted.
-        samples: Number of models with drawn parameters that the standard deviations due to noise come from.
-        model_form: Settings of the uncertainty of measures on other drives; None gives none.
-    """
-
-    band: Band = field(default_factory=lambda: Band(0.3, 24.0, "hann"))
-    seconds: tuple[float, float] = (12.0, 30.0)
-    converged: float = 0.1
+    band: Band = field(default_factory=lambda: Band(0.3, 24.0, "hann"))  #: Frequency band of the fit [Hz].
+    seconds: tuple[float, float] = (12.0, 30.0)  #: Durations of each record in the base fit and in the final fit [s].
+    converged: float = 0.1  #: Largest residual of an output in the base fit from which optional effects are added [1].
+    #: Limits of the residual gate.
     limits: Tolerance = field(default_factory=lambda: Tolerance(explained=0.02, residual=0.05))
+    #: Values that the team knows, by parameter: value and relative standard deviation, e.g. `{"lf.spring_rate": (2.2e5,
+    #: 0.02)}`.
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: Method of estimating the response, which is reported and not fitted.
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
-    samples: int = 8
+    samples: int = 8  #: Number of models with drawn parameters that the standard deviations due to noise come from.
+    #: Settings of the uncertainty of measures on other drives; None gives none.
     model_form: ModelForm | None = field(default_factory=lambda: ModelForm(least=_LEAST))
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:

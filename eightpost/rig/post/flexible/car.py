@@ -28,22 +28,15 @@ class Shell:
         h = z - x theta + y phi + (1.1 (x / l)^2 - 0.6) b + y (x / l) t
 
     The modes b (bending) and t (torsion) have no mass coupling with the rigid motions.
-
-    Attributes:
-        mass: Mass [kg].
-        pitch_inertia: Moment of inertia of pitch theta, nose down [kg.m2].
-        roll_inertia: Moment of inertia of roll phi, left side up [kg.m2].
-        bending: Modal mass [kg], natural frequency [Hz] and damping ratio [1] of bending.
-        torsion: Modal inertia [kg.m2], natural frequency [Hz] and damping ratio [1] of torsion.
-        length: Length l of the mode shapes [m].
     """
 
-    mass: float
-    pitch_inertia: float
-    roll_inertia: float
-    bending: tuple[float, float, float]
+    mass: float  #: Mass [kg].
+    pitch_inertia: float  #: Moment of inertia of pitch theta, nose down [kg.m2].
+    roll_inertia: float  #: Moment of inertia of roll phi, left side up [kg.m2].
+    bending: tuple[float, float, float]  #: Modal mass [kg], natural frequency [Hz] and damping ratio [1] of bending.
+    #: Modal inertia [kg.m2], natural frequency [Hz] and damping ratio [1] of torsion.
     torsion: tuple[float, float, float]
-    length: float
+    length: float  #: Length l of the mode shapes [m].
 
     def row(self, ahead: float, left: float) -> Array:
         """Return the row (5,) from (z, theta, phi, b, t) to the height at a point."""
@@ -53,61 +46,38 @@ class Shell:
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """Engine and gearbox on a front and a rear mount on the centre line.
+    """Engine and gearbox on a front and a rear mount on the centre line."""
 
-    Attributes:
-        mass: Mass [kg].
-        pitch_inertia: Moment of inertia of pitch about its centre of gravity [kg.m2].
-        ahead: Position ahead of the centre of gravity of the shell [m].
-        arms: Positions of the mounts ahead of the engine's centre of gravity [m].
-        stiffness: Stiffness of the mounts [N/m].
-        damping: Damping of the mounts [N.s/m].
-    """
-
-    mass: float
-    pitch_inertia: float
-    ahead: float
-    arms: tuple[float, float]
-    stiffness: tuple[float, float]
-    damping: tuple[float, float]
+    mass: float  #: Mass [kg].
+    pitch_inertia: float  #: Moment of inertia of pitch about its centre of gravity [kg.m2].
+    ahead: float  #: Position ahead of the centre of gravity of the shell [m].
+    arms: tuple[float, float]  #: Positions of the mounts ahead of the engine's centre of gravity [m].
+    stiffness: tuple[float, float]  #: Stiffness of the mounts [N/m].
+    damping: tuple[float, float]  #: Damping of the mounts [N.s/m].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Suspension:
     """Coil springs and shocks of the corners; w is the travel of the wheel in bump relative to the chassis.
 
-        s = r0 w + r1 w^2 / 2 + r2 w^3 / 6,  F = (P + k s + k_stop max(s - gap, 0)^2 + F_shock) ds/dw - P r0 + c dw/dt
-
-    Attributes:
-        ratio: Coefficients (4, 3) of the motion ratio: r0 [1], r1 [1/m], r2 [1/m2].
-        rate: Rates k of the coil springs (4,) [N/m].
-        stop_gap: Gaps to the bump stops (4,) [m].
-        stop_rate: Coefficients k_stop of the bump stops (4,) [N/m2].
-        damping: Damping c of bushings at the wheels (4,) [N.s/m].
-        bars: Rates of the front and the rear anti-roll bar (2,) [N per m of difference of wheel travel].
+    s = r0 w + r1 w^2 / 2 + r2 w^3 / 6,  F = (P + k s + k_stop max(s - gap, 0)^2 + F_shock) ds/dw - P r0 + c dw/dt
     """
 
-    ratio: Array
-    rate: Array
-    stop_gap: Array
-    stop_rate: Array
-    damping: Array
-    bars: Array
+    ratio: Array  #: Coefficients (4, 3) of the motion ratio: r0 [1], r1 [1/m], r2 [1/m2].
+    rate: Array  #: Rates k of the coil springs (4,) [N/m].
+    stop_gap: Array  #: Gaps to the bump stops (4,) [m].
+    stop_rate: Array  #: Coefficients k_stop of the bump stops (4,) [N/m2].
+    damping: Array  #: Damping c of bushings at the wheels (4,) [N.s/m].
+    bars: Array  #: Rates of the front and the rear anti-roll bar (2,) [N per m of difference of wheel travel].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sliders:
-    """Springs in series with dry contacts: they stick exactly up to the breakaway force, then slide.
+    """Springs in series with dry contacts: they stick exactly up to the breakaway force, then slide."""
 
-    Attributes:
-        sliding: Sliding forces (n,) [N].
-        breakaway: Breakaway forces (n,) [N], at least the sliding forces.
-        stiffness: Stiffness while sticking (n,) [N/m].
-    """
-
-    sliding: Array
-    breakaway: Array
-    stiffness: Array
+    sliding: Array  #: Sliding forces (n,) [N].
+    breakaway: Array  #: Breakaway forces (n,) [N], at least the sliding forces.
+    stiffness: Array  #: Stiffness while sticking (n,) [N/m].
 
     def scaled(self, factor: float) -> Sliders:
         """Return sliders with forces multiplied by `factor` and the same distance before they slide."""
@@ -119,21 +89,14 @@ class Sliders:
 class CurvedTires:
     """Tires that stiffen with deflection d, lose energy to dry hysteresis, and push but do not pull.
 
-        N = max(0, W + k d + q max(d, -k / 2q)^2 + c d' + hysteresis)
-
-    Attributes:
-        static_load: Static loads W (4,) [N].
-        stiffness: Stiffness k at the static load (4,) [N/m].
-        stiffening: Coefficients q (4,) [N/m2].
-        damping: Damping c (4,) [N.s/m].
-        hysteresis: Two sliders per tire, eight in all.
+    N = max(0, W + k d + q max(d, -k / 2q)^2 + c d' + hysteresis)
     """
 
-    static_load: Array
-    stiffness: Array
-    stiffening: Array
-    damping: Array
-    hysteresis: Sliders
+    static_load: Array  #: Static loads W (4,) [N].
+    stiffness: Array  #: Stiffness k at the static load (4,) [N/m].
+    stiffening: Array  #: Coefficients q (4,) [N/m2].
+    damping: Array  #: Damping c (4,) [N.s/m].
+    hysteresis: Sliders  #: Two sliders per tire, eight in all.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,32 +106,20 @@ class FlexibleCar:
     It has eleven coordinates: heave, pitch, roll, bending and torsion of the shell, heave and pitch of the engine, and
     the heights of four independent wheels. The rig measures its motion in `MEASURED` coordinates, to which the rows
     `shock`, `wheel`, `chassis`, `load` and `points` refer.
-
-    Attributes:
-        name: Name of the car.
-        shell: Chassis.
-        engine: Engine on its mounts.
-        wheels: Masses of the wheels (4,) [kg].
-        suspension: Springs, motion ratios and anti-roll bars.
-        friction: Six sliders: one between the wheel and the chassis of each corner, one along each anti-roll bar.
-        tires: Tires.
-        geometry: Positions of axles, actuators and measurements.
-        tracks: Distances between the front and between the rear wheels [m].
-        driver: Position of the driver ahead and left of the centre of gravity [m].
-        corners: Names of the corners.
     """
 
-    name: str
-    shell: Shell
-    engine: Engine
-    wheels: Array
-    suspension: Suspension
+    name: str  #: Name of the car.
+    shell: Shell  #: Chassis.
+    engine: Engine  #: Engine on its mounts.
+    wheels: Array  #: Masses of the wheels (4,) [kg].
+    suspension: Suspension  #: Springs, motion ratios and anti-roll bars.
+    #: Six sliders: one between the wheel and the chassis of each corner, one along each anti-roll bar.
     friction: Sliders
-    tires: CurvedTires
-    geometry: Geometry
-    tracks: tuple[float, float]
-    driver: tuple[float, float] = (-0.5, 0.4)
-    corners: tuple[str, ...] = field(default=CORNERS)
+    tires: CurvedTires  #: Tires.
+    geometry: Geometry  #: Positions of axles, actuators and measurements.
+    tracks: tuple[float, float]  #: Distances between the front and between the rear wheels [m].
+    driver: tuple[float, float] = (-0.5, 0.4)  #: Position of the driver ahead and left of the centre of gravity [m].
+    corners: tuple[str, ...] = field(default=CORNERS)  #: Names of the corners.
 
     def named(self, quantity: str) -> tuple[str, ...]:
         """Return `<corner>.<quantity>` for every corner."""

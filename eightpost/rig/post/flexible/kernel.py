@@ -38,33 +38,19 @@ _CHECK_INTERVAL = 500
 
 
 class FlexibleNumbers(NamedTuple):
-    """Arrays of a flexible car.
+    """Arrays of a flexible car."""
 
-    Attributes:
-        masses: Masses of the coordinates (11,) [kg] or [kg.m2].
-        modes: Stiffness and damping of bending and torsion (2, 2).
-        corners: Rows (4, 5) of the shell's heights above the wheels.
-        loads: Rows (4, 5) of the heights of the aeroloaders' mounts.
-        mounts: Rows (2, 5) of the shell's heights at the engine mounts.
-        engine: Arm, stiffness and damping of the engine mounts (2, 3).
-        suspension: r0, r1, r2, preload, rate, stop gap, stop rate and damping of the corners (4, 8).
-        bars: Rates of the anti-roll bars (2,).
-        friction: Sliding force, breakaway force and stiffness of six sliders (6, 3).
-        tires: Static load, stiffness, stiffening and damping (4, 4).
-        hysteresis: Sliding force, breakaway force and stiffness of eight sliders (8, 3).
-    """
-
-    masses: Array
-    modes: Array
-    corners: Array
-    loads: Array
-    mounts: Array
-    engine: Array
-    suspension: Array
-    bars: Array
-    friction: Array
-    tires: Array
-    hysteresis: Array
+    masses: Array  #: Masses of the coordinates (11,) [kg] or [kg.m2].
+    modes: Array  #: Stiffness and damping of bending and torsion (2, 2).
+    corners: Array  #: Rows (4, 5) of the shell's heights above the wheels.
+    loads: Array  #: Rows (4, 5) of the heights of the aeroloaders' mounts.
+    mounts: Array  #: Rows (2, 5) of the shell's heights at the engine mounts.
+    engine: Array  #: Arm, stiffness and damping of the engine mounts (2, 3).
+    suspension: Array  #: r0, r1, r2, preload, rate, stop gap, stop rate and damping of the corners (4, 8).
+    bars: Array  #: Rates of the anti-roll bars (2,).
+    friction: Array  #: Sliding force, breakaway force and stiffness of six sliders (6, 3).
+    tires: Array  #: Static load, stiffness, stiffening and damping (4, 4).
+    hysteresis: Array  #: Sliding force, breakaway force and stiffness of eight sliders (8, 3).
 
 
 @compiled
