@@ -131,13 +131,11 @@ def split_law(law: Lpnl2) -> tuple[Lpnl2, float]:
 
 
 def _less_linear(curve: StaticCurve, rate: float) -> StaticCurve:
-    """Return the curve minus `rate * v`; in its outer pieces v = +-v_t (1 + s)."""
-    part = rate * curve.transition_speed
+    """Return a curve through knots minus `rate * v`."""
     return replace(
         curve,
-        inner=(curve.inner[0] - part, *curve.inner[1:]),
-        compression=(curve.compression[0] - part, curve.compression[1] - part, *curve.compression[2:]),
-        rebound=(curve.rebound[0] + part, curve.rebound[1] + part, *curve.rebound[2:]),
+        knot_force=tuple(f - rate * v for f, v in zip(curve.knot_force, curve.knot_velocity, strict=True)),
+        knot_slope=tuple(slope - rate for slope in curve.knot_slope),
         compression_slope=curve.compression_slope - rate,
         rebound_slope=curve.rebound_slope - rate,
     )

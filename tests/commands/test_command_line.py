@@ -212,6 +212,7 @@ def test_the_demo_of_this_clone_has_written_all_plots_and_pages():
 
 
 @pytest.mark.nightly
+@pytest.mark.usefixtures("all_platforms")
 def test_the_demo_runs_the_whole_workflow_and_writes_plots(eightpost, tmp_path):
     shown = eightpost("demo", "-o", tmp_path / "demo")
     assert shown.exit_code == 0, shown.output[-3000:]

@@ -1,5 +1,6 @@
 """`eightpost inspect` shows the content of a file; exit codes: 0 nothing suspicious, 1 warnings, 2 refused."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -36,8 +37,7 @@ def test_a_suspicious_sample_is_a_warning_with_exit_code_1(tmp_path):
     path.write_text("\n".join(lines))
     code, shown = inspect(path)
     assert code == 1, shown
-    assert "warning force: it jumps by" in shown
-    assert f"at line {header + 3001}" in shown
+    assert re.search(r"warning the force jumps: by \S+ N at 1.5 s", shown)
 
 
 def test_the_content_of_a_refused_file_is_shown_before_the_error(tmp_path):

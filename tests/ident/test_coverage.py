@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock, simulate
-from eightpost.ident.shock.curve import CurveBasis, curve_forces, split_coefficients
+from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.knots import KnotBasis
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
-from eightpost.shock import Lpf1, Lpnl2, Port, StaticCurve, law_name, own_parameters
+from eightpost.shock import Lpf1, Lpnl2, Port, law_name, own_parameters
 from eightpost.signals import TimeSeries
 
 RATE = 8000.0
@@ -23,22 +24,13 @@ RANGES = {
 }
 
 
-def random_shock(kind, generator):
-    """Return a random law with gas: a rising curve of seventh order, its cubics joined in value and slope."""
-    while True:
-        curve, port = any_curve(generator), any_gas(generator)
-        own = [generator.uniform(*ends) for ends in RANGES[kind].values()]
-        if (np.diff(curve_forces(curve, np.linspace(-0.9, 0.9, 400))) > 0.0).all():
-            return kind(curve, *own, port=port)
-
-
-def any_curve(generator):
-    """Return such a curve, which may fall."""
-    inner = np.zeros(15)
-    inner[:7] = generator.uniform(0.7, 1.3, 7) * (2600.0, 90.0, -1500.0, 60.0, 700.0, -20.0, -100.0)
-    free = np.concatenate([inner, generator.uniform(-200.0, 200.0, 2), generator.uniform(-200.0, 200.0, 2)])
-    coefficients = CurveBasis(0.381, 0.0127).ties(compression="slope", rebound="slope") @ free
-    return StaticCurve(*split_coefficients(coefficients), 0.381, 0.0127, 0.9, 0.9, 1000.0, 1000.0)
+def random_shock(kind, generator, velocity):
+    """Return a random law with gas: a rising digressive curve through knots over a range of velocities [m/s]."""
+    basis = KnotBasis.of(velocity)
+    slopes = 1200.0 + 5600.0 / (1.0 + (np.array(basis.knots) / 0.15) ** 2)
+    curve = basis.static_curve(generator.uniform(0.7, 1.3, basis.count) * slopes)
+    own = [generator.uniform(*ends) for ends in RANGES[kind].values()]
+    return kind(curve, *own, port=any_gas(generator))
 
 
 def any_gas(generator):
@@ -56,12 +48,12 @@ def coloured(generator, count):
     return 8.0 * slow + 3.0 * generator.standard_normal(count)
 
 
-def hits(seed, kind=Lpf1):
-    """Return which own parameters, gas parameters and six points of the curve have the truth in their intervals."""
+def errors(seed, kind=Lpf1):
+    """Return the errors of own parameters, gas parameters and six points of the curve, in half-widths of intervals."""
     generator = np.random.default_rng(seed)
-    law = random_shock(kind, generator)
     drive = random_multisine(seed % 25, duration=10.5, rate=RATE, draws=2).series
     drive = drive.with_channel("velocity", "m/s", np.gradient(drive["displacement"], 1.0 / RATE))
+    law = random_shock(kind, generator, drive.window(1.0, 10.0)["velocity"])
     force = simulate(law, drive)[::4]
     record = TimeSeries.from_channels(
         drive.time[::4],
@@ -79,28 +71,30 @@ def hits(seed, kind=Lpf1):
         "gas_preload": port.gas_preload + port.gas_stiffness * reference,
         "gas_stiffness": port.gas_stiffness,
     }
-    inside = [p.interval is not None and p.interval[0] <= truth[p.name] <= p.interval[1] for p in fit.parameters]
+    of_parameters = [abs(p.value - truth[p.name]) / (p.reach * p.error) if p.error else np.inf for p in fit.parameters]
     band = fit.band
-    error = np.interp(SPEEDS, band.velocity, band.force - curve_forces(law.curve, band.velocity))
-    return [*inside, *(np.abs(error) <= np.interp(SPEEDS, band.velocity, band.half_width)).tolist()]
+    of_curve = np.interp(SPEEDS, band.velocity, band.force - curve_forces(law.curve, band.velocity))
+    return [*of_parameters, *(np.abs(of_curve) / np.interp(SPEEDS, band.velocity, band.half_width)).tolist()]
 
 
 @pytest.mark.nightly
 def test_the_intervals_of_a_few_random_shocks_hold_the_truth():
-    """Four cases of nine intervals; a covariance for white noise would fail here."""
-    assert np.mean([hits(seed) for seed in range(4)]) > 0.8
+    assert np.mean([np.array(errors(seed)) <= 1.0 for seed in range(4)]) > 0.8
 
 
 @pytest.mark.nightly
-def test_the_intervals_of_200_random_shocks_hold_the_truth_in_95_percent():
-    share = np.mean([hits(seed) for seed in range(1000, 1200)], axis=0)
+@pytest.mark.parametrize(
+    ("kind", "seeds", "parameters"), [(Lpf1, range(1000, 1200), 0.955), (Lpnl2, range(2000, 2080), 0.985)]
+)
+def test_the_intervals_of_many_random_shocks_hold_the_truth_in_95_percent(kind, seeds, parameters):
+    """Parameters: 95.5 % of LPF1, 98.5 % of LPNL2; points of the curve: 99 %, the lowest 93 % at -0.5 m/s.
+
+    The band of a curve contains the error on left-out parts of the record too, and is twice as wide at low speed as one
+    of 95 % would be: there, 95 % of the errors are below 0.4 half-widths.
+    """
+    sizes = np.array([errors(seed, kind) for seed in seeds])
+    share, largest = np.mean(sizes <= 1.0, axis=0), np.quantile(sizes, 0.95, axis=0)
     assert (share > 0.90).all(), share
-    assert share.mean() == pytest.approx(0.95, abs=0.03)
-
-
-@pytest.mark.nightly
-def test_the_intervals_of_40_random_shocks_of_lpnl2_hold_the_truth():
-    """96.1 % of 440 intervals; a single interval may reach only 85 % of 40 cases."""
-    share = np.mean([hits(seed, Lpnl2) for seed in range(2000, 2040)], axis=0)
-    assert (share > 0.80).all(), share
-    assert share.mean() == pytest.approx(0.95, abs=0.04)
+    assert share[: -SPEEDS.size].mean() == pytest.approx(parameters, abs=0.02)
+    assert share[-SPEEDS.size :].mean() > 0.96
+    assert ((largest > 0.3) & (largest < 1.15)).all(), largest

@@ -100,11 +100,11 @@ def test_a_table_of_a_rising_curve_rises_and_is_within_the_permitted_error(
 ) -> None:
     inner = np.zeros(15)
     inner[: 2 * len(terms) : 2] = 800.0 * np.array(terms)  # odd powers with positive factors rise
-    level = float(inner.sum())
+    level, slope = float(inner.sum()), float(np.arange(1, 16) @ inner)  # the cubics join in both
     shape = curve(
         inner=tuple(inner),
-        compression=(level, 900.0, 40.0, 5.0),
-        rebound=(-level, -1100.0, -20.0, -3.0),
+        compression=(level, slope, 40.0, 5.0),
+        rebound=(-level, -slope, -20.0, -3.0),
         transition_speed=transition,
         transition_width=0.03 * transition,
         compression_speed=compression,
