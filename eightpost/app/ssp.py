@@ -14,7 +14,7 @@ from eightpost.outputs import PACKAGE
 @click.command(cls=Verb)
 @click.argument("system", type=FilePath())
 @click.option("-o", "--output", type=OutputFile(PACKAGE, default=lambda given: given["system"].with_suffix(".ssp")),
-              help="Output package; default: SYSTEM with the suffix .ssp.")  # fmt: skip
+              help="Output package; default: SYSTEM with the suffix .ssp (of a package _new.ssp).")  # fmt: skip
 def ssp(system: Path, output: Path) -> None:
     """Write a system of coupled FMUs as an SSP 1.0 package for other tools.
 

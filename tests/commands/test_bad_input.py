@@ -176,7 +176,7 @@ def test_a_drivefile_with_a_hole_is_refused(refused, tmp_path, fmus):
 
 def test_a_unit_that_contradicts_the_header_is_refused(refused, tmp_path):
     (tmp_path / "good.csv").write_text(csv(samples()))
-    refused("fit", "good.csv", "--units", "force=N", expected=["is [lbf] in the file", "'N' was given"])
+    refused("fit", "good.csv", "--units", "force=N", expected=["is [lbf] in its header", "'N' was given"])
 
 
 @pytest.mark.parametrize(

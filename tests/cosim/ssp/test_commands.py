@@ -63,8 +63,12 @@ def test_a_package_written_again_keeps_its_offsets_and_is_not_overwritten(folder
         run(read_case(folder / name, given=Given(folder / "road.csv"))).series for name in ("twice.ssp", "corner.ssd")
     )
     assert all(np.array_equal(series[name], expected[name]) for name in expected.names)
-    ran = CliRunner().invoke(main, ["ssp", str(folder / "twice.ssp")])
+    before = (folder / "twice.ssp").read_bytes()
+    ran = CliRunner().invoke(main, ["ssp", str(folder / "twice.ssp"), "-o", str(folder / "twice.ssp")])
     assert ran.exit_code == 2 and "twice.ssp is an input of this command and would be replaced" in ran.output
+    ran = CliRunner().invoke(main, ["ssp", str(folder / "twice.ssp")])
+    assert ran.exit_code == 0 and (folder / "twice_new.ssp").is_file()
+    assert (folder / "twice.ssp").read_bytes() == before
 
 
 def test_a_run_never_replaces_the_drive_file_that_its_system_names(folder, monkeypatch):
