@@ -18,13 +18,19 @@ def same_curve(first, second):
 
 
 @pytest.fixture(scope="module")
-def with_gas(curve, law_record, gas_port):
-    return law_record(Lpf1(curve, 1.3e-3, port=gas_port), 1)
+def knots(curve, law_record):
+    """A curve through the knots that a fit uses, so that a law with it is inside the class of the fit."""
+    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1").shock.law.curve
 
 
 @pytest.fixture(scope="module")
-def without_gas(curve, law_record):
-    return law_record(Lpf1(curve, 1.3e-3), 1)
+def with_gas(knots, law_record, gas_port):
+    return law_record(Lpf1(knots, 1.3e-3, port=gas_port), 1)
+
+
+@pytest.fixture(scope="module")
+def without_gas(knots, law_record):
+    return law_record(Lpf1(knots, 1.3e-3), 1)
 
 
 def test_estimate_finds_preload_and_stiffness(with_gas, gas_port):
@@ -32,7 +38,7 @@ def test_estimate_finds_preload_and_stiffness(with_gas, gas_port):
     reference = fit.shock.conditions["displacement_reference [m]"]
     at_reference = gas_port.gas_preload + gas_port.gas_stiffness * reference
     assert fit.shock.law.port.gas_preload == pytest.approx(at_reference, abs=2.0)
-    assert fit.shock.law.port.gas_stiffness == pytest.approx(gas_port.gas_stiffness, rel=0.07)
+    assert fit.shock.law.port.gas_stiffness == pytest.approx(gas_port.gas_stiffness, rel=0.05)
     assert fit.shock.law.curve.force(0.0) == 0.0
 
 
@@ -42,6 +48,7 @@ def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, gas_p
     assert fit.shock.law.port == Port()
     assert fit.shock.conditions["gas_preload_estimate [N]"] == pytest.approx(gas_port.gas_preload, abs=2.0)
     assert same_curve(fit, fit_shock(with_gas, "lpf1")) < 1e-9
+    assert evaluate(fit.shock, with_gas).percent < 0.3
 
 
 @pytest.mark.nightly
@@ -88,7 +95,7 @@ def test_a_gas_force_that_pulls_is_reported(with_gas, tmp_path):
     series = with_gas.series
     rules = {}
     for sign in (1.0, -1.0):
-        rows = np.column_stack([series.time, sign * series.values])
+        rows = np.vstack([series.time, sign * series.values]).T
         header = "time [s]," + ",".join(f"{name} [{series.units[n]}]" for n, name in enumerate(series.names))
         np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
         fit = fit_shock(read_dyno_test(tmp_path / "run.csv"), "lpf1")
