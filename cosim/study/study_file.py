@@ -313,7 +313,8 @@ def _driven_by(record: RawRecord, mapping: ChannelMap | None, vehicle: Vehicle, 
     if missing := [v.name for v in inputs if v.name not in columns and v.type == "Real"]:
         raise InputError(
             f"drive: {record.origin.path} has no channel for {some(missing)}, inputs of the vehicle; name their "
-            f"columns in the channel map, or give constants in inputs of [vehicle]. The file has: {', '.join(record.names)}"
+            "columns in the channel map, or give constants in inputs of [vehicle]. The file has: "
+            f"{', '.join(record.names)}"
         )
     driving = [v.name for v in inputs if v.name in columns]
     for name in driving:
