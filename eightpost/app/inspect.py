@@ -62,6 +62,8 @@ def inspect(
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.rig.post import read_rig_test
+    from eightpost.rig.post.rig_test import rig_map
+    from eightpost.rig.rig_columns import propose_map
     from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
@@ -70,8 +72,14 @@ def inspect(
     for record in records:
         show_record(console, record)
     if _is_rig(records[0], channel_map):
+        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(flip))
         rig_test = read_rig_test(path, channel_map=channel_map, units=dict(units), flip=flip)
         ctx.exit(int(_show_rig_test(console, rig_test, mass)))
+    if proposed := propose_map(records[0]):
+        console.print("proposed channel map; check its columns, and the signs (docs/reference/signs_and_units.md):")
+        console.print(f"\n{escape(proposed.toml())}\n")
+        raise InputError(f"{path} {proposed.finding}; save its channel map as rig_map.toml in its folder, or pass the "
+                         "map by --map")  # fmt: skip
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and --mass is an option of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
@@ -175,8 +183,23 @@ def show_table(console: Console, table: PeakVelocityTable) -> None:
 
 def _is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
     """Return whether a file is a rig file: it has wheelloaders, by its own names or by a map."""
-    names = {*record.names, *(channel_map.channels if channel_map else ())}
+    from eightpost.signals.raw_record import map_beside
+
+    given = channel_map or map_beside(record)
+    names = {*record.names, *(given.channels if given else ())}
     return bool(names & {"road", "lf.road", "rf.road", "lr.road", "rr.road"})
+
+
+def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
+    """Print the column of each channel, with the sign of the map, and the columns that are not read."""
+    picks = mapping.channels
+    named = [f"{name} {'-' * (pick.gain < 0.0)}{pick.source}" for name, pick in picks.items() if name != pick.source]
+    if named:
+        path = f" ({mapping.path})" if mapping.path else ""
+        console.print(f"channel map{escape(path)}: {escape(', '.join(named))}")
+    read = {pick.source for pick in picks.values()} | {mapping.time.source if mapping.time else ""}
+    if left := [name for name in record.names if name not in read]:
+        console.print(f"columns that are not read: {escape(', '.join(left))}")
 
 
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:

@@ -232,7 +232,8 @@ def _check_channels(
 ) -> None:
     known = "; ".join((", ".join(record.names), *record.notes))
     if not series.names:
-        what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map"
+        what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map; "
+        what += "`eightpost inspect` proposes one"
         raise MissingChannelError(what, path=path)
     for corner in corners:
         for options in needs:
