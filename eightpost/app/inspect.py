@@ -47,15 +47,16 @@ def inspect(
     First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
     it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges,
     channels that are late, and channels that contradict mechanics. A rig file is recognized by its wheelloaders
-    (`lf.road` or `road`, in the file or in the map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms
-    or .lvm file (docs/reference/dyno_files.md), or a peak-velocity table. The exit code is 0 if nothing is suspicious,
-    1 if something is suspicious, and 2 if the file cannot be used as it is.
+    (`lf.road` or `road`, in the file or in the map); for one without these names, a channel map is proposed. FILE is a
+    text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/reference/dyno_files.md), or a
+    peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if something is suspicious, and 2 if the file
+    cannot be used as it is.
 
     \b
     Examples:
       eightpost inspect run7.csv
       eightpost inspect run7.mf4 --units force=lbf --flip force
-      eightpost inspect rig.csv --map rig_map.toml --mass '3400 lbm'
+      eightpost inspect rig.csv --map my_map.toml --mass '3400 lbm'
     """
     from eightpost.rig import read_dyno_tests, split_runs
     from eightpost.rig.dyno_columns import with_channels
