@@ -242,7 +242,9 @@ class _Reader:
         start = _si(drive.start, "drive.start", "s")
         stop = inf if drive.stop is None else _si(drive.stop, "drive.stop", "s")
         targets = drive.targets or _driven_by(record, mapping, vehicle, car)
-        found = Drive(drive.name or file.stem, file, stop, start, drive.units, mapping and mapping.path, targets)
+        found = Drive(
+            drive.name or file.stem, file, stop, start, drive.units, mapping.path if mapping else None, targets
+        )
         return found if stop < inf else replace(found, stop=float(driving_channels(found).series.time[-1]) - start)
 
     def _measures(

@@ -291,7 +291,7 @@ def find_time(record: RawRecord) -> MappedChannel:
 
 
 def map_beside(record: RawRecord) -> ChannelMap | None:
-    """Return the map `rig_map.toml` in the record's folder; None if there is none, or if it names no column of it."""
+    """Return the map `rig_map.toml` in the record's folder; None without one that names a column of the record."""
     path = record.origin.path and record.origin.path.parent / MAP_BESIDE
     if not (path and path.is_file()):
         return None

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf, pi, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eightpost.corners import CORNERS
 from eightpost.units import convert
@@ -147,7 +147,7 @@ def _is_of_one_side(parameters: Parameters, mistake: Mistake) -> bool:
 
 
 def _corrected(parameters: Parameters, mistake: Mistake) -> Parameters:
-    changed = {}
+    changed: dict[str, Any] = {}
     for name in mistake.parameters:
         value = getattr(parameters, name, None)
         if value is not None:
