@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.printed_shocks import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from benchmarks.shock_records import LAWS
 from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.table import number
-from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from eightpost.shock import law_title
 from eightpost.units import convert
 

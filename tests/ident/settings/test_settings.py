@@ -112,8 +112,8 @@ def test_every_inner_file_is_predicted_by_the_others_almost_as_well_as_it_is_fit
 
 @pytest.mark.parametrize(
     ("predicted", "grade", "worst"),
-    [((None, 2.5, None), Grade.USABLE, "1"), ((1.0, 8.0, 3.0), Grade.LIMITED, "1"), ((16.0, 8.0, 3.0), Grade.NOT_USABLE, "0"),
-     ((None, None), None, "")],
+    [((None, 2.5, None), Grade.USABLE, "1"), ((1.0, 8.0, 3.0), Grade.LIMITED, "1"),
+     ((16.0, 8.0, 3.0), Grade.NOT_USABLE, "0"), ((None, None), None, "")],
 )  # fmt: skip
 def test_the_verdict_reads_the_setting_that_the_others_predict_worst(predicted, grade, worst):
     groups = [SimpleNamespace(names=(str(k),)) for k in range(len(predicted))]
