@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,7 +155,7 @@ def summary(errors: Sequence[Errors]) -> Iterator[str]:
         )
 
 
-def less(errors: dict[str, float], law: str) -> float | None:
+def less(errors: Mapping[str, float], law: str) -> float | None:
     """Return the reduction of a law's error relative to the static law [%]; None for the static law itself."""
     if law == "polylinear" or not {law, "polylinear"} <= set(errors):
         return None
