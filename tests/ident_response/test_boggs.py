@@ -14,12 +14,15 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
+from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.recipes import recipe, recipe_names
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
+from eightpost.judged import sealed
 from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
+from eightpost.verdict import Grade, Reason
 
 from .rig_tests import BASELINE, Rig
 
@@ -129,6 +132,22 @@ def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> No
     assert found.vehicle.state_space == fit.vehicle.state_space
     assert found.sources == {"base.parquet": "0" * 64}
     np.testing.assert_array_equal(found.response.H, fit.response.H)
+
+
+def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit: VehicleFit, tmp_path: Path) -> None:
+    """Version 0.2.0 wrote the choice of that recipe, which is left out, and a reason by a rule that is gone."""
+    gone = Reason(
+        "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE, "common-poles was chosen",
+        "common-poles 2 %, grey-box 3 %", "common-poles fit to base.parquet", "nothing",
+    )  # fmt: skip
+    old = with_validity(fit, [gone])
+    path = write_fit(tmp_path / "car.json", old)[2]
+    content = json.loads(path.read_text(encoding="utf-8"))
+    choice = {"trials": [], "reason": gone.statement, "recipe": "common-poles"}
+    path.write_text(json.dumps(sealed(content | {"choice": choice})), encoding="utf-8")
+    found = read_fit(tmp_path / "car.json")
+    assert found.verdict == old.verdict
+    assert gone in found.verdict.reasons
 
 
 def test_a_fit_of_another_vehicle_is_rejected(fit: VehicleFit, tmp_path: Path) -> None:
