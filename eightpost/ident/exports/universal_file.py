@@ -1,6 +1,6 @@
 """Frequency responses as universal files (UFF) for modal analysis software, with a dataset 58 per path.
 
-They are written and read by pyuff, an optional dependency. The text form stores a response with 12 digits. Evenly
+They are written by pyuff, an optional dependency. The text form stores a response with 12 digits. Evenly
 spaced frequencies are stored as the first frequency and the step, with 6 digits; other frequencies are stored one by
 one, with 6 digits. Dataset 164 states that all units are SI. Each channel has its own node, outputs from 1 and inputs
 after them; its name is in the first line.
@@ -19,7 +19,7 @@ from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
 from eightpost.extras import requirement
-from eightpost.files import MALFORMED, atomic_path, reading
+from eightpost.files import atomic_path
 from eightpost.ident.response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
@@ -56,43 +56,6 @@ def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
     sets = [_units(), *_functions(response), *_coherences(response)]
     with atomic_path(path) as temporary:
         pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite")
-
-
-def read_response_uff(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response that `write_response_uff` wrote, to the digits that the format stores.
-
-    Raises:
-        FileFormatError: The file does not exist, is not a universal file, or was not written by eightpost.
-    """
-    path = Path(path)
-    with reading(path), path.open("rb"):
-        sets = _sets(path)
-    try:
-        return _response(sets, path)
-    except FileFormatError:
-        raise
-    except MALFORMED as error:
-        what = f"does not contain a frequency response in the format of eightpost ({error})"
-        raise FileFormatError(what, path=path) from error
-
-
-def _response(sets: list[dict[str, Any]], path: Path) -> FrequencyResponse:
-    functions = [each for each in sets if each.get("type") == 58 and each["func_type"] == _FUNCTION]
-    if not functions:
-        raise FileFormatError("contains no frequency response (dataset 58 of type 4)", path=path)
-    paths = {_pair(each, path): each for each in functions}
-    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in paths)) for side in (0, 1))
-    if len(paths) != len(outputs) * len(inputs):
-        raise FileFormatError(
-            f"its {len(paths)} responses do not form a table of {len(outputs)} outputs and {len(inputs)} inputs",
-            path=path,
-        )
-    H = np.stack([np.stack([paths[output, source]["data"] for source in inputs]) for output in outputs])
-    data = {each["id1"].strip(): each["data"] for each in sets if each.get("type") == 58}
-    coherence = [data.get(f"{_COHERENCE_OF}{output.name}") for output in outputs]
-    known = [each for each in coherence if each is not None]
-    frequency = np.asarray(functions[0]["x"], dtype=np.float64)
-    return FrequencyResponse(frequency, H, inputs, outputs, np.stack(known) if len(known) == len(outputs) else None)
 
 
 def _units() -> dict[str, Any]:
@@ -177,27 +140,8 @@ def _is_even(frequency: Array) -> bool:
     return bool(np.allclose(grid, frequency, rtol=1e-9, atol=0.0))
 
 
-def _pair(function: dict[str, Any], path: Path) -> tuple[Channel, Channel]:
-    """Return the output and the input that a function's first line names."""
-    output, to, source = function["id1"].strip().partition(_TO)
-    if not to:
-        what = f"the title of a function must be `output{_TO}input`, not {function['id1'].strip()!r}"
-        raise FileFormatError(what, path=path)
-    units = (function[f"{kind}_axis_units_lab"].strip() for kind in ("ordinate", "orddenom"))
-    return Channel(output, next(units)), Channel(source, next(units))
-
-
-def _sets(path: Path) -> list[dict[str, Any]]:
-    pyuff = _pyuff(path)
-    try:
-        found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # pyuff raises Exception itself
-        raise FileFormatError(f"not a readable universal file: {error}", path=path) from error
-    return [found] if isinstance(found, dict) else list(found)
-
-
 def _pyuff(path: Path) -> Any:
     try:
         return importlib.import_module("pyuff")
     except ImportError as error:
-        raise FileFormatError(requirement("exchange of universal files", "pyuff", "uff"), path=path) from error
+        raise FileFormatError(requirement("export of universal files", "pyuff", "uff"), path=path) from error

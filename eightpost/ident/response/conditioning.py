@@ -110,11 +110,6 @@ def condition(
     return response.with_response(H)
 
 
-def zeroed_paths(response: FrequencyResponse) -> NDArray[np.bool_]:
-    """Return the mask of paths (p, m) that are zero at all frequencies."""
-    return np.asarray(~np.abs(response.H).any(axis=2))
-
-
 def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDArray[np.intp]:
     """Count the feedback paths from a shock to an output through the shock velocities (Eq 6.8).
 
