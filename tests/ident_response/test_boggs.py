@@ -134,7 +134,7 @@ def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> No
 
 
 def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit: VehicleFit, tmp_path: Path) -> None:
-    """Version 0.2.0 wrote the choice of that recipe, which is left out, and a reason by a rule that is gone."""
+    """Version 0.2.0 wrote the choice of that recipe, which is left out, and a reason by a removed rule."""
     gone = Reason(
         "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE, "common-poles was chosen",
         "common-poles 2 %, grey-box 3 %", "common-poles fit to base.parquet", "nothing",
