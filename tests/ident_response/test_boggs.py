@@ -18,7 +18,9 @@ from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
+from eightpost.ident.vehicle.verdict import fit_verdict
 from eightpost.judged import sealed
 from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
@@ -131,6 +133,16 @@ def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> No
     assert found.vehicle.state_space == fit.vehicle.state_space
     assert found.sources == {"base.parquet": "0" * 64}
     np.testing.assert_array_equal(found.response.H, fit.response.H)
+
+
+def test_a_fit_is_judged_by_the_rules_of_all_recipes(fit: VehicleFit) -> None:
+    """A misfit of 30 % makes any vehicle unusable, and so does one that cannot be simulated."""
+    poor = replace(fit, residual={**fit.residual, "velocity": 0.31})
+    assert with_validity(poor).verdict == fit_verdict(poor)
+    assert fit_verdict(poor).grade is Grade.NOT_USABLE
+    unusable = Trust({}, {}, {}, {UNUSABLE: NOT_SIMULATED}, None, 0, {})
+    assert fit_verdict(replace(fit, trust=unusable)).grade is Grade.NOT_USABLE
+    assert fit_verdict(fit).grade is not Grade.NOT_USABLE
 
 
 def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit: VehicleFit, tmp_path: Path) -> None:
