@@ -120,7 +120,7 @@ class _Regression(NamedTuple):
     active: NDArray[np.bool_]  #: Mask of the inputs that were kept (m, K).
 
 
-def _regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
+def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
     """Solve for H; inputs are dropped at frequencies where they have no power.
 
     Args:
@@ -179,7 +179,7 @@ def _inverted(singular: Array, active: NDArray[np.bool_], names: Sequence[str]) 
 
 # ---- Estimator H1, averaged over windowed blocks --------------------------------------------------------------------
 
-#: Amplitude of an input, relative to its largest, below which it has no power (-50 dB) [1].
+#: Amplitude of an input, relative to its largest, below which it has no power and is dropped (-50 dB) [1].
 POWER_FLOOR = 3e-3
 
 
@@ -188,14 +188,12 @@ class H1:
     """Linear regression for noise on the outputs (Eq 4.19, 5.32; the global method of Eq 6.7 for several shocks)."""
 
     blocks: Blocks  #: Division of the records into blocks.
-    #: Amplitude of an input, relative to its largest, below which it is dropped at a frequency [1].
-    power_floor: float = POWER_FLOOR
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate from all records at once."""
         spectra = self.blocks.spectra(records)
         names = [channel.name for channel in records.inputs]
-        solved = _regress(spectra.U, spectra.Y, power_floor=self.power_floor, names=names)
+        solved = regress(spectra.U, spectra.Y, power_floor=POWER_FLOOR, names=names)
         return FrequencyResponse(
             spectra.frequency,
             solved.H,

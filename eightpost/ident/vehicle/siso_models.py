@@ -33,9 +33,12 @@ from eightpost.vehicle.statespace import Channel, StateSpace
 #: Orders to try if all requested orders give artificial fits.
 _LAST_ORDERS = (7, 6, 5, 4, 3, 2)
 
-
 #: Ratio of the error to that of the next lower order above which a higher order only fits noise [1].
 _NO_BETTER = 0.9
+
+#: Limits of a fit that is not artificial: damping ratio of a mode, response outside the weighted band over that inside,
+#: and frequency of a pole over the end of the weighted band [1].
+_LIGHTEST, _EXCESS, _FASTEST = 0.01, 2.0, 10.0
 
 
 class PathFit(NamedTuple):
@@ -50,6 +53,11 @@ class PathFit(NamedTuple):
     """Largest response outside the weighted band relative to the largest inside [1]."""
     fastest: float
     """Frequency of the fastest pole relative to the upper end of the weighted band [1]."""
+
+    @property
+    def is_acceptable(self) -> bool:
+        """Whether the fit is not artificial; see `SisoFits`."""
+        return self.excess <= _EXCESS and self.fastest <= _FASTEST and self.lightest >= _LIGHTEST
 
 
 def has_direct_term(output: str, source: str) -> bool:
@@ -96,12 +104,6 @@ class SisoFits:
     #: one; the search stops when a higher order is barely better.
     orders: tuple[int, ...] = (4, 6, 8)
     tolerance: float = 0.02  #: Accepted error of a path [1].
-    min_damping: float = 0.01  #: Damping ratio of a mode below which a fit is artificial [1].
-    #: Ratio of the response outside the weighted band to that inside above which a fit is artificial [1].
-    max_excess: float = 2.0
-    #: Ratio of a pole's frequency to the end of the weighted band above which a fit is artificial [1].
-    max_pole_ratio: float = 10.0
-    dt: float | None = None  #: Sample time of discrete models [s] (invfreqz), or None for continuous ones (invfreqs).
     #: Weights by input; other inputs have `AEROLOADERS` if their name is that of a load, else `WHEELLOADERS`.
     weights: Mapping[str, BandWeights] = field(default_factory=dict)
     #: Function that returns whether a path (output, input) has a direct term.
@@ -138,28 +140,24 @@ class SisoFits:
         found = []
         for order in self.orders:
             found += self._fit_order(order, (frequency, H, weight), direct)
-            if found and found[-1].error <= self.tolerance and self._is_acceptable(found[-1]):
+            if found and found[-1].error <= self.tolerance and found[-1].is_acceptable:
                 return found[-1]
-            if len(found) > 1 and self._is_acceptable(found[-2]) and found[-1].error > _NO_BETTER * found[-2].error:
+            if len(found) > 1 and found[-2].is_acceptable and found[-1].error > _NO_BETTER * found[-2].error:
                 break
         for order in _LAST_ORDERS:
-            if any(map(self._is_acceptable, found)):
+            if any(fit.is_acceptable for fit in found):
                 break
             found += self._fit_order(order, (frequency, H, weight), direct)
-        acceptable = [fit for fit in found if self._is_acceptable(fit)]
+        acceptable = [fit for fit in found if fit.is_acceptable]
         return min(acceptable or found, key=lambda fit: fit.error)
 
     def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
         """Return the fit in a list, which is empty if the fit has a double pole."""
         try:
-            model = RationalFit(order, order if direct else order - 1, self.dt).fit(*data)
+            model = RationalFit(order, order if direct else order - 1).fit(*data)
         except ParameterError:
             return []
         return [_path_fit(model, *data)]
-
-    def _is_acceptable(self, fit: PathFit) -> bool:
-        is_bounded = fit.excess <= self.max_excess and fit.fastest <= self.max_pole_ratio
-        return is_bounded and fit.lightest >= self.min_damping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,8 +202,6 @@ def _excess(model: TransferFunction, frequency: Array, H: Complex) -> float:
     """Return the largest response outside the band, from 0 to four times its end, relative to that of the data."""
     low, high = float(frequency[0]), float(frequency[-1])
     outside = np.concatenate(([0.0], np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
-    if model.dt is not None:
-        outside = outside[outside < 0.5 / model.dt]
     return float(np.abs(model.frequency_response(outside)).max() / np.abs(H).max())
 
 
@@ -226,15 +222,7 @@ def parallel_model(
         inputs: Inputs of the model.
         outputs: Outputs of the model.
         name: Name of the model.
-
-    Raises:
-        ParameterError: There is no path, or both continuous and discrete ones are given.
     """
-    rates = {path.dt for path in paths.values()}
-    if len(rates) != 1:
-        raise ParameterError(
-            f"all paths must have the same sample time; the given ones have {sorted(map(str, rates)) or 'none'}"
-        )
     rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
     n = sum(path.order for path in paths.values())
     A, B = np.zeros((n, n)), np.zeros((n, len(columns)))
@@ -245,7 +233,7 @@ def parallel_model(
         sections = path.sections()
         A[part, part], B[part, j], C[i, part], D[i, j] = sections[0], sections[1][:, 0], sections[2][0], path.direct
         at += path.order
-    return StateSpace(A, B, C, D, tuple(inputs), tuple(outputs), rates.pop(), name)
+    return StateSpace(A, B, C, D, tuple(inputs), tuple(outputs), name=name)
 
 
 # ---- Balanced truncation --------------------------------------------------------------------------------------------
