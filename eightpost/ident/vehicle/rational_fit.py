@@ -200,7 +200,7 @@ class RationalFit:
         count = self.denominator + self.numerator + 1
         if 2 * int(used.sum()) < count:
             raise TooShortError(f"{int(used.sum())} frequencies with weight are too few for {count} coefficients")
-        points = 2j * np.pi * frequency[used]
+        points: Complex = np.asarray(2j * np.pi * frequency[used], dtype=np.complex128)
         scale = float(np.abs(points).max())
         basis = _orthonormal_basis(points / scale, weight[used], self.denominator)
         problem = _Problem(basis, basis.values(points / scale), H[used], np.sqrt(weight[used]), self)
