@@ -16,8 +16,8 @@ from eightpost.array_types import Array
 
 #: Names of the sizes of vehicle_data.h that the library needs.
 _SIZES = (
-    "MODE_COUNT", "MODES", "PAIR_COUNT", "PAIRS", "LANES", "STATE_COUNT", "BLOCK", "STATE_BLOCKS", "DIRECT_TERMS",
-    "PORT_COUNT", "PORTS", "SPRING_COUNT", "SPRINGS",
+    "MODE_COUNT", "MODES", "PAIR_COUNT", "PAIRS", "COUPLED_COUNT", "COUPLED", "COUPLED_CELLS", "LANES", "STATE_COUNT",
+    "BLOCK", "STATE_BLOCKS", "DIRECT_TERMS", "PORT_COUNT", "PORTS", "SPRING_COUNT", "SPRINGS",
 )  # fmt: skip
 
 #: Parameters of the ports, in the order of CarParameters in fmus/batch/car.h; the last one is that of springs.
@@ -85,6 +85,9 @@ def _data(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, o
         constants.filled("SIGMA", modes),
         constants.filled("OMEGA", modes),
         constants.numbers["FASTEST"],
+        constants.filled("COUPLING", sizes["COUPLED_CELLS"]),
+        constants.filled("COUPLED_AT_REST", sizes["COUPLED_CELLS"]),
+        constants.numbers["FASTEST_COUPLED"],
         constants.filled("B", block),
         constants.filled("C", outputs * sizes["STATE_COUNT"]),
         constants.filled("DIRECT_TERM", sizes["DIRECT_TERMS"]),
