@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, hadamard
 
 from eightpost.errors import ParameterError
 from eightpost.vehicle import Channel, LinearStepper, StateSpace, read_vehicle, shipped
@@ -247,16 +247,28 @@ def test_a_car_with_pairs_that_share_an_eigenvector_is_exact_and_couples_only_th
     assert difference(model) < ACCURACY
 
 
-@pytest.mark.parametrize("ratio", [1e3, 1e6, 1e9])
-def test_a_pair_whose_two_states_have_different_sizes_is_a_mode(ratio):
-    """Its eigenvectors are nearly parallel in these states, as those of 15.6 Hz in an identified car, but not equal."""
-    alone = np.array([[-6.67, 98.18 * ratio], [-98.18 / ratio, -6.67]])
-    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
-    model = model_of(turn @ block_diag(alone, [[-2.0, 9.0], [-9.0, -2.0]]) @ turn.T)
+@pytest.mark.parametrize("power", [10, 20])
+def test_a_pair_whose_states_have_different_sizes_is_a_mode_as_exact_as_its_matrix_defines_it(power):
+    """Its eigenvector is nearly real in the states of the model, as that of 15.6 Hz in an identified car.
+
+    All entries of the model are exact in binary; the response to a unit step is known for each block. A rounding error
+    of the largest entry changes 98 / ratio, and so the response, by this ratio squared.
+    """
+    ratio, h, turn = 2.0**power, 0.05, hadamard(4) / 2.0
+    pair, other = np.array([[-6.0, 98.0 * ratio], [-98.0 / ratio, -6.0]]), np.array([[-2.0, 9.0], [-9.0, -2.0]])
+    B, C = np.array([[1.0, 2.0], [-1.0, 1.0], [3.0, 0.0], [1.0, 1.0]]), np.array([[1.0, 2.0, -1.0, 1.0], [0, 1, 1, 3]])
+    model = model_of(turn @ block_diag(pair, other) @ turn, B=turn @ B, C=C @ turn)
+
+    def held(value, s):
+        r = (np.exp(value * h) - 1.0) / value
+        return np.array([[r.real, s * r.imag], [-r.imag / s, r.real]])
+
+    expected = C @ block_diag(held(-6.0 + 98.0j, ratio), held(-2.0 + 9.0j, 1.0)) @ B
     form = modal_form(model)
-    assert form.coupling.size == 0
-    assert form.pairs == 2
-    assert difference(model) < 1e-12 * ratio
+    assert (form.pairs, form.coupling.size) == (2, 0)
+    modes = in_real_coordinates(form)
+    found = np.column_stack([modes.C @ modes.advance(np.zeros(4), u, u, h) for u in np.eye(2)])
+    np.testing.assert_allclose(found, expected, rtol=np.finfo(float).eps * ratio**2)
 
 
 def test_the_steady_state_of_coupled_states_gives_the_models_steady_outputs():
@@ -284,7 +296,7 @@ def test_a_discrete_model_is_rejected():
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-5, 1e-6, 1e-8, 0.0])
 def test_near_a_double_eigenvalue_the_form_is_accurate_and_couples_two_states_if_modes_are_not(distance):
-    coupled = 0
+    coupled = set()
     for seed in range(6):
         rng = np.random.default_rng(seed)
         T = np.triu(rng.normal(size=(8, 8)) * 20.0, 1) - np.diag(np.arange(1.0, 9.0) * 10.0)
@@ -292,5 +304,5 @@ def test_near_a_double_eigenvalue_the_form_is_accurate_and_couples_two_states_if
         Q = np.linalg.qr(rng.normal(size=(8, 8)))[0]
         model = model_of(Q @ T @ Q.T, seed=seed)
         assert difference(model, steps=15) < ACCURACY
-        coupled += len(modal_form(model).coupling)
-    assert coupled == 0 if distance >= 1e-3 else coupled == 12 if distance <= 1e-6 else True
+        coupled.add(len(modal_form(model).coupling))
+    assert coupled == {1e-2: {0}, 1e-4: {0}, 1e-6: {2}}.get(distance, {0, 2})  # a double one may be found as a pair

@@ -12,6 +12,8 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
 from cosim.study.batch.library import instruction_set
 from eightpost.corners import CORNERS
+from eightpost.vehicle import write_vehicle
+from tests.double_modes import car_with_seat
 
 from .batched import (
     CHANNELS,
@@ -89,6 +91,15 @@ def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, tmp_path):
     study = study_of(fmus, builds, vehicle, measures=measures, drives=(drive,))
     channels = tuple(f"car.{corner}.velocity" for corner in CORNERS) + tuple(f"{corner}.force" for corner in CORNERS)
     assert differing(study, random_setups(study, 4), channels) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("friction", [{}, at_corners({"bristle_force": 70.0})], ids=["free", "rubbing"])
+def test_a_car_with_coupled_states_has_the_bits_of_its_fmu(fmus, tmp_path, friction):
+    write_vehicle(tmp_path / "car.json", car_with_seat())
+    vehicle = Vehicle(build([tmp_path / "car.json"], tmp_path)[0].path, parameters=friction)
+    study = study_of(fmus, random_builds(fmus, ["lpnl2", "lpf1"], 4, seed=47), vehicle)
+    assert differing(study, random_setups(study, 4), (*CHANNELS, "car.driver.acceleration")) == []
 
 
 @pytest.mark.nightly
