@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.projection import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
+from eightpost.vehicle import IdentifiedVehicle, LinearStepper, friction
 
 #: Sentences on the springs of a model.
 _LINEAR = "The model has linear springs; it is valid for travel as in the tests."
@@ -71,6 +72,31 @@ def port_springs(
     found = {port: force.value for port, force in springs.items() if force.is_significant}
     sizes = mean_squares(tests[0], [port for port in ports if port in found])
     return {port: found[port] / size for port, size in sizes.items()}
+
+
+def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return a vehicle whose port springs have the mean travel of its tests; unchanged if it has no state without loads.
+
+    Args:
+        vehicle: Vehicle about the mean of its tests.
+        loads: Mean loads on the chassis in the tests [N, N.m], by input.
+    """
+    springs = [port for port, law in vehicle.friction.items() if law.spring]
+    if not springs:
+        return vehicle
+    model = vehicle.state_space
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    names = [channel(port, "") for port in springs]
+    ports = friction.named_ports(stepper, (model.input_names, model.output_names), names, names)
+    none, k2 = np.zeros(len(springs)), np.array([vehicle.friction[port].spring for port in springs])
+    without = -np.array([loads.get(name, 0.0) for name in model.input_names])
+    try:
+        x = friction.equilibrium(stepper, friction.PortFriction(ports, none, none + 1.0, spring=k2), without)
+    except ValueError:
+        return vehicle
+    travel = dict(zip(springs, (-ports.displacement @ x).tolist(), strict=True))
+    laws = {p: law._replace(mean_travel=travel.get(p, 0.0)) for p, law in vehicle.friction.items()}
+    return replace(vehicle, friction=laws)
 
 
 def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str = _LINEAR) -> str | None:
