@@ -7,6 +7,8 @@ from dataclasses import asdict, astuple, dataclass, field
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from eightpost.corners import channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import ParameterError
@@ -20,6 +22,10 @@ from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import StateSpace
 
 Model = Literal["quarter_car", "seven_dof", "state_space"]
+
+#: Largest rates of growth of a motion [1/s]: with the baseline dampers it grows by half in a minute at most, and without
+#: any, shocks in a loop with a delay of a millisecond still hold it.
+GROWTH_WITH_DAMPERS, GROWTH_WITHOUT = 0.007, 100.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -231,6 +237,19 @@ class IdentifiedVehicle(Summarized):
     def with_damper(self) -> StateSpace:
         """Return the identified model, with its baseline damping."""
         return self.state_space
+
+    def instability(self) -> str | None:
+        """Return which motion of the continuous model grows too fast to be simulated; None if none does."""
+        tried = [("without dampers", self.coupled(), GROWTH_WITHOUT)]
+        if self.baseline_damping:
+            tried.insert(0, ("with its baseline dampers", self.state_space, GROWTH_WITH_DAMPERS))
+        for dampers, model, largest in tried:
+            poles = model.poles()
+            growth = float(poles.real.max(initial=0.0))
+            if growth > largest:
+                frequency = float(np.abs(poles[np.argmax(poles.real)].imag) / (2.0 * np.pi))
+                return f"{dampers}, a motion of {frequency:.3g} Hz grows at a rate of {growth:.3g} 1/s"
+        return None
 
 
 Vehicle = StructuralVehicle | IdentifiedVehicle
