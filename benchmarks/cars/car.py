@@ -111,6 +111,11 @@ class Car:
         """Return the car with fuel just behind its centre."""
         return replace(self, fuel=(mass, -0.3))
 
+    def with_seals(self, friction: float) -> Car:
+        """Return the car with dry friction in all of its shocks."""
+        bank = tuple(replace(shock, seal=friction) for shock in self.bank)
+        return replace(self, bank=bank, alternate=replace(self.alternate, seal=friction))
+
     def numbers(self) -> Numbers:
         """Return the arrays of the march."""
         mass = np.diag([*self.body, self.bending[0], self.torsion[0], *self.engine[:2], *self.hubs])
