@@ -117,7 +117,7 @@ def predicted(
 ) -> tuple[list[dict[str, float]], dict[str, float]]:
     """Return the predicted measures of setups, and the share of the first one's power above the model's band."""
     names, rows, above = fit.vehicle.state_space.output_names, [], {}
-    for outputs in ManySetups(fit.vehicle, laws, lap, _FINER).run(setups):
+    for outputs in ManySetups(fit.vehicle.unloaded(), laws, lap, _FINER).run(setups):
         kept = dict(zip(names, outputs[:, round(SETTLING * RATE) :], strict=True))
         kept[TOTAL] = np.sum([y for n, y in kept.items() if n.endswith("tire_force")], axis=0)
         rows.append({n: float(kept[n].std()) for n in NAMES if n in kept})

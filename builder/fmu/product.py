@@ -51,8 +51,8 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     """Return the product for a vehicle: its model without dampers at the ports, and its static state.
 
     Raises:
-        FmuError: The model is discrete or not stable, has feedthrough to a shock velocity, or has a channel that vehicle_ss does
-            not have.
+        FmuError: The model is discrete or not stable, has feedthrough to a shock velocity, or has a channel that
+            vehicle_ss does not have.
     """
     model = vehicle.coupled()
     if model.dt is not None:

@@ -60,7 +60,7 @@ VEHICLE = (
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
-    """Return the sources that both FMI versions have: file name -> content; a host can see the variables of `visible`."""
+    """Return the sources that both FMI versions have, by file name; a host can see the variables of `visible`."""
     folder = source_folder()
     model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
     states = 0

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 #: Relative accuracy of outputs that a modal form must reach.
 ACCURACY = 1e-10
 
-#: Largest condition number of the eigenvectors; beyond it, some states remain coupled. The rounding error of the sum over the modes is up to twice this number
-#: (measured: 1.9 times, on random models with nearly equal eigenvalues).
+#: Largest condition number of the eigenvectors; beyond it, some states remain coupled. The rounding error of the sum
+#: over the modes is up to twice this number (measured: 1.9 times, on random models with nearly equal eigenvalues).
 WORST_CONDITION = ACCURACY / (2.0 * float(np.finfo(np.float64).eps))
 
 _TIE = 1.0 - 1e-6
@@ -201,7 +201,10 @@ def _subspaces(A: Array) -> list[_Subspace]:
 
 
 def _subspace(T: Array, Q: Array, places: tuple[int, ...]) -> _Subspace:
-    """Return the invariant subspace of eigenvalues at some places of a real Schur form; of all, if they are too close."""
+    """Return the invariant subspace of the eigenvalues at some places of a real Schur form.
+
+    It is that of all eigenvalues if they are too close to be exchanged.
+    """
     chosen = np.zeros(len(T), dtype=np.int32)
     chosen[list(places)] = 1
     ordered, basis, *_, fault = lapack.dtrsen(chosen, T, Q, job="N")

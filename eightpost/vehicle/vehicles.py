@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
@@ -23,8 +23,8 @@ from eightpost.vehicle.statespace import StateSpace
 
 Model = Literal["quarter_car", "seven_dof", "state_space"]
 
-#: Largest rates of growth of a motion [1/s]: with the baseline dampers it grows by half in a minute at most, and without
-#: any, shocks in a loop with a delay of a millisecond still hold it.
+#: Largest rates of growth of a motion [1/s]: with the baseline dampers it grows by half in a minute at most, and
+#: without any, shocks in a loop with a delay of a millisecond still hold it.
 GROWTH_WITH_DAMPERS, GROWTH_WITHOUT = 0.007, 100.0
 
 
@@ -80,7 +80,7 @@ class Friction(NamedTuple):
 
     with the velocity v and the displacement d of the port, and the bristle's deflection z. The identified model is the
     car about the mean loads of its tests, and d is zero there. Without loads, d is `-mean_travel`; the car about that
-    state (`IdentifiedVehicle.coupled`) has the same spring k2 d^2 with its own d, and a stiffness that is lower by
+    state (`IdentifiedVehicle.unloaded`) has the same spring k2 d^2 with its own d, and a stiffness that is lower by
     `2 k2 mean_travel`.
     """
 
@@ -222,17 +222,29 @@ class IdentifiedVehicle(Summarized):
     def coupled(self) -> StateSpace:
         """Return the model without the baseline damping, whose inputs are the whole shock forces and loads.
 
-        It is the car about the state without loads: a port spring has the tangent there.
+        It is the car about the state without loads; see `unloaded`.
 
         Raises:
             ParameterError: The model is discrete, or a shock velocity has a direct term, or the displacement of a
                 port with a spring.
         """
-        model = self.state_space
-        if self.baseline_damping:
-            model = add_port_damping(model, {port: -c for port, c in self.baseline_damping.items()})
+        model = self.unloaded().state_space
+        if not self.baseline_damping:
+            return model
+        return add_port_damping(model, {port: -c for port, c in self.baseline_damping.items()})
+
+    def unloaded(self) -> IdentifiedVehicle:
+        """Return the vehicle about the state without loads; the identified one is about the mean loads of its tests.
+
+        Raises:
+            ParameterError: The model is discrete, or the displacement of a port with a spring has a direct term.
+        """
         softer = {p: -2.0 * law.spring * law.mean_travel for p, law in self.friction.items() if law.mean_travel}
-        return add_port_stiffness(model, softer) if softer else model
+        if not softer:
+            return self
+        laws = {port: law._replace(mean_travel=0.0) for port, law in self.friction.items()}
+        model = add_port_stiffness(self.state_space, softer)
+        return replace(self, state_space=model, friction=laws, validity=None)
 
     def with_damper(self) -> StateSpace:
         """Return the identified model, with its baseline damping."""

@@ -72,6 +72,10 @@ def test_a_car_with_a_progressive_spring_is_coupled_about_the_state_without_load
     expected = quarter_car.coupled(QuarterCar(300.0, 40.0, k1, 220e3))
     assert_same(car.coupled(), expected.select(outputs=names))
     assert car.with_damper() == identified
+    unloaded = car.unloaded()
+    assert unloaded.friction == {"": Friction(spring=k2)}
+    assert unloaded.unloaded() is unloaded
+    assert unloaded.coupled() == car.coupled()
 
 
 def test_displacements_with_direct_terms_are_rejected():

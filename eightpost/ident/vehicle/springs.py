@@ -75,7 +75,9 @@ def port_springs(
 
 
 def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
-    """Return a vehicle whose port springs have the mean travel of its tests; unchanged if it has no state without loads.
+    """Return a vehicle whose port springs have the mean travel of its tests.
+
+    It is unchanged if it has no steady state without loads.
 
     Args:
         vehicle: Vehicle about the mean of its tests.

@@ -60,8 +60,8 @@ class Stability(NamedTuple):
 def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
     """Return the stability of the loop closed with linear dampers, changed by `FACTORS` all together and one at a time.
 
-    Without dampers, motions may grow slowly: a car that is nearly undamped may be found so. Only the states between shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as
-    fitted.
+    Without dampers, motions may grow slowly: a car that is nearly undamped may be found so. Only the states between
+    shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as fitted.
 
     Args:
         vehicle: Identified continuous vehicle.

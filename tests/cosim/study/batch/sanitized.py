@@ -1,4 +1,4 @@
-"""Run mixed laws, friction, coupled states and a filter in lanes of a library with sanitizers; a finding ends this process."""
+"""Run mixed laws, friction, coupled states and a filter in lanes with sanitizers; a finding ends this process."""
 
 import sys
 import tempfile
