@@ -128,8 +128,8 @@ class _Group(NamedTuple):
     """Scaled states that are coupled: `z' = matrix z + b u`, with the contribution `c z` to the outputs."""
 
     matrix: Array
-    b: Array
-    c: Array
+    b: Complex
+    c: Complex
 
 
 class _Subspace(NamedTuple):
@@ -231,7 +231,7 @@ def _resolved(model: StateSpace, part: _Part) -> tuple[list[_Mode], list[_Group]
     C = np.asarray(out @ shares, dtype=np.complex128)
     modes = [_Mode(complex(e), *_scaled(B[k], C[:, k])) for k, e in enumerate(part.eigenvalues)]
     groups = [
-        _Group(space.matrix, *(np.asarray(side.real) for side in _scaled(b, out @ space.basis)))
+        _Group(space.matrix, *_scaled(b, np.asarray(out @ space.basis, dtype=np.complex128)))
         for space, b in zip(part.coupled, others, strict=True)
     ]
     return modes, groups

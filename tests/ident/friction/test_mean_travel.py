@@ -54,7 +54,7 @@ def test_a_study_at_another_mean_load_starts_at_the_true_travel_with_the_true_st
 
 
 def test_a_car_without_a_state_without_loads_is_unchanged():
-    """The spring would give way: k1 d - k2 d^2 is at most k1^2 / 4 k2."""
+    """The force in extension, k1 d - k2 d^2, is at most k1^2 / 4 k2."""
     model = quarter_car.with_damper(QuarterCar(300.0, 40.0, K1, 220e3, 1500.0))
     car = IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(spring=K2)})
     assert about_tests(car, {"aero_force": 1.01 * K1**2 / (4.0 * K2)}) is car
