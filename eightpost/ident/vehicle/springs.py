@@ -13,7 +13,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.projection import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, LinearStepper, friction
+from eightpost.vehicle import IdentifiedVehicle, LinearStepper, add_port_stiffness, friction
 
 #: Sentences on the springs of a model.
 _LINEAR = "The model has linear springs; it is valid for travel as in the tests."
@@ -83,22 +83,42 @@ def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> Ident
         vehicle: Vehicle about the mean of its tests.
         loads: Mean loads on the chassis in the tests [N, N.m], by input.
     """
+    try:
+        without = _travel(vehicle, {load: -mean for load, mean in loads.items()})
+    except ValueError:
+        return vehicle
+    laws = {p: law._replace(mean_travel=-without[p]) if p in without else law for p, law in vehicle.friction.items()}
+    return replace(vehicle, friction=laws) if without else vehicle
+
+
+def about_loads(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return a vehicle about the state with the mean loads of a drive, for simulations of the drive without its means.
+
+    Args:
+        vehicle: Vehicle that knows the mean travel of its tests.
+        loads: Mean loads of the drive [N, N.m], by input.
+
+    Raises:
+        ValueError: There is no steady state with these loads.
+    """
+    unloaded = vehicle.unloaded()
+    stiffer = {port: 2.0 * vehicle.friction[port].spring * d for port, d in _travel(unloaded, loads).items()}
+    return replace(unloaded, state_space=add_port_stiffness(unloaded.state_space, stiffer), validity=None)
+
+
+def _travel(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> dict[str, float]:
+    """Return the displacements at constant loads by port with a spring [m]; ValueError: there is no steady state."""
     springs = [port for port, law in vehicle.friction.items() if law.spring]
     if not springs:
-        return vehicle
+        return {}
     model = vehicle.state_space
     stepper = LinearStepper(model.A, model.B, model.C, model.D)
     names = [channel(port, "") for port in springs]
     ports = friction.named_ports(stepper, (model.input_names, model.output_names), names, names)
     none, k2 = np.zeros(len(springs)), np.array([vehicle.friction[port].spring for port in springs])
-    without = -np.array([loads.get(name, 0.0) for name in model.input_names])
-    try:
-        x = friction.equilibrium(stepper, friction.PortFriction(ports, none, none + 1.0, spring=k2), without)
-    except ValueError:
-        return vehicle
-    travel = dict(zip(springs, (-ports.displacement @ x).tolist(), strict=True))
-    laws = {p: law._replace(mean_travel=travel.get(p, 0.0)) for p, law in vehicle.friction.items()}
-    return replace(vehicle, friction=laws)
+    u = np.array([loads.get(name, 0.0) for name in model.input_names])
+    x = friction.equilibrium(stepper, friction.PortFriction(ports, none, none + 1.0, spring=k2), u)
+    return dict(zip(springs, (ports.displacement @ x).tolist(), strict=True))
 
 
 def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str = _LINEAR) -> str | None:

@@ -10,7 +10,7 @@ import pytest
 
 from eightpost.ident.vehicle import plan
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.springs import about_tests
+from eightpost.ident.vehicle.springs import about_loads, about_tests
 from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar, quarter_car
 from eightpost.vehicle import friction as port_friction
 
@@ -51,6 +51,16 @@ def test_a_study_at_another_mean_load_starts_at_the_true_travel_with_the_true_st
     ]
     assert places[0] == pytest.approx(travel(used), rel=1e-9)
     assert 1e-3 / (places[1] - places[0]) == pytest.approx(K1 + 2.0 * K2 * travel(used), rel=1e-4)
+
+
+@pytest.mark.parametrize("tested", [0.0, 800.0])
+def test_a_car_about_the_loads_of_a_drive_is_the_one_that_tests_with_these_loads_find(tested):
+    car = about_tests(car_about(tested), {"aero_force": tested})
+    for used in (0.0, 300.0, 1500.0, tested):
+        found, expected = about_loads(car, {"aero_force": used}), car_about(used)
+        assert found.friction == expected.friction
+        np.testing.assert_allclose(found.state_space.A, expected.state_space.A, rtol=1e-8, atol=1e-8)
+    assert about_loads(replace(car, friction={}), {"aero_force": 300.0}).state_space == car.state_space
 
 
 def test_a_car_without_a_state_without_loads_is_unchanged():
