@@ -271,6 +271,22 @@ def test_a_pair_whose_states_have_different_sizes_is_a_mode_as_exact_as_its_matr
     np.testing.assert_allclose(found, expected, rtol=np.finfo(float).eps * ratio**2)
 
 
+def test_many_dependent_modes_are_joined_only_until_the_others_are_accurate():
+    """Each pair drives all before it, so strongly that no two eigenvectors alone are to blame."""
+    rng = np.random.default_rng(40)
+    pairs = [np.array([[-z * w, w], [-w, -z * w]]) for w, z in zip(rng.uniform(5, 180, 20), rng.uniform(0.02, 0.4, 20))]
+    A = block_diag(*pairs) + np.triu(60.0 * rng.normal(size=(40, 40)), 2)
+    Q = np.linalg.qr(rng.normal(size=(40, 40)))[0]
+    model = model_of(Q @ A @ Q.T, seed=40)
+    assert np.linalg.cond(np.linalg.eig(model.A)[1]) > 1e7
+    form = modal_form(model)
+    assert 10 < len(form.coupling) < 35
+    assert form.pairs > 4
+    assert difference(model, steps=10) < ACCURACY
+    found = np.concatenate([form.eigenvalues, form.eigenvalues[: form.pairs].conj(), np.linalg.eigvals(form.coupling)])
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(np.linalg.eigvals(A)), rtol=1e-6)
+
+
 def test_the_steady_state_of_coupled_states_gives_the_models_steady_outputs():
     model = model_of(in_random_coordinates(block_diag(jordan(np.array([[-3.0, 9.0], [-9.0, -3.0]]), 2, 5.0), -7.0), 1))
     form = modal_form(model)
