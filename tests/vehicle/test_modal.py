@@ -274,7 +274,7 @@ def test_a_pair_whose_states_have_different_sizes_is_a_mode_as_exact_as_its_matr
 def test_many_dependent_modes_are_joined_only_until_the_others_are_accurate():
     """Each pair drives all before it, so strongly that no two eigenvectors alone are to blame."""
     rng = np.random.default_rng(40)
-    pairs = [np.array([[-z * w, w], [-w, -z * w]]) for w, z in zip(rng.uniform(5, 180, 20), rng.uniform(0.02, 0.4, 20))]
+    pairs = [np.array([[-z * w, w], [-w, -z * w]]) for w, z in rng.uniform((5, 0.02), (180, 0.4), (20, 2))]
     A = block_diag(*pairs) + np.triu(60.0 * rng.normal(size=(40, 40)), 2)
     Q = np.linalg.qr(rng.normal(size=(40, 40)))[0]
     model = model_of(Q @ A @ Q.T, seed=40)
