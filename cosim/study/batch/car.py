@@ -28,6 +28,13 @@ _PORT = (
 _SPRING = "port_spring"
 _AT_EQUILIBRIUM = "start_at_equilibrium"
 
+#: Constants that FMUs of older versions lack, which have no coupled states.
+_NONE_COUPLED = """enum { COUPLED_COUNT = 0, COUPLED = 1, COUPLED_CELLS = 1 };
+static const double COUPLING[COUPLED_CELLS] = {0.0};
+static const double COUPLED_AT_REST[COUPLED_CELLS] = {0.0};
+static const double FASTEST_COUPLED = 0.0;
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarData:
@@ -61,7 +68,7 @@ def read_car(component: FmuComponent, path: Path, given: Parameters, corners: in
 
 
 def _car(component: FmuComponent, text: str, given: Parameters, corners: int) -> CarData:
-    constants = Constants.of(text)
+    constants = Constants.of(_NONE_COUPLED + text)
     inputs, outputs = _names(component, "input"), _names(component, "output")
     sizes = {name: constants.sizes[name] for name in _SIZES}
     sizes |= {"INPUTS": len(inputs), "OUTPUTS": len(outputs), "CORNERS": corners}
