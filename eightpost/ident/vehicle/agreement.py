@@ -8,24 +8,33 @@ with the tire force T, hub accelerations a, shock forces F, displacements x and 
 opposite one (o). The first terms are those of all tests. The springs k and k_o (an anti-roll bar), the friction f and
 the constant c are estimated for each half of each test; their covariance comes from the scatter of the balance over
 blocks of a few seconds, which are independent. No model of the car is needed, so every recipe has this check.
+
+Another shock at a wheel has another damping, part of which looks like friction if rubber yields in series with it. So
+the friction of a wheel is compared between the tests that have the same shock there.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
+from eightpost.ident.vehicle.closed_loop import port_slope
 from eightpost.signals import TimeSeries
 
 #: Velocity v_f of the friction [m/s], duration of a block [s], and smallest number of blocks in half a test.
-_SLIDES, _BLOCK, _FEWEST = 0.006, 3.0, 4
+_SLIDES, _BLOCK, _FEWEST = 0.006, 3.0, 16
 
 #: Standard deviations above which a change is not noise [1]. It is high, as few blocks give the standard deviations.
-_SIGNIFICANT = 6.0
+SIGNIFICANT = 5.0
+
+#: Relative difference of the damping above which a shock is another one [1].
+_OTHER_SHOCK = 0.1
 
 #: Friction is compared relative to at least this part of the RMS of the shock force [1].
 _LEAST_FRICTION = 0.05
@@ -78,12 +87,16 @@ class Agreement(NamedTuple):
 
 
 class _Relative(NamedTuple):
-    """Relative values (tests, 2) of a quantity in the halves of the tests, and their standard deviations."""
+    """Relative values (tests, 2) of a quantity in the halves of the tests, and their standard deviations.
+
+    `alike` tells which tests (tests,) can be compared with each other.
+    """
 
     quantity: str
     where: str
     values: Array
     deviations: Array
+    alike: NDArray[np.bool_]
 
 
 def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]) -> Agreement:
@@ -99,29 +112,43 @@ def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, fl
             rows = _relative(records, corner, CORNERS[place ^ 1])
             rubbing[corner] = rows.rubbing
             found.extend(rows.values)
-    changes = [_largest(same) for name in LIMITS for within in (False, True)
-               if (same := [change for row in found if row.quantity == name for change in _changes(row, within)])]
+    changes = []
+    for name in LIMITS:
+        rows = [row for row in found if row.quantity == name]
+        changes += [change for change in (_between(rows), _within(rows)) if change is not None] if rows else []
     return Agreement(tuple(changes), rubbing)
 
 
-def _changes(row: _Relative, within: bool) -> Iterator[Change]:
-    """Yield the change of a quantity between the tests, or within them, if it is significant and matters."""
-    values, deviations, limit = row.values, row.deviations, LIMITS[row.quantity]
-    if within:
-        size, deviation, least = values[:, 1] - values[:, 0], np.hypot(*deviations.T), limit.halves
-    else:
-        mean = values.mean(axis=1)
-        size, deviation, least = mean - np.median(mean), 0.5 * np.hypot(*deviations.T), limit.tests
-    tests = np.flatnonzero((np.abs(size) > least) & (np.abs(size) > _SIGNIFICANT * deviation))
-    if tests.size:
-        worst = float(size[np.argmax(np.where(np.isin(np.arange(size.size), tests), np.abs(size), 0.0))])
-        yield Change(row.quantity, row.where, tuple(tests.tolist()), worst, within)
+def _between(rows: Sequence[_Relative]) -> Change | None:
+    """Return the change of a quantity, known at several places, from the test that most tests agree with."""
+    means = np.stack([np.where(row.alike, row.values.mean(axis=1), np.nan) for row in rows])
+    deviations = np.stack([0.5 * np.hypot(*row.deviations.T) for row in rows])
+    size = np.nan_to_num(means[:, :, None] - means[:, None, :])
+    noise = np.hypot(deviations[:, :, None], deviations[:, None, :])
+    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].tests), size, 0.0)
+    usual = int(np.argmin(size.any(axis=0).sum(axis=0)))
+    return _change(rows, size[:, :, usual], within=False)
 
 
-def _largest(changes: Sequence[Change]) -> Change:
-    """Return the largest of the changes of one quantity at several places, with the tests of all."""
-    tests = sorted({test for change in changes for test in change.tests})
-    return max(changes, key=lambda change: abs(change.size))._replace(tests=tuple(tests))
+def _within(rows: Sequence[_Relative]) -> Change | None:
+    """Return the change of a quantity, known at several places, from the first to the second half of tests."""
+    size = np.stack([row.values[:, 1] - row.values[:, 0] for row in rows])
+    noise = np.stack([np.hypot(*row.deviations.T) for row in rows])
+    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].halves), size, 0.0)
+    return _change(rows, size, within=True)
+
+
+def _matters(size: Array, noise: Array, least: float) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(size) > least) & (np.abs(size) > SIGNIFICANT * noise), dtype=np.bool_)
+
+
+def _change(rows: Sequence[_Relative], size: Array, *, within: bool) -> Change | None:
+    """Return the largest change that matters, from changes at places in tests (places, tests); None if all are 0."""
+    place, test = np.unravel_index(int(np.argmax(np.abs(size))), size.shape)
+    if size[place, test] == 0.0:
+        return None
+    tests = tuple(np.flatnonzero(size.any(axis=0)).tolist())
+    return Change(rows[0].quantity, rows[place].where, tests, float(size[place, test]), within)
 
 
 # ---- Weight on the axles --------------------------------------------------------------------------------------------
@@ -134,12 +161,13 @@ def _weights(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]
     """
     for axle, corners in (("front", CORNERS[:2]), ("rear", CORNERS[2:])):
         tires = [channel(corner, "tire_force") for corner in corners]
-        if not all(mean.get(n, 0.0) > record[n].std() for n in tires for record, mean in zip(records, means, strict=True)):
+        tests = zip(records, means, strict=True)
+        if not all(mean.get(name, 0.0) > record[name].std() for record, mean in tests for name in tires):
             continue
         loads = [channel(corner, "aero") for corner in corners]
         held = np.array([sum(mean[n] for n in tires) - sum(mean.get(n, 0.0) for n in loads) for mean in means])
         halves = np.tile((held / np.median(held))[:, None], 2)
-        yield _Relative("weight", axle, halves, np.zeros_like(halves))
+        yield _Relative("weight", axle, halves, np.zeros_like(halves), np.ones(len(means), dtype=np.bool_))
 
 
 # ---- Balance of a wheel ---------------------------------------------------------------------------------------------
@@ -158,6 +186,8 @@ def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> _Wheel:
     rate = abs(float(np.median(theta[:, 0])))
     friction = abs(float(np.median(theta[:, 2])))
     axle = "front" if corner in CORNERS[:2] else "rear"
+    slopes = np.array([port_slope(record, corner) for record in records])
+    alike = np.abs(slopes / np.median(slopes) - 1.0) < _OTHER_SHOCK
     scaled = (
         ("spring rate", corner, (1.0, 1.0, 0.0, 0.0), abs(float(np.median(theta[:, 0] + theta[:, 1])))),
         ("anti-roll bar", axle, (0.0, 1.0, 0.0, 0.0), rate),
@@ -167,7 +197,8 @@ def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> _Wheel:
     for quantity, where, weights, size in scaled:
         w = np.array(weights) / size
         deviations = np.sqrt(np.einsum("kij,i,j->k", covariance, w, w))
-        rows.append(_Relative(quantity, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2)))
+        same = alike if quantity == "friction" else np.ones_like(alike)
+        rows.append(_Relative(quantity, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2), same))
     return _Wheel(tuple(rows), friction / force)
 
 
@@ -205,7 +236,7 @@ def _solved(grams: Sequence[Array]) -> tuple[Array, Array]:
     for at, blocks in parts:
         rows = np.zeros((len(blocks), count))
         rows[:, at] = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ theta[at]
-        scores.append(rows)
+        scores.append(rows * math.sqrt(len(blocks) / (len(blocks) - _OWN)))
     moved = np.concatenate(scores) @ inverse
     units = np.tile(scale[-1] / scale[_SHARED:-1], len(grams))
     own = (theta[_SHARED:] * units).reshape(-1, _OWN)

@@ -6,12 +6,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from eightpost.ident.preparation import Prepared
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
 from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.procedure import reasons_of_tests
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig.post import RigTest
+
+#: Part of each test that is simulated for the verdict [s].
+_SIMULATED = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +37,9 @@ class IdentificationPlan:
             TooShortError: The records have too few frequency bins.
         """
         records = [self.prepared.records[k] for k in self.baseline.order]
-        return with_validity(recipe(name).identify(records, self.experiment), self.prepared.reasons)
+        fit = recipe(name).identify(records, self.experiment)
+        reasons = (*self.prepared.reasons, *reasons_of_tests(self.prepared, self.experiment))
+        return with_validity(fit, reasons, ClosedLoop(seconds=_SIMULATED).level_errors(fit.vehicle, records))
 
 
 def plan_identification(

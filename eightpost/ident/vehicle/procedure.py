@@ -1,76 +1,140 @@
 """Verdict rules on the rig tests of an identification: long and large enough, tires on the ground, always the same car.
 
-The rules read the records only, so that they are the same for every recipe.
+They read the records only, so they are the same for every recipe.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
+from eightpost.corners import channel
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.agreement import LIMITS, Agreement, Change, compare_tests
+from eightpost.ident.vehicle.agreement import LIMITS, SIGNIFICANT, Change, compare_tests
 from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.verdict import Grade, Reason, Rules, listed
 
 ABOUT = "rig tests"
 
-#: Equations per unknown that a response needs in a band, and width of the band [Hz] up to which the response of a car
-#: hardly varies in it.
+#: Equations per unknown that the response needs in a band, and band [Hz] in which the response of a car hardly varies.
 _EQUATIONS, _WIDEST = 4.5, 0.6
 
-#: Friction relative to the RMS of the shock force, and share of the time in which a shock is slower than it slides,
-#: above which friction holds the car [1].
-_RUBS, _STICKS = 0.3, 0.4
+#: Friction relative to the RMS of the shock force, and share of the time in which the shock hardly slides, above which
+#: friction holds the car [1]; velocity below which it hardly slides [m/s].
+_RUBS, _STICKS, _SLOW = 0.3, 0.4, 0.006
 
-#: Velocity below which a shock hardly slides [m/s].
-_SLOW = 0.006
-
-#: Share of its mean load below which a tire has lifted [1]; shares of the time that matter, and that are too many [1].
+#: Part of its mean load at which a tire has lifted [1]; share of a test that matters, and that is too large [1].
 _LIFTED, _SHORTLY, _OFTEN = 0.01, 0.001, 0.01
+
+
+def _limits(kind: str) -> str:
+    return ", ".join(f"{name} {100 * getattr(limit, kind):g} %" for name, limit in LIMITS.items())
+
 
 RULES = Rules()
 
-SHORT = RULES.add("short tests", ABOUT, Grade.LIMITED,
-    condition="the inputs can be separated only in bands wider than "
-    f"{_WIDEST:g} Hz: {_EQUATIONS:g} (1 + inputs / tests) / duration",
-    why="resonances of the body are as narrow, so that noise and leakage become errors of the response",
-    remedy="repeat the tests with at least the stated duration",
+SHORT = RULES.add("tests too short", ABOUT, Grade.LIMITED,
+    condition=f"the inputs can be told apart only in bands wider than {_WIDEST:g} Hz, {_EQUATIONS:g} (1 + inputs / "
+    "tests) / duration",
+    why="resonances of a body are as narrow",
+    remedy="repeat the tests with the stated duration",
 )  # fmt: skip
 HELD = RULES.add("friction holds the car", ABOUT, Grade.NOT_USABLE,
     condition=f"at a wheel, friction is above {100 * _RUBS:g} % of the RMS of the shock force, and the shock is slower "
-    f"than {1e3 * _SLOW:g} mm/s for more than {100 * _STICKS:g} % of the time",
-    why="a car that sticks is another car than one that slides",
-    remedy="repeat the tests with larger roads, as large as those of the track",
+    f"than {1e3 * _SLOW:g} mm/s for more than {100 * _STICKS:g} % of a test",
+    why="a car that sticks is stiffer than one that slides",
+    remedy="repeat the tests with roads as large as those of the track",
 )  # fmt: skip
 OFTEN_LIFTED = RULES.add("tires often leave the ground", ABOUT, Grade.NOT_USABLE,
     condition=f"a tire is at {100 * _LIFTED:g} % of its mean load or less for more than {100 * _OFTEN:g} % of a test",
-    why="the model has no tires that lift, and takes what they do for softer tires",
+    why="the model has no such tires and is softer instead",
     remedy="repeat the tests with smaller roads",
 )  # fmt: skip
 LIFTED = RULES.add("tires leave the ground", ABOUT, Grade.LIMITED,
     condition=f"the same for more than {100 * _SHORTLY:g} % of a test",
-    why="the model has no tires that lift, and takes what they do for softer tires",
+    why="the model has no such tires and is softer instead",
     remedy="repeat the tests with smaller roads",
 )  # fmt: skip
-_COMPARED = (
-    "which is more than six standard deviations (docs/how_to/rig_data.md): "
-    + "; ".join(f"{name} {{{name}}}" for name in LIMITS)
-)
 OTHER_CAR = RULES.add("the car changed much", ABOUT, Grade.NOT_USABLE,
-    condition="a quantity of the car differs by more than six standard deviations, and by at least: "
-    + ", ".join(f"{name} {100 * limit.unusable:g} %" for name, limit in LIMITS.items()),
-    why="the model is that of no car: the change becomes false damping, or an error of every response",
-    remedy="restore the car, and repeat these tests",
+    condition="between tests, or between the halves of a test, a quantity of the car changed by more than "
+    f"{SIGNIFICANT:g} standard deviations and by at least: {_limits('unusable')}",
+    why="the model is a mean of different cars",
+    remedy="restore the car and repeat these tests",
 )  # fmt: skip
 CHANGED = RULES.add("the car changed", ABOUT, Grade.LIMITED,
-    condition="the same from test to test by at least: "
-    + ", ".join(f"{name} {100 * limit.tests:g} %" for name, limit in LIMITS.items())
-    + "; or from the first to the second half of a test by at least: "
-    + ", ".join(f"{name} {100 * limit.halves:g} %" for name, limit in LIMITS.items()),
-    why="the model is a mean of several cars, and differences between setups contain those of the car",
-    remedy="restore the car, and repeat these tests",
+    condition=f"the same by at least, between tests: {_limits('tests')}; between halves: {_limits('halves')}",
+    why="differences between setups contain those of the car; sound cars stay below half of each limit",
+    remedy="restore the car and repeat these tests",
 )  # fmt: skip
+
+
+def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason, ...]:
+    """Return the reasons that the rig tests of an identification give.
+
+    Tests in which friction holds the car are not compared with each other.
+    """
+    agreement = compare_tests(prepared.records, prepared.means)
+    held = tuple(_held(prepared, agreement.rubbing))
+    changes = () if held else tuple(_changed(change, prepared.names) for change in agreement.changes)
+    return (*held, *changes, *_lifted(prepared), *_short(prepared, experiment))
+
+
+def _changed(change: Change, names: Sequence[str]) -> Reason:
+    rule = OTHER_CAR if change.is_unusable else CHANGED
+    others = [name for k, name in enumerate(names) if k not in change.tests]
+    least = LIMITS[change.quantity]
+    what = f"the {change.quantity} changed"
+    if change.within:
+        statement, limit = f"{what} within {_tests(len(change.tests))}", least.halves
+        figure = f"{change.where} {100 * change.size:+.0f} % from the first to the second half; limit {100 * limit:g} %"
+    else:
+        statement, limit = f"{what} between tests", least.tests
+        figure = f"{change.where} {100 * change.size:+.0f} % from that of most tests; limit {100 * limit:g} %"
+        figure += f"; {listed(others)} agree" if len(others) > 1 else ""
+    return rule.reason(statement, figure=figure, origin=listed(names[k] for k in change.tests))
+
+
+def _tests(count: int) -> str:
+    return "a test" if count == 1 else f"{count} tests"
+
+
+def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
+    for corner, rubs in sorted(rubbing.items(), key=lambda item: -item[1]):
+        slow = [float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in prepared.records]
+        if rubs > _RUBS and max(slow) > _STICKS:
+            figure = (
+                f"{corner}: friction {100 * rubs:.0f} % of the shock force, which slides for "
+                f"{100 - 100 * max(slow):.0f} % of the time; limits {100 * _RUBS:g} and {100 - 100 * _STICKS:g} %"
+            )
+            yield HELD.reason("friction holds the car", figure=figure, origin=listed(prepared.names))
+            return
+
+
+def _lifted(prepared: Prepared) -> Iterator[Reason]:
+    """Yield a reason if a tire lifts. Forces with a mean below their standard deviation are changes from rest."""
+    worst = {}
+    for name, record, means in zip(prepared.names, prepared.records, prepared.means, strict=True):
+        for tire, mean in means.items():
+            if quantity(tire) == "tire_force" and tire in record and mean > record[tire].std():
+                share = float(np.mean(record[tire] <= (_LIFTED - 1.0) * mean))
+                worst[name] = max(worst.get(name, (0.0, "")), (share, tire))
+    lifting = {name: found for name, found in worst.items() if found[0] > _SHORTLY}
+    if lifting:
+        share, tire = max(lifting.values())
+        rule = OFTEN_LIFTED if share > _OFTEN else LIFTED
+        figure = f"{tire} for {100 * share:.1f} % of the time; limits {100 * _SHORTLY:g} and {100 * _OFTEN:g} %"
+        yield rule.reason("tires leave the ground", figure=figure, origin=listed(lifting))
+
+
+def _short(prepared: Prepared, experiment: Experiment) -> Iterator[Reason]:
+    shortest = min(prepared.records, key=lambda record: record.duration)
+    needed = _EQUATIONS * (1.0 + len(experiment.inputs) / len(prepared.records)) / _WIDEST
+    if shortest.duration < needed:
+        figure = (
+            f"{shortest.duration:.0f} s; {len(prepared.records)} tests with {len(experiment.inputs)} inputs need "
+            f"{math.ceil(needed)} s"
+        )
+        origin = prepared.names[prepared.records.index(shortest)]
+        yield SHORT.reason("the tests are too short", figure=figure, origin=origin)
