@@ -9,8 +9,8 @@ opposite one (o). The first terms are those of all tests. The springs k and k_o 
 the constant c are estimated for each half of each test; their covariance comes from the scatter of the balance over
 blocks of a few seconds, which are independent. No model of the car is needed, so every recipe has this check.
 
-Another shock at a wheel has another damping, part of which looks like friction if rubber yields in series with it. So
-the friction of a wheel is compared between the tests that have the same shock there.
+Another shock at a wheel has another damping, part of which looks like friction or stiffness if rubber yields in series
+with it. So a wheel is compared between the tests that have the same shock there.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Agreement(NamedTuple):
     """Comparison of tests."""
 
     changes: tuple[Change, ...]  #: Changes that are not noise and that matter.
-    #: Friction relative to the RMS of the shock force [1], the median of the tests, by wheel; empty if it is not known.
+    #: Friction relative to the RMS of the shock force [1] by wheel, median of the tests; empty if it is not known.
     rubbing: Mapping[str, float]
 
 
@@ -161,8 +161,9 @@ def _weights(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]
     """
     for axle, corners in (("front", CORNERS[:2]), ("rear", CORNERS[2:])):
         tires = [channel(corner, "tire_force") for corner in corners]
-        tests = zip(records, means, strict=True)
-        if not all(mean.get(name, 0.0) > record[name].std() for record, mean in tests for name in tires):
+        known = [(record[name].std() if name in record else np.inf, mean.get(name, 0.0))
+                 for record, mean in zip(records, means, strict=True) for name in tires]  # fmt: skip
+        if any(mean <= deviation for deviation, mean in known):
             continue
         loads = [channel(corner, "aero") for corner in corners]
         held = np.array([sum(mean[n] for n in tires) - sum(mean.get(n, 0.0) for n in loads) for mean in means])
@@ -182,24 +183,21 @@ def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> _Wheel:
     """Return the relative springs, anti-roll bar and friction of a wheel in the halves of the tests."""
     grams = [half for record in records for half in _halves(_terms(record, corner, other), record.sample_rate)]
     theta, covariance = _solved(grams)
+    rate, opposite, friction, _ = np.median(theta, axis=0).tolist()
     force = float(np.mean([record[channel(corner, "force")].std() for record in records]))
-    rate = abs(float(np.median(theta[:, 0])))
-    friction = abs(float(np.median(theta[:, 2])))
-    axle = "front" if corner in CORNERS[:2] else "rear"
     slopes = np.array([port_slope(record, corner) for record in records])
     alike = np.abs(slopes / np.median(slopes) - 1.0) < _OTHER_SHOCK
     scaled = (
-        ("spring rate", corner, (1.0, 1.0, 0.0, 0.0), abs(float(np.median(theta[:, 0] + theta[:, 1])))),
-        ("anti-roll bar", axle, (0.0, 1.0, 0.0, 0.0), rate),
-        ("friction", corner, (0.0, 0.0, 1.0, 0.0), max(friction, _LEAST_FRICTION * force)),
+        ("spring rate", corner, (1.0, 1.0, 0.0, 0.0), rate + opposite),
+        ("anti-roll bar", "front" if corner in CORNERS[:2] else "rear", (0.0, -1.0, 0.0, 0.0), rate),
+        ("friction", corner, (0.0, 0.0, 1.0, 0.0), math.copysign(max(abs(friction), _LEAST_FRICTION * force), rate)),
     )
     rows = []
     for quantity, where, weights, size in scaled:
         w = np.array(weights) / size
         deviations = np.sqrt(np.einsum("kij,i,j->k", covariance, w, w))
-        same = alike if quantity == "friction" else np.ones_like(alike)
-        rows.append(_Relative(quantity, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2), same))
-    return _Wheel(tuple(rows), friction / force)
+        rows.append(_Relative(quantity, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2), alike))
+    return _Wheel(tuple(rows), abs(friction) / force)
 
 
 def _terms(record: TimeSeries, corner: str, other: str) -> Array:

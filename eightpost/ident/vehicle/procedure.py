@@ -83,21 +83,19 @@ def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason
 
 def _changed(change: Change, names: Sequence[str]) -> Reason:
     rule = OTHER_CAR if change.is_unusable else CHANGED
-    others = [name for k, name in enumerate(names) if k not in change.tests]
-    least = LIMITS[change.quantity]
-    what = f"the {change.quantity} changed"
+    size = f"{change.where} {100 * change.size:+.0f} %"
+    if change.quantity == "anti-roll bar":
+        size += " of the wheel's rate"
     if change.within:
-        statement, limit = f"{what} within {_tests(len(change.tests))}", least.halves
-        figure = f"{change.where} {100 * change.size:+.0f} % from the first to the second half; limit {100 * limit:g} %"
+        count = len(change.tests)
+        where, least = f"within {count} tests" if count > 1 else "within a test", LIMITS[change.quantity].halves
+        figure = f"{size} from the first to the second half; limit {100 * least:g} %"
     else:
-        statement, limit = f"{what} between tests", least.tests
-        figure = f"{change.where} {100 * change.size:+.0f} % from that of most tests; limit {100 * limit:g} %"
-        figure += f"; {listed(others)} agree" if len(others) > 1 else ""
-    return rule.reason(statement, figure=figure, origin=listed(names[k] for k in change.tests))
-
-
-def _tests(count: int) -> str:
-    return "a test" if count == 1 else f"{count} tests"
+        others = listed(name for k, name in enumerate(names) if k not in change.tests)
+        where, least = "between tests", LIMITS[change.quantity].tests
+        figure = f"{size} from {others}; limit {100 * least:g} %"
+    origin = listed(names[k] for k in change.tests)
+    return rule.reason(f"the {change.quantity} changed {where}", figure=figure, origin=origin)
 
 
 def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:

@@ -1,0 +1,172 @@
+"""The verdict on the rig tests of an identification names what was wrong with them, in which test, and what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from eightpost.corners import CORNERS
+from eightpost.ident.preparation import Prepared
+from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.procedure import reasons_of_tests
+from eightpost.ident.vehicle.trust import UNUSABLE, Trust
+from eightpost.ident.vehicle.verdict import fit_verdict
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.verdict import Grade
+from tests.ident.vehicle_uncertainty.test_agreement import BAR, MEANS, SPRING, WEIGHT, of_all, record
+
+EXPERIMENT = Experiment(
+    "car",
+    tuple(f"{corner}.road" for corner in CORNERS),
+    tuple(f"{corner}.force" for corner in CORNERS),
+    tuple(f"{corner}.velocity" for corner in CORNERS),
+    dict.fromkeys(CORNERS, 3000.0),
+)
+
+
+def reasons(*records, means=None):
+    """Return the reasons of tests named a, b, c, ..."""
+    names = tuple("abcdefgh"[: len(records)])
+    stated = tuple(means or [MEANS] * len(records))
+    return reasons_of_tests(Prepared(records, stated, names, CORNERS, (), (), (), {}), EXPERIMENT)
+
+
+def only(*records, means=None):
+    (found,) = reasons(*records, means=means)
+    return found
+
+
+def with_rows(series, **factors):
+    """Return a record in which the channels of quantities are multiplied by factors."""
+    for name in series.names:
+        if (factor := factors.get(name.rpartition(".")[2])) is not None:
+            series = series.with_channel(name, series.unit(name), factor * series[name])
+    return series
+
+
+def lifted(series, samples):
+    """Return a record in which the right rear tire leaves the ground in the first samples."""
+    force = np.where(np.arange(len(series)) < samples, -WEIGHT, series["rr.tire_force"])
+    return series.with_channel("rr.tire_force", "N", force)
+
+
+def test_good_tests_give_no_reason():
+    assert reasons(*map(record, range(5)), means=[MEANS] * 5) == ()
+
+
+def test_a_broken_bar_is_named_with_the_test_that_must_be_repeated():
+    found = only(record(0), record(1), record(2, bar={"lf": 0.0, "rf": 0.0}), record(3), record(4))
+    share = f"{-100 * BAR / (SPRING + BAR):.0f}"
+    assert found.grade is Grade.NOT_USABLE
+    assert found.statement == "the anti-roll bar changed between tests"
+    assert found.figure.startswith(f"front {share} % of the wheel's rate from a, b, d, e; limit 3 %")
+    assert found.origin == "c"
+    assert found.remedy == "restore the car and repeat these tests"
+
+
+def test_a_small_change_limits_the_use_and_a_large_one_forbids_it():
+    def grade(factor):
+        return only(record(0), record(1), record(2, spring={"lf": factor}), record(3), record(4)).grade
+
+    assert grade(1.10) is Grade.LIMITED
+    assert grade(1.25) is Grade.NOT_USABLE
+
+
+def test_friction_that_falls_is_a_change_within_the_tests():
+    falling = of_all(np.linspace(1.0, 0.6, 3000))
+    found = only(*[record(seed, friction=falling) for seed in range(5)])
+    assert found.statement == "the friction changed within 5 tests"
+    assert "from the first to the second half; limit 10 %" in found.figure
+    assert only(record(0, friction=falling), *map(record, range(1, 5))).statement.endswith("within a test")
+
+
+def test_friction_that_holds_the_car_is_the_only_reason_of_such_tests():
+    held = [with_rows(record(seed, friction=of_all(0.5 + 0.5 * seed)), velocity=0.1, force=0.1) for seed in range(5)]
+    found = only(*held)
+    assert (found.grade, found.rule) == (Grade.NOT_USABLE, "friction holds the car")
+    assert "limits 30 and 60 %" in found.figure
+    slow = [with_rows(record(seed, friction=of_all(0.01)), velocity=0.1) for seed in range(5)]
+    assert not any("holds" in reason.rule for reason in reasons(*slow))  # without friction, a slow shock slides
+
+
+@pytest.mark.parametrize(("samples", "grade"), [(2, None), (15, Grade.LIMITED), (60, Grade.NOT_USABLE)])
+def test_tires_that_lift_limit_the_use_by_the_share_of_the_time(samples, grade):
+    tests = [*map(record, range(4)), lifted(record(4), samples)]
+    for test in tests:
+        assert len(test) == 3000
+    found = [reason for reason in reasons(*tests) if "ground" in reason.rule]
+    assert [reason.grade for reason in found] == ([] if grade is None else [grade])
+    if found:
+        assert found[0].origin == "e"
+        assert found[0].figure.startswith(f"rr.tire_force for {samples / 30:.1f} % of the time")
+
+
+def test_tests_without_mean_forces_cannot_show_lifted_tires():
+    zero = [dict.fromkeys(MEANS, 0.0)] * 5
+    assert not any("ground" in one.rule for one in reasons(*map(record, range(4)), lifted(record(4), 60), means=zero))
+
+
+def test_short_tests_say_how_long_they_must_be():
+    tests = [test.window(0.0, 15.0) for test in map(record, range(5))]
+    (found,) = [reason for reason in reasons(*tests) if reason.rule == "tests too short"]
+    assert found.grade is Grade.LIMITED
+    assert found.figure == "15 s; 5 tests with 8 inputs need 20 s"  # 4.5 (1 + 8 / 5) / 0.6 Hz = 19.5 s
+    assert not any("short" in one.rule for one in reasons(*[test.window(0.0, 19.6) for test in map(record, range(5))]))
+
+
+# ---- Verdict on the fit: levels of the car's own tests, and stated intervals ----------------------------------------
+
+
+@dataclass
+class Fit:
+    """What the verdict needs of a fit."""
+
+    recipe: str = "boggs"
+    sources: dict = field(default_factory=lambda: {"a.mat": ""})
+    stable: bool = True
+    residual: dict = field(default_factory=lambda: {"lf.tire_force": 0.2})
+    trust: Trust | None = None
+    choice: None = None
+
+
+def of_total(scale, **flags):
+    return Trust({}, flags=flags, measures={TOTAL: MeasureUncertainty(scale, 0.0)})
+
+
+@pytest.mark.parametrize(
+    ("error", "grade"),
+    [(0.0099, Grade.USABLE), (0.0101, Grade.LIMITED), (0.029, Grade.LIMITED), (0.031, Grade.NOT_USABLE)],
+)
+def test_every_recipe_is_judged_by_the_levels_of_its_own_tests(error, grade):
+    levels = {"lf.velocity": 0.6 * error, TOTAL: error * np.sqrt(2.0 - 0.36)}
+    (reason,) = fit_verdict(Fit(), levels).reasons
+    assert reason.grade is grade
+    assert f"RMS {100 * error:.1f} %, worst {TOTAL}" in reason.figure
+
+
+def test_a_car_whose_tests_cannot_be_simulated_is_not_usable():
+    assert [one.rule for one in fit_verdict(Fit(), {}).decisive] == ["vehicle cannot be simulated"]
+    flagged = Fit(trust=of_total(0.001, **{UNUSABLE: "it diverges."}))
+    assert fit_verdict(flagged, {TOTAL: 0.001}).decisive[0].figure == "it diverges"
+
+
+def test_without_a_simulation_the_misfit_decides():
+    assert fit_verdict(Fit()).grade is Grade.USABLE
+    assert fit_verdict(Fit(residual={"lf.tire_force": 0.31})).grade is Grade.NOT_USABLE
+
+
+def test_a_wide_interval_of_the_total_tire_force_limits_or_forbids_the_use():
+    def found(half):
+        scale = np.log1p(half) / 2.776
+        return fit_verdict(Fit(trust=of_total(scale)), {TOTAL: 0.001})
+
+    assert found(0.049).grade is Grade.USABLE
+    assert found(0.051).grade is Grade.LIMITED
+    assert found(0.151).grade is Grade.NOT_USABLE
+    assert "+-27 %; limits 5 and 15 %" in found(0.27).decisive[0].figure
+
+
+def test_flags_of_effects_that_a_linear_model_lacks_are_no_reasons():
+    assert len(fit_verdict(Fit(trust=of_total(0.001, misfit="It is large.")), {TOTAL: 0.001}).reasons) == 1
