@@ -82,13 +82,26 @@ def test_friction_that_falls_is_a_change_within_the_tests():
     assert only(record(0, friction=falling), *map(record, range(1, 5))).statement.endswith("within a test")
 
 
-def test_friction_that_holds_the_car_is_the_only_reason_of_such_tests():
-    held = [with_rows(record(seed, friction=of_all(0.5 + 0.5 * seed)), velocity=0.1, force=0.1) for seed in range(5)]
-    found = only(*held)
-    assert (found.grade, found.rule) == (Grade.NOT_USABLE, "friction holds the car")
-    assert "limits 30 and 60 %" in found.figure
-    slow = [with_rows(record(seed, friction=of_all(0.01)), velocity=0.1) for seed in range(5)]
-    assert not any("holds" in reason.rule for reason in reasons(*slow))  # without friction, a slow shock slides
+def gentle(size, friction):
+    """Return tests with shocks that move and push less, by a factor, with friction that differs between tests."""
+    factors = [friction * (0.5 + 0.25 * k) for k in range(5)]
+    return [with_rows(record(k, friction=of_all(f)), velocity=size, force=size) for k, f in enumerate(factors)]
+
+
+@pytest.mark.parametrize(
+    ("size", "friction", "grade", "limits"),
+    [(0.1, 1.0, Grade.NOT_USABLE, "60 and 30 %"), (0.2, 1.0, Grade.LIMITED, "30 and 20 %")],
+)
+def test_friction_that_holds_the_car_is_the_only_reason_of_such_tests(size, friction, grade, limits):
+    found = only(*gentle(size, friction))
+    assert (found.grade, found.statement) == (grade, "friction holds the car")
+    assert found.figure.endswith(limits)
+
+
+def test_slow_shocks_that_hardly_rub_slide_and_rough_ones_that_are_fast_too():
+    assert not any("friction holds" in one.statement for one in reasons(*gentle(0.1, 0.01)))
+    fast = [with_rows(record(seed, friction=of_all(8.0)), velocity=1.0) for seed in range(5)]
+    assert reasons(*fast) == ()
 
 
 @pytest.mark.parametrize(("samples", "grade"), [(2, None), (15, Grade.LIMITED), (60, Grade.NOT_USABLE)])
