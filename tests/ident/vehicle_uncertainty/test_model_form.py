@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.errors import StepError
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.model_form import ModelForm, Shares, measure_names, removable_tests
 from eightpost.ident.vehicle.trust import OutputTrust
-from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.kernel import discretise
@@ -179,21 +177,3 @@ def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, test
 def test_a_car_with_four_wheels_has_the_sum_of_its_tire_forces_as_a_measure():
     assert measure_names(("velocity", "tire_force")) == ("velocity", "tire_force")
     assert measure_names(("lf.tire_force", "rf.tire_force"))[-1] == "total_tire_force"
-
-
-def test_errors_of_levels_are_those_of_the_judged_outputs_and_their_sum(car, tests):
-    exact, wrong = (ClosedLoop().level_errors(model, tests) for model in (car, heavier(car)))
-    assert set(exact) == {"velocity", "tire_force", "ride_height", TOTAL}
-    assert max(exact.values()) < 0.002
-    assert wrong["tire_force"] == wrong[TOTAL] == pytest.approx(0.2, abs=0.003)
-    assert wrong["velocity"] < 0.002
-
-
-def test_a_car_that_cannot_be_simulated_has_no_errors_of_levels(car, tests, monkeypatch):
-    def fails(*_arguments):
-        raise StepError("it does not converge")
-
-    monkeypatch.setattr(ClosedLoop, "outputs", fails)
-    assert ClosedLoop().level_errors(car, tests) == {}
-    monkeypatch.setattr(ClosedLoop, "outputs", lambda *_arguments: (np.full((4, 9), np.nan), np.ones((4, 9))))
-    assert ClosedLoop().level_errors(car, tests) == {}

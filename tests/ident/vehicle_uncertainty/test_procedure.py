@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
+from eightpost.errors import StepError
 from eightpost.ident.preparation import Prepared
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.procedure import reasons_of_tests
 from eightpost.ident.vehicle.trust import UNUSABLE, Trust
@@ -183,3 +185,40 @@ def test_a_wide_interval_of_the_total_tire_force_limits_or_forbids_the_use():
 
 def test_flags_of_effects_that_a_linear_model_lacks_are_no_reasons():
     assert len(fit_verdict(Fit(trust=of_total(0.001, misfit="It is large.")), {TOTAL: 0.001}).reasons) == 1
+
+
+# ---- Levels of the own tests in a simulation with their shocks --------------------------------------------------------
+
+
+@dataclass
+class Outputs:
+    """What the errors of levels need of a vehicle."""
+
+    output_names: tuple[str, ...] = ("lf.velocity", "lf.tire_force", "lf.hub_acceleration", "rf.tire_force")
+
+    @property
+    def state_space(self):
+        return self
+
+
+def test_errors_of_levels_are_those_of_the_judged_outputs_and_of_the_sum_of_the_tire_forces(monkeypatch):
+    wave = np.sin(np.linspace(0.0, 60.0, 4000))
+    measured = np.stack([wave, wave, wave, -0.5 * wave])
+    factors = {1: (1.03, 1.1, 9.0, 1.1), 2: (0.96, 1.1, 9.0, 1.3)}
+
+    def outputs(_loop, _vehicle, test):
+        return np.array(factors[test])[:, None] * measured, measured
+
+    monkeypatch.setattr(ClosedLoop, "outputs", outputs)
+    found = ClosedLoop().level_errors(Outputs(), [1, 2])
+    rms = {"lf.velocity": (0.03, 0.04), "lf.tire_force": (0.1, 0.1), "rf.tire_force": (0.1, 0.3), TOTAL: (0.1, 0.1)}
+    assert found == {name: pytest.approx(np.sqrt(np.mean(np.square(pair)))) for name, pair in rms.items()}
+
+
+def test_a_car_that_cannot_be_simulated_has_no_errors_of_levels(monkeypatch):
+    def fails(*_arguments):
+        raise StepError("it does not converge")
+
+    for outputs in (fails, lambda *_arguments: (np.full((4, 9), np.nan), np.ones((4, 9)) * np.arange(9.0))):
+        monkeypatch.setattr(ClosedLoop, "outputs", outputs)
+        assert ClosedLoop().level_errors(Outputs(), [1]) == {}
