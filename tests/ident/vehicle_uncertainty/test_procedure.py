@@ -187,7 +187,7 @@ def test_flags_of_effects_that_a_linear_model_lacks_are_no_reasons():
     assert len(fit_verdict(Fit(trust=of_total(0.001, misfit="It is large.")), {TOTAL: 0.001}).reasons) == 1
 
 
-# ---- Levels of the own tests in a simulation with their shocks --------------------------------------------------------
+# ---- Levels of the own tests in a simulation with their shocks -------------------------------------------------------
 
 
 @dataclass
