@@ -109,9 +109,9 @@ def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, fl
     found, rubbing = list(_weights(records, means)), {}
     if all(channel(corner, name) in record for record in records for corner in CORNERS for name in _NEEDED):
         for place, corner in enumerate(CORNERS):
-            rows = _relative(records, corner, CORNERS[place ^ 1])
-            rubbing[corner] = rows.rubbing
-            found.extend(rows.values)
+            wheel = _relative(records, corner, CORNERS[place ^ 1])
+            rubbing[corner] = wheel.rubbing
+            found.extend(wheel.values)
     changes = []
     for name in LIMITS:
         rows = [row for row in found if row.quantity == name]
@@ -144,7 +144,7 @@ def _matters(size: Array, noise: Array, least: float) -> NDArray[np.bool_]:
 
 def _change(rows: Sequence[_Relative], size: Array, *, within: bool) -> Change | None:
     """Return the largest change that matters, from changes at places in tests (places, tests); None if all are 0."""
-    place, test = np.unravel_index(int(np.argmax(np.abs(size))), size.shape)
+    place, test = divmod(int(np.argmax(np.abs(size))), size.shape[1])
     if size[place, test] == 0.0:
         return None
     tests = tuple(np.flatnonzero(size.any(axis=0)).tolist())

@@ -121,7 +121,7 @@ def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
 
 def _lifted(prepared: Prepared) -> Iterator[Reason]:
     """Yield a reason if a tire lifts. Forces with a mean below their standard deviation are changes from rest."""
-    worst = {}
+    worst: dict[str, tuple[float, str]] = {}
     for name, record, means in zip(prepared.names, prepared.records, prepared.means, strict=True):
         for tire, mean in means.items():
             if quantity(tire) == "tire_force" and tire in record and mean > record[tire].std():
