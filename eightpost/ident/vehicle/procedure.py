@@ -14,12 +14,14 @@ from eightpost.corners import channel
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.agreement import LIMITS, SIGNIFICANT, Change, compare_tests
 from eightpost.ident.vehicle.experiment import Experiment, quantity
+from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Reason, Rules, listed
 
 ABOUT = "rig tests"
 
-#: Equations per unknown that the response needs in a band, and band [Hz] in which the response of a car hardly varies.
-_EQUATIONS, _WIDEST = 4.5, 0.6
+#: Equations per unknown that the response needs in a band; widths of the band [Hz] in which the response of a car
+#: hardly varies, and in which it varies too much; correlation of an input of two tests above which it is the same [1].
+_EQUATIONS, _WIDE, _TOO_WIDE, _SAME = 4.5, 0.8, 1.5, 0.7
 
 #: Friction relative to the RMS of the shock force, and share of a test in which the shock hardly slides, above which
 #: friction changes the car, and above which it holds the car [1]; velocity below which a shock hardly slides [m/s].
@@ -35,11 +37,16 @@ def _limits(kind: str) -> str:
 
 RULES = Rules()
 
+TOO_SHORT = RULES.add("tests far too short", ABOUT, Grade.NOT_USABLE,
+    condition=f"the inputs can be told apart only in bands wider than {_TOO_WIDE:g} Hz: {_EQUATIONS:g} (1 + inputs / "
+    f"tests) / duration, or {_EQUATIONS:g} (1 + inputs that are the same in all tests) / duration",
+    why="resonances of a body are narrower",
+    remedy="repeat the tests with the stated duration, or with another drive in each test",
+)  # fmt: skip
 SHORT = RULES.add("tests too short", ABOUT, Grade.LIMITED,
-    condition=f"the inputs can be told apart only in bands wider than {_WIDEST:g} Hz, {_EQUATIONS:g} (1 + inputs / "
-    "tests) / duration",
+    condition=f"the same above {_WIDE:g} Hz",
     why="resonances of a body are as narrow",
-    remedy="repeat the tests with the stated duration",
+    remedy="repeat the tests with the stated duration, or with another drive in each test",
 )  # fmt: skip
 HELD = RULES.add("friction holds the car", ABOUT, Grade.NOT_USABLE,
     condition=f"at a wheel, friction is above {100 * _HOLDS[0]:g} % of the RMS of the shock force, and the shock is "
@@ -136,12 +143,23 @@ def _lifted(prepared: Prepared) -> Iterator[Reason]:
 
 
 def _short(prepared: Prepared, experiment: Experiment) -> Iterator[Reason]:
-    shortest = min(prepared.records, key=lambda record: record.duration)
-    needed = _EQUATIONS * (1.0 + len(experiment.inputs) / len(prepared.records)) / _WIDEST
-    if shortest.duration < needed:
+    records, count = prepared.records, len(experiment.inputs)
+    shortest = min(records, key=lambda record: record.duration)
+    same = sum(_is_same(records, name) for name in experiment.rig)
+    equations = _EQUATIONS * (1.0 + max(count / len(records), same))
+    if equations / shortest.duration > _WIDE:
+        rule = TOO_SHORT if equations / shortest.duration > _TOO_WIDE else SHORT
+        repeated = f", {same} of them the same in all tests," if same else ""
         figure = (
-            f"{shortest.duration:.0f} s; {len(prepared.records)} tests with {len(experiment.inputs)} inputs need "
-            f"{math.ceil(needed)} s"
+            f"{shortest.duration:.0f} s; {len(records)} tests with {count} inputs{repeated} need "
+            f"{math.ceil(equations / _WIDE)} s"
         )
-        origin = prepared.names[prepared.records.index(shortest)]
-        yield SHORT.reason("the tests are too short", figure=figure, origin=origin)
+        yield rule.reason("the tests are too short", figure=figure, origin=prepared.names[records.index(shortest)])
+
+
+def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
+    """Return whether an input is the same in all tests."""
+    if len(records) < 2 or not all(name in record for record in records):
+        return False
+    size = min(map(len, records))
+    return bool(np.min(np.corrcoef([record[name][:size] for record in records])[0]) > _SAME)

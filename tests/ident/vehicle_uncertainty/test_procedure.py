@@ -123,12 +123,25 @@ def test_tests_without_mean_forces_cannot_show_lifted_tires():
     assert not any("ground" in one.rule for one in reasons(*map(record, range(4)), lifted(record(4), 60), means=zero))
 
 
+def short(seconds, same):
+    """Return the reasons that tests give by their length; their roads are the same or not."""
+    tests = []
+    for seed in range(5):
+        drive = np.random.default_rng(0 if same else seed).standard_normal((4, 3000))
+        test = record(seed)
+        for corner, row in zip(CORNERS, drive, strict=True):
+            test = test.with_channel(f"{corner}.road", "m", row)
+        tests.append(test.window(0.0, seconds))
+    return [(one.grade, one.figure) for one in reasons(*tests) if "short" in one.rule]
+
+
 def test_short_tests_say_how_long_they_must_be():
-    tests = [test.window(0.0, 15.0) for test in map(record, range(5))]
-    (found,) = [reason for reason in reasons(*tests) if reason.rule == "tests too short"]
-    assert found.grade is Grade.LIMITED
-    assert found.figure == "15 s; 5 tests with 8 inputs need 20 s"  # 4.5 (1 + 8 / 5) / 0.6 Hz = 19.5 s
-    assert not any("short" in one.rule for one in reasons(*[test.window(0.0, 19.6) for test in map(record, range(5))]))
+    # 4.5 (1 + 8 / 5) = 11.7 and, with the same four roads in all tests, 4.5 (1 + 4) = 22.5
+    assert short(15.0, same=False) == []
+    assert short(14.0, same=False) == [(Grade.LIMITED, "14 s; 5 tests with 8 inputs need 15 s")]
+    assert short(7.0, same=False)[0][0] is Grade.NOT_USABLE
+    figure = "16 s; 5 tests with 8 inputs, 4 of them the same in all tests, need 29 s"
+    assert short(16.0, same=True) == [(Grade.LIMITED, figure)]
 
 
 # ---- Verdict on the fit: levels of the car's own tests, and stated intervals ----------------------------------------
