@@ -30,13 +30,6 @@ _RANKED = 4
 #: records may differ from each other [1].
 _COMMON, _ALIKE = 3.0, 0.5
 
-#: Display names of the nonlinear effects that a fit may flag and its model lacks.
-_FLAGS = {
-    "springs": "nonlinear springs",
-    "lift-off": "tires that leave the ground",
-    "misfit": "a misfit beyond noise",
-}
-
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -140,11 +133,6 @@ DOUBT = RULES.add("doubt of a record", ABOUT, Grade.LIMITED,
     condition="any other doubtful property of a record",
     why="it may be harmless; the reason names it",
     remedy="check the record",
-)  # fmt: skip
-FLAGGED = RULES.add("flag of the fit", ABOUT, Grade.LIMITED,
-    condition="the fit found an effect in the car that its model lacks",
-    why="the model is valid near the tests' amplitudes only",
-    remedy="read the fit's self-assessment in the report",
 )  # fmt: skip
 NO_LEVELS = RULES.add("levels not validated", ABOUT, Grade.LIMITED,
     condition="there is no random or track record",
@@ -265,9 +253,6 @@ def _doubts(study: VehicleValidation) -> Iterator[Reason]:
     for case in cases:
         for note in case.notes:
             yield DOUBT.reason("a record is doubtful", figure=note.rstrip("."), origin=case.record.name)
-    for name in {} if study.fit.trust is None else study.fit.trust.flags:
-        if name in _FLAGS:
-            yield FLAGGED.reason(f"the fit flags {_FLAGS[name]}", figure="1 flag", origin=study.fit.vehicle.name)
     if not study.of_kind("random"):
         figure = f"0 of {len(cases)} records are random"
         yield NO_LEVELS.reason("levels of setups were not validated", figure=figure, origin="the records")
