@@ -14,8 +14,8 @@ from scipy.stats import norm, t
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
 from eightpost.ident.preparation.plausibility import Finding, record_findings
-from eightpost.ident.preparation.plausibility.comparison import SIGNIFICANT, Comparison, Kind, few_blocks_factor
-from eightpost.ident.preparation.plausibility.description import _contradictions
+from eightpost.ident.preparation.plausibility.laws import SIGNIFICANT, Comparison, Kind, few_blocks_factor
+from eightpost.ident.preparation.plausibility.faults import findings_of
 from eightpost.ident.preparation.plausibility.rules import (
     DISCONNECTED,
     SPIKES,
@@ -293,7 +293,7 @@ def test_a_law_that_no_single_channel_explains_is_stated_once_with_its_worst_fig
     """Scores of 10, 20 and 30 tolerances: the law that is violated twice is stated with the larger one."""
     gain = Comparison("law a", Kind.GAIN, np.log(1.5), np.log(1.05), 0.0, {"lf.force": 1.0, "rf.force": -1.0})
     late = Comparison("law b", Kind.DELAY, -0.03, 1e-3, 0.0, {"lf.road": 1.0})
-    first, second = _contradictions([gain, gain._replace(value=np.log(0.4)), late, late._replace(value=0.02)])
+    first, second = findings_of([], [gain, gain._replace(value=np.log(0.4)), late, late._replace(value=0.02)])
     assert first.channels == ("lf.force", "rf.force")
     assert first.text == (
         "lf.force, rf.force contradict law a: a ratio is 0.4 of its expected value (limit 1.05), and no single channel "
