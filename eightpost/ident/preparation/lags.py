@@ -40,9 +40,9 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
     there = [name for name in names if name in series]
     for name in there:
-        start, stop = _longest_hold(series[name])
+        start, stop = longest_hold(series[name])
         span = (stop - start) / series.sample_rate
-        if span < HELD or not _others_move(series, there, name, slice(start, stop)):
+        if span < HELD or not others_move(series, there, name, slice(start, stop)):
             continue
         where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
         what = (
@@ -52,7 +52,7 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
         raise ConstantChannelError(what, path=path, channel=name)
 
 
-def _longest_hold(values: Array) -> tuple[int, int]:
+def longest_hold(values: Array) -> tuple[int, int]:
     """Return the first and the last sample of the longest run of one value."""
     edges = np.flatnonzero(np.diff(values) != 0.0) + 1
     bounds = np.concatenate(([0], edges, [values.size]))
@@ -60,7 +60,7 @@ def _longest_hold(values: Array) -> tuple[int, int]:
     return int(bounds[longest]), int(bounds[longest + 1]) - 1
 
 
-def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
+def others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
     """Return whether most of the other channels change in most samples of a span; a resting rig moves none."""
     moving = [np.mean(np.diff(series[name][held]) != 0.0) > MOVING for name in names if name != own]
     return bool(moving) and float(np.mean(moving)) > 0.5

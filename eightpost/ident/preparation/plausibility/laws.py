@@ -46,6 +46,7 @@ class Comparison(NamedTuple):
     tolerance: float  # absolute value that a sound record and a usual car may reach
     deviation: float  # standard deviation from the record's noise, with `few_blocks_factor`
     effect: Mapping[str, float]  # change of the figure per logarithm of the gain, or per delay, of each channel
+    alone: bool = False  # whether it is relative to other corners, so that a fault of all corners does not show
 
     @property
     def scale(self) -> float:
@@ -62,12 +63,15 @@ class Comparison(NamedTuple):
         """Whether the figure contradicts the law."""
         return abs(self.score) > SIGNIFICANT
 
-    def minus(self, other: Comparison, tolerance: float, law: str = "") -> Comparison:
-        """Return the comparison of this figure with another one, by default of the right with the left corner."""
-        effect = {**self.effect, **{name: -size for name, size in other.effect.items()}}
-        deviation = float(np.hypot(self.deviation, other.deviation))
-        law = law or f"the symmetry of left and right in {self.law}"
-        return Comparison(law, self.kind, self.value - other.value, tolerance, deviation, effect)
+    def minus(self, others: Sequence[Comparison], tolerance: float) -> Comparison:
+        """Return the comparison of this figure with the median of those of other corners."""
+        effect, law = dict(self.effect), f"{self.law} at the other corners"
+        if len(others) == 1:
+            effect |= {name: -size for name, size in others[0].effect.items()}
+            law = f"the symmetry of left and right in {self.law}"
+        deviation = float(np.linalg.norm([one.deviation for one in (self, *others)]) / len(others) ** 0.5)
+        value = self.value - float(np.median([one.value for one in others]))
+        return self._replace(law=law, value=value, tolerance=tolerance, deviation=deviation, effect=effect, alone=True)
 
 
 @cache
@@ -80,16 +84,17 @@ def few_blocks_factor(blocks: int) -> float:
     return float(t.isf(norm.sf(SIGNIFICANT), blocks - 1)) / SIGNIFICANT
 
 
-def _figure(fit: Regression, of: Callable[[Array], Array]) -> tuple[float, float]:
-    value, deviation = fit.figure(of)
-    return value, few_blocks_factor(len(fit.samples)) * deviation
+def figure(fit: Regression, of: Callable[[Array], Array]) -> tuple[float, float]:
+    """Return a figure of coefficients (..., P), and its standard deviation from noise and from what is unexplained."""
+    value, deviation, bias = fit.figure(of)
+    return value, float(np.hypot(few_blocks_factor(len(fit.samples)) * deviation, bias))
 
 
 def _ratio(
     law: str, fit: Regression, effect: Mapping[str, float], tolerance: float,
     of: Callable[[Array], Array], expected: float = 1.0,
 ) -> Comparison:  # fmt: skip
-    value, deviation = _figure(fit, lambda c: of(c) / expected)
+    value, deviation = figure(fit, lambda c: of(c) / expected)
     size = max(value, SMALLEST)
     gain = float(np.log(size))
     # A ratio and its inverse are tested; the weaker test counts. They differ if the ratio is not well determined.
@@ -102,8 +107,8 @@ def _delay(
     of: Callable[[Array], Array], over: Sequence[int] = (), expected: float = 0.0,
 ) -> Comparison:  # fmt: skip
     """Return the comparison of a time; its deviation is infinite if a column by which `of` divides is insignificant."""
-    value, deviation = _figure(fit, lambda c: of(c) - expected)
-    known = all(abs(fit.values[k]) > SIGNIFICANT * _figure(fit, lambda c, k=k: c[:, k])[1] for k in over)  # type: ignore[misc]
+    value, deviation = figure(fit, lambda c: of(c) - expected)
+    known = all(abs(fit.values[k]) > SIGNIFICANT * figure(fit, lambda c, k=k: c[:, k])[1] for k in over)  # type: ignore[misc]
     return Comparison(law, Kind.DELAY, value, tolerance, deviation if known else np.inf, effect)
 
 
@@ -137,7 +142,13 @@ def _sides(found: Mapping[str, Comparison], tolerance: float) -> Iterator[Compar
     """Yield the comparisons of left with right corners."""
     for left, right in AXLES:
         if {left, right} <= set(found):
-            yield found[left].minus(found[right], tolerance)
+            yield found[left].minus([found[right]], tolerance)
+
+
+def _siblings(found: Sequence[Comparison], tolerance: float) -> Iterator[Comparison]:
+    """Yield the comparisons of each of at least three corners with the others."""
+    for one in found if len(found) > 2 else ():
+        yield one.minus([other for other in found if other is not one], tolerance)
 
 
 # ---- One corner -----------------------------------------------------------------------------------------------------
@@ -154,21 +165,22 @@ def tire_fit(spectra: Spectra, corner: str) -> Regression | None:
 
 
 def _tires(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
-    stiffness, times = {}, {}
+    stiffness, times, ratios, delays = {}, {}, [], []
     for corner in corners:
         if (fit := tire_fit(spectra, corner)) is None:
             continue
         force, road, hub = _at(corner, "tire_force", "road", "hub_acceleration")
-        yield _ratio(TIRE, fit, {road: -1.0, hub: 1.0}, 0.08, lambda c: -c[:, 0] / c[:, 3])
+        ratios.append(_ratio(TIRE, fit, {road: -1.0, hub: 1.0}, 0.08, lambda c: -c[:, 0] / c[:, 3]))
         # Usual tires have 120 to 1000 N/mm, and 1.25 ms of damping over stiffness from hysteresis and damping together.
         stiffness[corner] = _ratio(TIRE, fit, {force: 1.0, hub: -1.0}, float(np.log(3.0)), lambda c: -c[:, 3], 350e3)
-        yield _delay(
+        delays.append(_delay(
             TIRE, fit, {road: 1.0, hub: -1.0}, 1.5e-3, lambda c: c[:, 1] / c[:, 0] - c[:, 4] / c[:, 3], over=(0, 3)
-        )
+        ))
         times[corner] = _delay(
             TIRE, fit, {force: -1.0, hub: 1.0}, 2.5e-3, lambda c: c[:, 4] / c[:, 3], over=(3,), expected=1.25e-3
         )
-    yield from (*stiffness.values(), *times.values(), *_sides(stiffness, 0.15), *_sides(times, 2e-3))
+    yield from (*ratios, *delays, *stiffness.values(), *times.values())
+    yield from (*_sides(stiffness, 0.08), *_sides(times, 1e-3), *_siblings(delays, 1e-3), *_siblings(ratios, 0.06))
 
 
 def travel_fit(spectra: Spectra, corner: str) -> Regression | None:
@@ -185,17 +197,24 @@ def travel_fit(spectra: Spectra, corner: str) -> Regression | None:
 
 
 def _travels(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
-    ratios = {}
+    """Yield the comparisons of potentiometers with accelerometers.
+
+    Accelerometers of the chassis that are inboard of the wheels move less in roll, and so at all corners count for
+    less; rubber at the ends of a shock lets its potentiometer lead or lag by milliseconds.
+    """
+    motions, ratios, hubs, bodies = {}, [], [], []
     for corner in corners:
         if (fit := travel_fit(spectra, corner)) is None:
             continue
         pot, hub, chassis = _at(corner, "displacement", "hub_acceleration", "chassis_acceleration")
-        yield _ratio(TRAVEL, fit, {hub: -1.0, chassis: 1.0}, 0.08, lambda c: -c[:, 0] / c[:, 2])
+        ratios.append(_ratio(TRAVEL, fit, {hub: -1.0, chassis: 1.0}, 0.25, lambda c: -c[:, 0] / c[:, 2]))
         # Usual motion ratios (travel of the shock over that of the wheel) are 0.28 to 1.6.
-        ratios[corner] = _ratio(TRAVEL, fit, {pot: 1.0, hub: -1.0}, float(np.log(2.4)), lambda c: c[:, 0], 0.67)
-        for k, name in ((0, hub), (2, chassis)):
-            yield _delay(TRAVEL, fit, {pot: -1.0, name: 1.0}, TIME, lambda c, k=k: c[:, k + 1] / c[:, k], over=(k,))  # type: ignore[misc]
-    yield from (*ratios.values(), *_sides(ratios, 0.1))
+        motions[corner] = _ratio(TRAVEL, fit, {pot: 1.0, hub: -1.0}, float(np.log(2.4)), lambda c: c[:, 0], 0.67)
+        for found, k, name in ((hubs, 0, hub), (bodies, 2, chassis)):
+            effect = {pot: -1.0, name: 1.0}
+            found.append(_delay(TRAVEL, fit, effect, 8e-3, lambda c, k=k: c[:, k + 1] / c[:, k], over=(k,)))  # type: ignore[misc]
+    yield from (*motions.values(), *ratios, *hubs, *bodies, *_sides(motions, 0.04), *_siblings(ratios, 0.06))
+    yield from (*_siblings(hubs, 2.3e-3), *_siblings(bodies, 2.3e-3))
 
 
 def _slopes(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
@@ -231,26 +250,37 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     Friction elsewhere than along the shock adds up to 0.11 of a motion ratio; friction that sticks looks like a lead
     of a shock force of up to 1 ms.
     """
-    works = {}
+    works, delays = {}, []
     for corner in corners:
         if (balance := _hub_fit(spectra, corner)) is None:
             continue
         force, tire, pot, hub = _at(corner, "force", "tire_force", "displacement", "hub_acceleration")
         if (travel := travel_fit(spectra, corner)) is not None:
             effect = {force: -1.0, tire: 1.0, pot: -1.0, hub: 1.0}
-            one, two = (_ratio(HUB, fit, effect, 0.2, lambda c: c[:, 0]) for fit in (balance, travel))
-            works[corner] = one.minus(two, 0.2, HUB)._replace(effect=effect)
-        yield _delay(
-            HUB, balance, {force: 1.0, tire: -1.0}, 2.5e-3, lambda c: c[:, 1] / c[:, 0], over=(0,), expected=-0.5e-3
+            of_forces, of_motions = (_ratio(HUB, fit, effect, 0.25, lambda c: c[:, 0]) for fit in (balance, travel))
+            works[corner] = of_forces._replace(
+                value=of_forces.value - of_motions.value, deviation=float(np.hypot(of_forces.deviation, of_motions.deviation))
+            )
+        effect = {force: 1.0, tire: -1.0}
+        delays.append(
+            _delay(HUB, balance, effect, 3.5e-3, lambda c: c[:, 1] / c[:, 0], over=(0,), expected=-0.5e-3)
         )
-    yield from (*works.values(), *_sides(works, 0.1))
+    yield from (*works.values(), *delays, *_siblings(list(works.values()), 0.08), *_siblings(delays, 1.2e-3))
 
 
 # ---- The whole car --------------------------------------------------------------------------------------------------
 
 
-def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> Iterator[Comparison]:
-    """Yield the comparisons of forces with each other and with accelerations.
+class CarLaw(NamedTuple):
+    """Newton's law of the car: coefficients, of which those of each load are in two columns, and of the masses."""
+
+    fit: Regression
+    loads: Mapping[str, int]
+    masses: Sequence[int]
+
+
+def car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
+    """Return the coefficients of the sum of the tire forces.
 
         sum T + sum_axles d (T_l - T_r) = sum_j a_j (A_j + t_j A_j') + sum_axles m(s) (z_l'' + z_r'') + ...
 
@@ -259,46 +289,48 @@ def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> 
     corners exactly.
     """
     tires, hubs, bodies = (_of_all(corners, n) for n in ("tire_force", "hub_acceleration", "chassis_acceleration"))
-    down = [*_of_all(corners, "aero"), "aero_force"]
-    unknown = any(n in spectra.left_out or (f"{n}_command" in spectra and n not in spectra)
-                  for n in (*down, "heave_force"))  # fmt: skip
+    known = [*_of_all(corners, "aero"), "aero_force", "heave_force"]
+    unknown = any(n in spectra.left_out or (f"{n}_command" in spectra and n not in spectra) for n in known)
     if not spectra.has((*tires, *hubs, *bodies)) or unknown:
-        return
-    loads = {n: 1.0 for n in down if n in spectra} | ({"heave_force": -1.0} if "heave_force" in spectra else {})
-    axles = AXLES if len(corners) > 1 else ()
-    d = spectra.derivative
+        return None
+    d, axles, rows = spectra.derivative, AXLES if len(corners) > 1 else (), []
 
     def sum_of(places: Sequence[str], quantity: str, order: int = 0) -> Spectrum:
         return np.asarray(np.sum([d(name, order) for name in _of_all(places, quantity)], axis=0))
 
-    rows = []
     for left, right in axles:
-        one, other = channel(left, "tire_force"), channel(right, "tire_force")
-        rows += [d(one, order) - d(other, order) for order in (0, 1)]
+        rows += [d(channel(left, "tire_force"), order) - d(channel(right, "tire_force"), order) for order in (0, 1)]
+    loads = {name: len(rows) + 2 * k for k, name in enumerate(name for name in known if name in spectra)}
     rows += [d(load, order) for load in loads for order in (0, 1)]
     first = len(rows)
     for place in axles or (tuple(corners),):
         rows += [sum_of(place, "hub_acceleration"), *(sum_of(place, "chassis_acceleration", k) for k in range(3))]
-    total = sum((d(name) for name in tires), start=np.zeros_like(d(tires[0])))
-    if (fit := spectra.regress(total, rows, HIGH)) is None:
+    fit = spectra.regress(sum_of(corners, "tire_force"), rows, HIGH)
+    return fit and CarLaw(fit, loads, [k for start in range(first, len(rows), 4) for k in (start, start + 1)])
+
+
+def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> Iterator[Comparison]:
+    """Yield the comparisons of forces with each other and with accelerations."""
+    if (law := car_law(spectra, corners)) is None:
         return
-    for k, (left, right) in enumerate(axles):
+    fit, tires = law.fit, _of_all(corners, "tire_force")
+    for k, (left, right) in enumerate(AXLES if len(corners) > 1 else ()):
         # The total is sum T = -d (T_l - T_r) + ..., so the left force counts 1 + d and the right one 1 - d.
         effect = {channel(left, "tire_force"): 1.0, channel(right, "tire_force"): -1.0}
-        yield _ratio(CAR, fit, effect, 0.08,
+        yield _ratio(CAR, fit, effect, 0.05,
                      lambda c, k=2 * k: (1.0 + c[:, k]) / np.maximum(1.0 - c[:, k], 1e-3))  # type: ignore[misc]  # fmt: skip
-        yield _delay(CAR, fit, effect, 1.5e-3, lambda c, k=2 * k + 1: -2.0 * c[:, k])  # type: ignore[misc]
+        yield _delay(CAR, fit, effect, 1e-3, lambda c, k=2 * k + 1: -2.0 * c[:, k])  # type: ignore[misc]
     share = {name: 1.0 / len(tires) for name in tires}
-    for k, (load, sign) in enumerate(loads.items(), start=len(axles)):
-        yield _ratio(CAR, fit, {load: -1.0, **share}, 0.1, lambda c, k=2 * k, s=sign: s * c[:, k])  # type: ignore[misc]
-        yield _delay(CAR, fit, {load: 1.0, **_negative(share)}, 2e-3,
-                     lambda c, k=2 * k: c[:, k + 1] / c[:, k], over=(2 * k,))  # type: ignore[misc]  # fmt: skip
-    masses = [k for start in range(first, len(rows), 4) for k in (start, start + 1)]
-    sides, felt = 2.0 if len(tires) > 1 else 1.0, [*hubs, *bodies]
+    for load, k in law.loads.items():
+        sign = -1.0 if load == "heave_force" else 1.0
+        yield _ratio(CAR, fit, {load: -1.0, **share}, 0.06, lambda c, k=k, s=sign: s * c[:, k])  # type: ignore[misc]
+        yield _delay(CAR, fit, {load: 1.0, **_negative(share)}, 3e-3, lambda c, k=k: c[:, k + 1] / c[:, k], over=(k,))  # type: ignore[misc]
+    sides = 2.0 if len(tires) > 1 else 1.0
+    felt = [*_of_all(corners, "hub_acceleration"), *_of_all(corners, "chassis_acceleration")]
     # Usual cars have 300 to 3600 kg.
-    law = f"{CAR} of {mass:.4g} kg" if mass else "the usual mass of a car"
-    yield _ratio(law, fit, share | {n: -1.0 / len(felt) for n in felt}, 0.1 if mass else float(np.log(3.5)),
-                 lambda c: sides * c[:, masses].sum(axis=1), mass or 1040.0)  # fmt: skip
+    name = f"{CAR} of {mass:.4g} kg" if mass else "the usual mass of a car"
+    yield _ratio(name, fit, share | {n: -1.0 / len(felt) for n in felt}, 0.1 if mass else float(np.log(3.5)),
+                 lambda c: sides * c[:, law.masses].sum(axis=1), mass or 1040.0)  # fmt: skip
 
 
 def _of_all(corners: Sequence[str], quantity: str) -> list[str]:
@@ -326,8 +358,8 @@ def _points_of_chassis(spectra: Spectra, corners: Sequence[str]) -> Iterator[Com
         inputs = [(body, 0) for body in bodies] + [(road, 2) for road in roads if name in heights]
         fit = spectra.fit((name, order), [*inputs, (name, order + 1)], HIGH)
         if fit is not None:
-            yield _ratio(BODY, fit, {name: 1.0, **less}, 0.12, lambda c: c[:, : len(bodies)].sum(axis=1))
-            yield _delay(BODY, fit, {name: 1.0, **less}, 2e-3, lambda c: -c[:, -1])
+            yield _ratio(BODY, fit, {name: 1.0, **less}, 0.08, lambda c: c[:, : len(bodies)].sum(axis=1))
+            yield _delay(BODY, fit, {name: 1.0, **less}, 1.5e-3, lambda c: -c[:, -1])
 
 
 def _actuators(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
@@ -344,6 +376,4 @@ def _actuators(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]
                 effect = {name: 1.0, f"{name}_command": -1.0}
                 yield _ratio(ACTUATOR, fit, effect, 0.15, lambda c: c[:, 0])
                 delays.append(_delay(ACTUATOR, fit, effect, 2e-3, lambda c: -c[:, 1] / c[:, 0], over=(0,)))
-        for one in delays if len(delays) > 2 else ():
-            middle = float(np.median([other.value for other in delays if other is not one]))
-            yield one._replace(value=one.value - middle)
+        yield from _siblings(delays, 2e-3)
