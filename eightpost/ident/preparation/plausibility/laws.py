@@ -25,6 +25,7 @@ HIGH = 8.0  # upper end of the band [Hz] in which the engine and chassis bending
 
 TIRE, TRAVEL, SLOPE = "the law of the tire", "the kinematics of the shock", "the slope of the displacement"
 HUB, CAR = "the balance of forces at the hub", "Newton's law of the car"
+ROLL = "the roll of the chassis by left and right aeroloaders"
 BODY, ACTUATOR = "the motion of the chassis", "the response of the actuator"
 
 # ---- Comparisons ----------------------------------------------------------------------------------------------------
@@ -95,10 +96,9 @@ def _ratio(
     of: Callable[[Array], Array], expected: float = 1.0,
 ) -> Comparison:  # fmt: skip
     value, deviation = figure(fit, lambda c: of(c) / expected)
-    size = max(value, SMALLEST)
-    gain = float(np.log(size))
-    # A ratio and its inverse are tested; the weaker test counts. They differ if the ratio is not well determined.
-    slope = 1.0 / size if size <= 1.0 else gain / (size - 1.0)
+    gain = float(np.log(max(value, SMALLEST)))
+    # The ratio, not its logarithm, has a known deviation from 1.
+    slope = gain / (value - 1.0) if value != 1.0 else 1.0
     return Comparison(law, Kind.GAIN, gain, tolerance, slope * deviation, effect)
 
 
@@ -125,6 +125,7 @@ def comparisons(spectra: Spectra, corners: Sequence[str], mass: float | None = N
     yield from _slopes(spectra, corners)
     yield from _hubs(spectra, corners)
     yield from _whole_car(spectra, corners, mass)
+    yield from _loads(spectra, corners)
     yield from _points_of_chassis(spectra, corners)
     yield from _actuators(spectra, corners)
 
@@ -213,7 +214,7 @@ def _travels(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
         for found, k, name in ((hubs, 0, hub), (bodies, 2, chassis)):
             effect = {pot: -1.0, name: 1.0}
             found.append(_delay(TRAVEL, fit, effect, 8e-3, lambda c, k=k: c[:, k + 1] / c[:, k], over=(k,)))  # type: ignore[misc]
-    yield from (*motions.values(), *ratios, *hubs, *bodies, *_sides(motions, 0.04), *_siblings(ratios, 0.06))
+    yield from (*motions.values(), *ratios, *hubs, *bodies, *_sides(motions, 0.05), *_siblings(ratios, 0.06))
     yield from (*_siblings(hubs, 2.3e-3), *_siblings(bodies, 2.3e-3))
 
 
@@ -339,6 +340,34 @@ def _of_all(corners: Sequence[str], quantity: str) -> list[str]:
 
 def _negative(effect: Mapping[str, float]) -> dict[str, float]:
     return {name: -size for name, size in effect.items()}
+
+
+LEFT, FRONT = np.array([1.0, -1.0, 1.0, -1.0]), np.array([1.0, 1.0, -1.0, -1.0])  # signs of the corners
+
+
+def load_fit(spectra: Spectra, corners: Sequence[str], signs: Array) -> Regression | None:
+    """Return the coefficients of the roll or pitch acceleration of the chassis on the four aeroloader forces, ...
+
+    their derivatives, tire forces and hub accelerations: it is a sum over forces, with unknown factors.
+    """
+    names = [(q, order) for q, order in (("aero", 0), ("aero", 1), ("tire_force", 0), ("hub_acceleration", 0))]
+    terms = [(channel(corner, quantity), order) for quantity, order in names for corner in corners]
+    bodies = _of_all(corners, "chassis_acceleration")
+    if len(corners) != len(signs) or not spectra.has((*bodies, *(name for name, _ in terms))):
+        return None
+    motion = np.asarray(sum(sign * spectra.derivative(name) for sign, name in zip(signs, bodies, strict=True)))
+    return spectra.regress(motion, [spectra.derivative(*term) for term in terms], HIGH)
+
+
+def _loads(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
+    """Yield the comparisons of the moments by which left and right aeroloaders roll the chassis."""
+    if (fit := load_fit(spectra, corners, LEFT)) is None:
+        return
+    for k in (0, 2):
+        effect = {channel(corners[k], "aero"): -1.0, channel(corners[k + 1], "aero"): 1.0}
+        yield _ratio(ROLL, fit, effect, 0.1, lambda c, k=k: -c[:, k] / c[:, k + 1])  # type: ignore[misc]
+        yield _delay(ROLL, fit, _negative(effect), 2e-3,
+                     lambda c, k=k: c[:, k + 4] / c[:, k] - c[:, k + 5] / c[:, k + 1], over=(k, k + 1))  # type: ignore[misc]  # fmt: skip
 
 
 def _points_of_chassis(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
