@@ -80,12 +80,16 @@ BAND = 20.0
 #: Length of record that is compared [s]; longer ones take seconds and give no better result.
 SPAN = 60.0
 
-#: Longest lag that a filter in the logger explains [s].
-SAME_LAG = 2e-3
+#: Longest lag of a potentiometer in a sound record [s]: rubber in series with its shock makes it late by up to 6 ms. A
+#: single late potentiometer follows from the laws of the corners (`plausibility`).
+TRAVEL_LAG = 8e-3
 
-#: Longest lag of the sum of the tire forces that a sound record has [s]: an engine on its mounts, whose acceleration is
-#: not measured, shifts it by 5 to 6 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
-LOAD_LAG = 10e-3
+#: Longest lag of the sum of the tire forces in a sound record [s]: an engine on its mounts, whose acceleration is not
+#: measured, shifts it by up to 30 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
+LOAD_LAG = 50e-3
+
+#: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
+DRIFT = 4e-3
 
 #: Number of its standard deviations by which a lag must exceed the threshold.
 DEVIATIONS = 5.0
@@ -237,7 +241,7 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
         late._replace(
             seconds=late.seconds - early.seconds,
             correlation=min(early.correlation, late.correlation),
-            usual=2.0 * SAME_LAG,
+            usual=late.usual if late.channel == "tire_force" else DRIFT,
             spread=float(np.hypot(early.spread, late.spread)),
         )
         for early, late in pairs
@@ -335,7 +339,7 @@ class _Comparison:
         compared = [corner, *(other for other in across if self._there(self._accelerometers(other)))]
         relative = [self._low[hub] - self._low[chassis] for hub, chassis in map(self._accelerometers, compared)]
         bend = derivative(derivative(self._low[pot], self._rate), self._rate)
-        return self._lag(pot, "the accelerometers", bend, np.stack(relative), SAME_LAG)
+        return self._lag(pot, "the accelerometers", bend, np.stack(relative), TRAVEL_LAG)
 
     def _axle(self, corner: str) -> tuple[str, ...]:
         front = corner in self._corners[:2]

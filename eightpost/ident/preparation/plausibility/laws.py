@@ -65,13 +65,14 @@ class Comparison(NamedTuple):
         return abs(self.score) > SIGNIFICANT
 
     def minus(self, others: Sequence[Comparison], tolerance: float) -> Comparison:
-        """Return the comparison of this figure with the median of those of other corners."""
+        """Return the comparison with the median of other corners, or with the first of them if that is closer."""
         effect, law = dict(self.effect), f"{self.law} at the other corners"
         if len(others) == 1:
             effect |= {name: -size for name, size in others[0].effect.items()}
             law = f"the symmetry of left and right in {self.law}"
         deviation = float(np.linalg.norm([one.deviation for one in (self, *others)]) / len(others) ** 0.5)
-        value = self.value - float(np.median([one.value for one in others]))
+        references = others[0].value, float(np.median([one.value for one in others]))
+        value = min((self.value - reference for reference in references), key=abs)
         return self._replace(law=law, value=value, tolerance=tolerance, deviation=deviation, effect=effect, alone=True)
 
 
@@ -147,9 +148,9 @@ def _sides(found: Mapping[str, Comparison], tolerance: float) -> Iterator[Compar
 
 
 def _siblings(found: Sequence[Comparison], tolerance: float) -> Iterator[Comparison]:
-    """Yield the comparisons of each of at least three corners with the others."""
-    for one in found if len(found) > 2 else ():
-        yield one.minus([other for other in found if other is not one], tolerance)
+    """Yield the comparisons of each of four corners with the others; the axles may differ, so first across the axle."""
+    for k, one in enumerate(found if len(found) == 4 else ()):
+        yield one.minus([found[k ^ 1], *(found[j] for j in range(4) if j not in (k, k ^ 1))], tolerance)
 
 
 # ---- One corner -----------------------------------------------------------------------------------------------------
@@ -174,9 +175,11 @@ def _tires(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
         ratios.append(_ratio(TIRE, fit, {road: -1.0, hub: 1.0}, 0.08, lambda c: -c[:, 0] / c[:, 3]))
         # Usual tires have 120 to 1000 N/mm, and 1.25 ms of damping over stiffness from hysteresis and damping together.
         stiffness[corner] = _ratio(TIRE, fit, {force: 1.0, hub: -1.0}, float(np.log(3.0)), lambda c: -c[:, 3], 350e3)
-        delays.append(_delay(
-            TIRE, fit, {road: 1.0, hub: -1.0}, 1.5e-3, lambda c: c[:, 1] / c[:, 0] - c[:, 4] / c[:, 3], over=(0, 3)
-        ))
+        delays.append(
+            _delay(
+                TIRE, fit, {road: 1.0, hub: -1.0}, 1.5e-3, lambda c: c[:, 1] / c[:, 0] - c[:, 4] / c[:, 3], over=(0, 3)
+            )
+        )
         times[corner] = _delay(
             TIRE, fit, {force: -1.0, hub: 1.0}, 2.5e-3, lambda c: c[:, 4] / c[:, 3], over=(3,), expected=1.25e-3
         )
@@ -260,12 +263,11 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
             effect = {force: -1.0, tire: 1.0, pot: -1.0, hub: 1.0}
             of_forces, of_motions = (_ratio(HUB, fit, effect, 0.25, lambda c: c[:, 0]) for fit in (balance, travel))
             works[corner] = of_forces._replace(
-                value=of_forces.value - of_motions.value, deviation=float(np.hypot(of_forces.deviation, of_motions.deviation))
+                value=of_forces.value - of_motions.value,
+                deviation=float(np.hypot(of_forces.deviation, of_motions.deviation)),
             )
         effect = {force: 1.0, tire: -1.0}
-        delays.append(
-            _delay(HUB, balance, effect, 3.5e-3, lambda c: c[:, 1] / c[:, 0], over=(0,), expected=-0.5e-3)
-        )
+        delays.append(_delay(HUB, balance, effect, 3.5e-3, lambda c: c[:, 1] / c[:, 0], over=(0,), expected=-0.5e-3))
     yield from (*works.values(), *delays, *_siblings(list(works.values()), 0.08), *_siblings(delays, 1.2e-3))
 
 

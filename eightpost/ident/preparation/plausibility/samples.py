@@ -85,7 +85,7 @@ def dropouts(series: TimeSeries) -> Iterator[Finding]:
 
 # ---- Clipping -------------------------------------------------------------------------------------------------------
 
-FLAT, CLIPPED_SHARE, PEAKS = 0.04, 0.004, 3  # distance from the extreme [standard deviations]; share of samples; peaks
+FLAT, CLIPPED_SHARE, PEAKS = 0.04, 0.0035, 4  # distance from the extreme [standard deviations]; share of samples; peaks
 VALLEY = 0.5  # distance that separates two peaks [standard deviations]
 UNLOADED = 0.05  # share of a tire's mean force below which it is off the ground
 
