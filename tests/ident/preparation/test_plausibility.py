@@ -14,8 +14,8 @@ from scipy.stats import norm, t
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
 from eightpost.ident.preparation.plausibility import Finding, record_findings
-from eightpost.ident.preparation.plausibility.laws import SIGNIFICANT, Comparison, Kind, few_blocks_factor
 from eightpost.ident.preparation.plausibility.faults import findings_of
+from eightpost.ident.preparation.plausibility.laws import SIGNIFICANT, Comparison, Kind, few_blocks_factor
 from eightpost.ident.preparation.plausibility.rules import (
     CLIPPED,
     DISCONNECTED,

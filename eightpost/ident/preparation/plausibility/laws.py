@@ -43,11 +43,11 @@ class Comparison(NamedTuple):
 
     law: str
     kind: Kind
-    value: float  # figure minus its expectation
-    tolerance: float  # absolute value that a sound record and a usual car may reach
-    deviation: float  # standard deviation from the record's noise, with `few_blocks_factor`
-    effect: Mapping[str, float]  # change of the figure per logarithm of the gain, or per delay, of each channel
-    alone: bool = False  # whether it is relative to other corners, so that a fault of all corners does not show
+    value: float  #: figure minus its expectation
+    tolerance: float  #: absolute value that a sound record and a usual car may reach
+    deviation: float  #: standard deviation from the record's noise, with `few_blocks_factor`
+    effect: Mapping[str, float]  #: change of the figure per logarithm of the gain, or per delay, of each channel
+    alone: bool = False  #: whether it is relative to other corners, so that a fault of all corners does not show
 
     @property
     def scale(self) -> float:
@@ -206,7 +206,8 @@ def _travels(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     Accelerometers of the chassis that are inboard of the wheels move less in roll, and so at all corners count for
     less; rubber at the ends of a shock lets its potentiometer lead or lag by milliseconds.
     """
-    motions, ratios, hubs, bodies = {}, [], [], []
+    motions, ratios = {}, []
+    hubs, bodies = list[Comparison](), list[Comparison]()
     for corner in corners:
         if (fit := travel_fit(spectra, corner)) is None:
             continue

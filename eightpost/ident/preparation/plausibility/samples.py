@@ -27,7 +27,7 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Find
 
     A sample is predicted by the cubic through its neighbours, x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6.
     """
-    places: dict[str, Array] = {name: np.array([], dtype=np.intp) for name in series.names}
+    places: dict[str, set[int]] = {name: set() for name in series.names}
     reach = max(1, round(SAME_TIME * series.sample_rate))
     for distance in DISTANCES:
         scores = {name: _scores(series[name], distance, round(LOCAL * series.sample_rate)) for name in series.names}
@@ -35,10 +35,11 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Find
             share = SHARE_OF_ACCELERATION if name.endswith("acceleration") else SHARE
             large = np.abs(_deviations(series[name], distance)) > share * float(series[name].std())
             others = [scores[other] for other in series.names if other not in (name, *computed)]
-            alone = [at for at in np.flatnonzero(large & (scores[name] > FACTOR)).tolist()
-                     if not any(other[max(0, at - reach) : at + reach + 1].max() > BUMP for other in others)]  # fmt: skip
-            places[name] = np.union1d(places[name], alone).astype(np.intp)
-    yield from (_finding(series, name, own) for name, own in places.items() if own.size)
+            for at in np.flatnonzero(large & (scores[name] > FACTOR)).tolist():
+                near = slice(max(0, at - reach), at + reach + 1)
+                if not any(other[near].max() > BUMP for other in others):
+                    places[name].add(at)
+    yield from (_finding(series, name, np.array(sorted(own))) for name, own in places.items() if own)
 
 
 def _deviations(values: Array, d: int) -> Array:
@@ -61,7 +62,7 @@ def _scores(values: Array, distance: int, block: int) -> Array:
     return np.asarray(deviations / usual[np.minimum(np.arange(values.size) // size, count - 1)])
 
 
-def _finding(series: TimeSeries, name: str, places: Array) -> Finding:
+def _finding(series: TimeSeries, name: str, places: NDArray[np.intp]) -> Finding:
     deviations = np.max([np.abs(_deviations(series[name], distance)) for distance in DISTANCES], axis=0)[places]
     groups = np.split(np.arange(places.size), 1 + np.flatnonzero(np.diff(places) > 4 * max(DISTANCES)))
     peak = groups[0][int(np.argmax(deviations[groups[0]]))]
