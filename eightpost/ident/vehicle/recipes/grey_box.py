@@ -29,12 +29,12 @@ from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
 from eightpost.ident.vehicle.grey_box.start import start_values
 from eightpost.ident.vehicle.grey_box.uncertainty import output_trust
 from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
-from eightpost.ident.vehicle.model_form import ModelForm, Shares
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.signals import TimeSeries
@@ -42,9 +42,6 @@ from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
-
-#: Smallest errors of measures: tires in the file are linear, which the residual of the tests hardly shows.
-_LEAST = Shares(1e-3, 2e-3)
 
 #: Smallest mean tire force that is a static load [N]; records of changes from the mean have none.
 _LOADED = 200.0
@@ -66,7 +63,7 @@ class GreyBox:
     estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
     samples: int = 8  #: Number of models with drawn parameters that the standard deviations due to noise come from.
     #: Settings of the uncertainty of measures on other drives; None gives none.
-    model_form: ModelForm | None = field(default_factory=lambda: ModelForm(least=_LEAST))
+    levels: MeasuredLevels | None = field(default_factory=MeasuredLevels)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`.
@@ -102,9 +99,9 @@ class GreyBox:
         springs, band = _springs(fit, tests), (self.band.low, self.band.high)
         response = self._response(tests, experiment, vehicle.friction)
         outputs = output_trust(lawful, tests[0], experiment, response, band, samples=self.samples)
-        measures = self._measures(vehicle, (fit, without_first), tests, experiment, outputs)
+        measures = self._measures(vehicle, (fit, without_first), tests, experiment)
         flags = {} if fit.gate.is_adequate else {"gate": fit.gate.summary()}
-        if self.model_form is not None and not measures:
+        if self.levels is not None and not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         sentence = nonlinear_spring_sentence(springs, held=MODELLED)
         held = {} if sentence is None else {"port springs": sentence}
@@ -133,14 +130,13 @@ class GreyBox:
         fits: tuple[OutputErrorFit, OutputErrorFit | None],
         tests: Sequence[TimeSeries],
         experiment: Experiment,
-        outputs: Mapping[str, OutputTrust],
     ) -> dict[str, MeasureUncertainty]:
         """Return the uncertainty of measures on other drives, from the vehicle and from one without the first test.
 
         A car has far fewer parameters than the records have data, so that one left-out test is enough. `fits` has the
         fit to all tests, and that without the first one if it exists.
         """
-        if self.model_form is None:
+        if self.levels is None:
             return {}
 
         def refit(kept: Sequence[int]) -> IdentifiedVehicle:
@@ -150,8 +146,7 @@ class GreyBox:
             found = without or self.explain(rest, experiment, start=fit.values)
             return self.vehicle(self._with_laws_of_the_file(found, rest, experiment), experiment)
 
-        band = (self.band.low, self.band.high)
-        return self.model_form.uncertainty(vehicle, tests, experiment, band, refit=refit, outputs=outputs)
+        return self.levels.uncertainty(vehicle, tests, experiment, refit=refit)
 
     def vehicle(self, fit: OutputErrorFit, experiment: Experiment) -> IdentifiedVehicle:
         """Return the vehicle of a fit: a linear model with the bristles and port springs of the car."""
