@@ -34,7 +34,7 @@ _EMPTY = 0.005
 
 #: Scales of the common and of the own error on a drive at `drive_distance` 1 of the records, relative to the spread of
 #: their errors over the bands (docs/explanation/vehicle_uncertainty.md).
-_BEYOND, _BEYOND_OWN = 1.15, 1.25
+_BEYOND, _BEYOND_OWN = 1.3, 1.25
 
 #: Number of standard deviations from which predictions are corrected by a common error.
 _SIGNIFICANT = 2.0
@@ -46,9 +46,7 @@ class MeasuredLevel:
 
     error: float  #: ln(predicted / measured), mean over the records [1].
     deviation: float  #: Standard deviation of this mean as the common error of all setups on that drive [1].
-    spread: (
-        float  #: Standard deviation of the error over the bands, weighted by power, and partly that of all measures.
-    )
+    spread: float  #: Standard deviation of the error over the bands, weighted by power, partly that of all measures.
     shares: tuple[float, ...]  #: Shares of the measured power in the bands (`len(LIMITS) + 1`).
 
 

@@ -1,8 +1,10 @@
 """Sources of the errors of a study's measures, as one linear model of independent variables.
 
-    e[k, m] = ln(true / predicted) = shift[m] + common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
+    e[k, m] = ln(true / predicted)
+            = shift[m] + common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m. The shift is known: minus the vehicle's bias. The position `z` of a setup has three parts. The first are the outputs, `x - mean of x` with
+for setup k and measure m. The shift is known: minus the vehicle's bias. The position `z` of a setup has three parts.
+The first are the outputs, `x - mean of x` with
 `x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
 `ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
 setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common

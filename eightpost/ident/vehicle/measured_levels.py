@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +99,22 @@ class MeasuredLevels:
             found.append(powers)
         return dict(zip(measure_names(vehicle.state_space.output_names), _uncertainties(found), strict=True))
 
+    def with_records(
+        self, known: Mapping[str, MeasureUncertainty], vehicle: IdentifiedVehicle, records: Sequence[TimeSeries]
+    ) -> dict[str, MeasureUncertainty]:
+        """Return uncertainties that include the errors of records that the vehicle was not identified from.
+
+        The error of one record is that of its setup. Records without all outputs, or that cannot be simulated, show
+        none. A record counts once.
+        """
+        found, outputs = dict(known), vehicle.state_space.output_names
+        for record in records:
+            powers = self._bounded(vehicle, record) if set(outputs) <= set(record.names) else None
+            if powers is not None:
+                rows = zip(measure_names(outputs), powers.error, powers.shares, strict=True)
+                found |= {name: _with_record(found[name], float(e), tuple(w.tolist())) for name, e, w in rows}
+        return found
+
     def note(self, tests: Sequence[TimeSeries], experiment: Experiment, found: Mapping[str, MeasureUncertainty]) -> str:
         """Return which tests were left out, and which predictions are corrected, as sentences."""
         left = removable_tests(tests, experiment.ports)
@@ -150,6 +166,15 @@ def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
         MeasureUncertainty.of_levels([MeasuredLevel(float(e), float(d), float(s), tuple(w.tolist()))], float(o))
         for e, d, s, w, o in rows
     ]
+
+
+def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, ...]) -> MeasureUncertainty:
+    """Return an uncertainty with the error of one more record; it is `known` if that has no errors or this one."""
+    if not known.levels:
+        return known
+    tests = known.levels[0]
+    level = replace(tests, error=error, deviation=tests.deviation / _OF_MEAN**0.5, shares=shares)
+    return known if level in known.levels else MeasureUncertainty.of_levels((*known.levels, level), known.own)
 
 
 def _own_squares(found: Sequence[Powers], errors: Array) -> Array:

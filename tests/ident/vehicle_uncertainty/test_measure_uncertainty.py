@@ -178,7 +178,7 @@ def test_predictions_are_corrected_by_the_bias():
 def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
     one, apart = MeasureUncertainty.of_levels([level()], 0.03), drive_distance(LAP, TESTS)
     moved = one.on_drive(LAP)
-    assert moved.common == pytest.approx(math.hypot(0.01, 1.15 * 0.02 * apart))
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.3 * 0.02 * apart))
     assert moved.own == pytest.approx(math.hypot(0.03, 1.25 * 0.02 * apart))
     assert moved.levels == ()
 
@@ -187,7 +187,7 @@ def test_a_record_counts_the_more_the_nearer_its_drive_is():
     lap = level(error=0.04, shares=LAP)
     one = MeasureUncertainty.of_levels([level(), lap], 0.03)
     there, here = one.on_drive(LAP), one.on_drive(TESTS)
-    far = math.hypot(0.01, 1.15 * 0.02 * drive_distance(LAP, TESTS))
+    far = math.hypot(0.01, 1.3 * 0.02 * drive_distance(LAP, TESTS))
     weight = 0.01**-2 / (0.01**-2 + far**-2)
     assert there.bias == pytest.approx(0.04 * weight)
     assert there.common == pytest.approx((0.01**-2 + far**-2) ** -0.5)

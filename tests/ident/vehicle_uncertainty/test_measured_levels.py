@@ -11,6 +11,7 @@ import pytest
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels, Powers, measure_names, removable_tests
+from eightpost.measure_uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.kernel import discretise
@@ -127,10 +128,14 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
     same, other = (
         MeasuredLevels().uncertainty(car, (tests[0], last), experiment(car))["tire_force"] for last in (tests[1], heavy)
     )
-    assert same.own < 0.02
-    assert other.own > 0.3
+    error, part = math.log(1.2), 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
+    levels = [{name: float(np.std(test[name])) for name in OUTPUTS} for test in (tests[0], heavy)]
+    change = math.log(levels[1]["tire_force"] / levels[0]["tire_force"])
+    apart = separation(setup_distance(*levels), change)
+    assert other.own == pytest.approx(math.sqrt(0.4 * part) * error / apart, rel=0.1)
+    assert same.own < 0.1 * other.own
     assert other.bias == 0.0
-    assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 / 2.0)) * math.log(1.2), rel=0.2)
+    assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 * part / 2.0)) * error, rel=0.02)
 
 
 def unstable(car):
@@ -167,3 +172,22 @@ def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, test
 def test_a_car_with_four_wheels_has_the_sum_of_its_tire_forces_as_a_measure():
     assert measure_names(("velocity", "tire_force")) == ("velocity", "tire_force")
     assert measure_names(("lf.tire_force", "rf.tire_force"))[-1] == "total_tire_force"
+
+
+def test_an_independent_record_counts_once_as_the_error_of_one_setup(car, tests):
+    known = MeasuredLevels().uncertainty(car, tests, experiment(car))
+    lap = tests[0].with_channel("tire_force", "N", 0.9 * tests[0]["tire_force"])
+    found = MeasuredLevels().with_records(known, car, [lap, lap])
+    first, second = found["tire_force"].levels
+    assert (first,) == known["tire_force"].levels
+    assert second.error == pytest.approx(math.log(1.0 / 0.9), abs=2e-3)
+    assert second.deviation == pytest.approx(first.deviation / math.sqrt(0.33))
+    assert len(found["velocity"].levels) == 2
+
+
+def test_a_record_without_an_output_and_a_fit_of_an_earlier_version_show_no_errors(car, tests):
+    known = MeasuredLevels().uncertainty(car, tests, experiment(car))
+    without = tests[0].select(["road", "velocity", "force"])
+    assert MeasuredLevels().with_records(known, car, [without]) == known
+    older = {name: MeasureUncertainty(0.01, 0.1) for name in known}
+    assert MeasuredLevels().with_records(older, car, [tests[0]]) == older
