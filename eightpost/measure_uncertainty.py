@@ -33,8 +33,9 @@ LIMITS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 23.0, 30.0)
 _EMPTY = 0.005
 
 #: Scales of the common and of the own error on a drive at `drive_distance` 1 of the records, relative to the spread of
-#: their errors over the bands (docs/explanation/vehicle_uncertainty.md).
-_BEYOND, _BEYOND_OWN = 1.3, 1.25
+#: their errors over the bands, and per share of the drive's power above all bands that are not empty in the records:
+#: the error there is as large as the output (docs/explanation/vehicle_uncertainty.md).
+_BEYOND, _BEYOND_OWN, _UNSEEN = 1.3, 1.25, 0.5
 
 #: Number of standard deviations from which predictions are corrected by a common error.
 _SIGNIFICANT = 2.0
@@ -83,12 +84,14 @@ class MeasureUncertainty:
         """
         if not self.levels or not len(shares):
             return self
-        apart = [drive_distance(shares, one.shares) for one in self.levels]
-        beyond = [_BEYOND * one.spread * distance for one, distance in zip(self.levels, apart, strict=True)]
-        weights = np.hypot([one.deviation for one in self.levels], beyond) ** -2.0
+        moved = [(one.spread * drive_distance(shares, one.shares), _UNSEEN * unseen(shares, one.shares))
+                 for one in self.levels]  # fmt: skip
+        scales = [math.hypot(one.deviation, _BEYOND * far, empty)
+                  for one, (far, empty) in zip(self.levels, moved, strict=True)]  # fmt: skip
+        weights = np.array(scales) ** -2.0
         error = float(weights @ [one.error for one in self.levels] / weights.sum())
         deviation = float(weights.sum() ** -0.5)
-        own = math.hypot(self.own, _BEYOND_OWN * self.levels[0].spread * apart[0])
+        own = math.hypot(self.own, _BEYOND_OWN * moved[0][0], moved[0][1])
         if abs(error) > _SIGNIFICANT * deviation:
             return MeasureUncertainty(deviation, own, error)
         return MeasureUncertainty(math.hypot(deviation, error), own)
@@ -206,6 +209,12 @@ def drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
     """
     v, w = np.asarray(first), np.asarray(second)
     return float(np.sqrt(np.sum((v - w) ** 2 / (w + _EMPTY))))
+
+
+def unseen(first: Sequence[float], second: Sequence[float]) -> float:
+    """Return the share of the power on a drive that lies above all bands that are not empty in records."""
+    highest = max(k for k, share in enumerate(second) if share >= _EMPTY)
+    return sum(first[highest + 1 :])
 
 
 def local_features(positions: Array) -> Array:

@@ -183,6 +183,18 @@ def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
     assert moved.levels == ()
 
 
+def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
+    low = (0.5, 0.25, 0.25, *(0.0,) * 8)
+    apart = drive_distance(low, TESTS)
+    assert MeasureUncertainty.of_levels([level()], 0.03).on_drive(low).common == pytest.approx(
+        math.hypot(0.01, 1.3 * 0.02 * apart)
+    )
+    half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
+    moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), drive_distance(half, TESTS)
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.3 * 0.02 * apart, 0.25))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.25 * 0.02 * apart, 0.25))
+
+
 def test_a_record_counts_the_more_the_nearer_its_drive_is():
     lap = level(error=0.04, shares=LAP)
     one = MeasureUncertainty.of_levels([level(), lap], 0.03)

@@ -129,10 +129,11 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
         MeasuredLevels().uncertainty(car, (tests[0], last), experiment(car))["tire_force"] for last in (tests[1], heavy)
     )
     error, part = math.log(1.2), 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
-    levels = [{name: float(np.std(test[name])) for name in OUTPUTS} for test in (tests[0], heavy)]
+    powers = [MeasuredLevels().powers(car, test).measured.sum(axis=1) for test in (tests[0], heavy)]
+    levels = [dict(zip(OUTPUTS, np.sqrt(one), strict=True)) for one in powers]
     change = math.log(levels[1]["tire_force"] / levels[0]["tire_force"])
     apart = separation(setup_distance(*levels), change)
-    assert other.own == pytest.approx(math.sqrt(0.4 * part) * error / apart, rel=0.1)
+    assert other.own == pytest.approx(math.sqrt(0.4 * part) * error / apart, rel=0.02)
     assert same.own < 0.1 * other.own
     assert other.bias == 0.0
     assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 * part / 2.0)) * error, rel=0.02)
