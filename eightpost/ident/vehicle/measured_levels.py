@@ -34,7 +34,7 @@ _OTHER = 0.1
 #: Variance of the tests' mean error as an error of unseen setups, and squared scale of the error between two setups,
 #: relative to what the tests show; smallest scales of both, of integration steps and laws at the ports [1]
 #: (docs/explanation/vehicle_uncertainty.md).
-_OF_MEAN, _OF_OWN, _LEAST, _LEAST_OWN = 0.33, 0.4, 1e-3, 7e-4
+_OF_MEAN, _OF_OWN, _LEAST, _LEAST_OWN = 0.33, 0.5, 1e-3, 7e-4
 
 
 class Powers(NamedTuple):

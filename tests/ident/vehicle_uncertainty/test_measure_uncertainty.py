@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -26,6 +27,7 @@ from eightpost.measure_uncertainty import (
     student_probability,
     student_quantile,
 )
+from eightpost.model_uncertainty import ModelUncertainty
 
 sizes = st.floats(1e-4, 0.3)
 values = st.floats(1e-3, 1e3)
@@ -120,11 +122,18 @@ def test_a_level_that_is_not_a_probability_is_refused(level):
 
 
 def test_a_fit_stores_the_uncertainty_of_its_measures():
-    trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.0)}, measures={"velocity": MeasureUncertainty(0.03, 0.4)})
-    assert Trust.of_json(trust.as_json()) == trust
-    older = trust.as_json()
-    del older["measures"]
-    assert Trust.of_json(older).measures == {}
+    stated = MeasureUncertainty.of_levels([level(error=0.05)], 0.4)
+    trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.0)}, measures={"velocity": stated})
+    assert Trust.of_json(json.loads(json.dumps(trust.as_json()))) == trust
+    assert ModelUncertainty.from_json(ModelUncertainty(measures=trust.measures).to_json()).measures == trust.measures
+
+
+def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
+    older = {"common": 0.03, "own": 0.4, "common_above": 0.1, "own_above": 0.2, "share_above": 0.01}
+    expected = {"a": MeasureUncertainty(0.03, 0.4)}
+    assert Trust.of_json({"outputs": {}, "measures": {"a": older}}).measures == expected
+    assert ModelUncertainty.from_json({"measures": {"a": older}}).measures == expected
+    assert Trust.of_json({"outputs": {}}).measures == {}
 
 
 @given(probability=st.floats(1e-6, 1.0 - 1e-6))
@@ -178,8 +187,8 @@ def test_predictions_are_corrected_by_the_bias():
 def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
     one, apart = MeasureUncertainty.of_levels([level()], 0.03), drive_distance(LAP, TESTS)
     moved = one.on_drive(LAP)
-    assert moved.common == pytest.approx(math.hypot(0.01, 1.3 * 0.02 * apart))
-    assert moved.own == pytest.approx(math.hypot(0.03, 1.25 * 0.02 * apart))
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.4 * 0.02 * apart))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart))
     assert moved.levels == ()
 
 
@@ -187,19 +196,19 @@ def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
     low = (0.5, 0.25, 0.25, *(0.0,) * 8)
     apart = drive_distance(low, TESTS)
     assert MeasureUncertainty.of_levels([level()], 0.03).on_drive(low).common == pytest.approx(
-        math.hypot(0.01, 1.3 * 0.02 * apart)
+        math.hypot(0.01, 1.4 * 0.02 * apart)
     )
     half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
     moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), drive_distance(half, TESTS)
-    assert moved.common == pytest.approx(math.hypot(0.01, 1.3 * 0.02 * apart, 0.25))
-    assert moved.own == pytest.approx(math.hypot(0.03, 1.25 * 0.02 * apart, 0.25))
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.4 * 0.02 * apart, 0.25))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.25))
 
 
 def test_a_record_counts_the_more_the_nearer_its_drive_is():
     lap = level(error=0.04, shares=LAP)
     one = MeasureUncertainty.of_levels([level(), lap], 0.03)
     there, here = one.on_drive(LAP), one.on_drive(TESTS)
-    far = math.hypot(0.01, 1.3 * 0.02 * drive_distance(LAP, TESTS))
+    far = math.hypot(0.01, 1.4 * 0.02 * drive_distance(LAP, TESTS))
     weight = 0.01**-2 / (0.01**-2 + far**-2)
     assert there.bias == pytest.approx(0.04 * weight)
     assert there.common == pytest.approx((0.01**-2 + far**-2) ** -0.5)

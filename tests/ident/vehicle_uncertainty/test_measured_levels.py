@@ -133,7 +133,7 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
     levels = [dict(zip(OUTPUTS, np.sqrt(one), strict=True)) for one in powers]
     change = math.log(levels[1]["tire_force"] / levels[0]["tire_force"])
     apart = separation(setup_distance(*levels), change)
-    assert other.own == pytest.approx(math.sqrt(0.4 * part) * error / apart, rel=0.02)
+    assert other.own == pytest.approx(math.sqrt(0.5 * part) * error / apart, rel=0.02)
     assert same.own < 0.1 * other.own
     assert other.bias == 0.0
     assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 * part / 2.0)) * error, rel=0.02)
