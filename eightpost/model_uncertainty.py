@@ -91,7 +91,7 @@ def _measure(entry: Mapping[str, Any]) -> MeasureUncertainty:
     )
 
     levels = tuple(
-        MeasuredLevel(*(float(one[n]) for n in ("error", "deviation", "spread")), tuple(map(float, one["shares"])))
+        MeasuredLevel(float(one["error"]), float(one["deviation"]), float(one["spread"]), tuple(one["shares"]))
         for one in entry.get("levels", [])
     )
     common, own, bias = float(entry["common"]), float(entry["own"]), float(entry.get("bias", 0.0))

@@ -83,5 +83,5 @@ def _spectrum(signals: Array, rate: float) -> tuple[Array, Array]:
     """Return the power of the lines of signals (C, N) about their means, with a sum of 1 or 0, and frequencies [Hz]."""
     windowed = (signals - signals.mean(axis=1, keepdims=True)) * np.hanning(signals.shape[1])
     power = np.sum(np.abs(np.fft.rfft(windowed, axis=1)) ** 2, axis=0)
-    whole = float(power.sum())
-    return power / whole if whole else power, np.fft.rfftfreq(signals.shape[1], 1.0 / rate)
+    frequency, whole = np.asarray(np.fft.rfftfreq(signals.shape[1], 1.0 / rate)), float(power.sum())
+    return np.asarray(power / whole if whole else power), frequency.astype(np.float64)

@@ -144,7 +144,7 @@ class MeasuredLevels:
         sums = _sums(model.output_names)
         simulated, measured = (sums @ rows for rows in self.loop.outputs(vehicle, test))
         own, noise = residual_noise(model, part, slopes, sums)
-        frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate)
+        frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate).astype(np.float64)
         kept = frequency <= HIGHEST * test.sample_rate
         white = np.repeat(own[:, None], frequency.size, axis=1)
         bands = []

@@ -11,34 +11,43 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import TooShortError
-from eightpost.ident.output_error import (
+from eightpost.ident.grey_box.family import OPTIONAL, declared, linear_model, port_laws
+from eightpost.ident.grey_box.gate import failures, residual_gate
+from eightpost.ident.grey_box.output_error import (
     Band,
-    OutputError,
     OutputErrorFit,
-    Parameter,
+    OutputErrorMethod,
     ParameterTable,
     Record,
-    Shooting,
-    Tolerance,
 )
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.grey_box.simulation import GreyBoxCar
+from eightpost.ident.grey_box.start import start_values
+from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimate_response
 from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import gather
+from eightpost.ident.vehicle.common_poles.deviations import relative_deviations
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.grey_box.car import OPTIONAL, GreyBoxCar, declared
-from eightpost.ident.vehicle.grey_box.start import start_values
-from eightpost.ident.vehicle.grey_box.uncertainty import output_trust
-from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
-from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Friction, IdentifiedVehicle
+from eightpost.vehicle import IdentifiedVehicle, StateSpace
+
+#: Frequency band of the fit [Hz].
+BAND = Band(0.3, 24.0, "hann")
+
+#: Highest frequency of the estimated response, which is reported and not fitted [Hz].
+_HIGH = 20.0
+
+#: Largest residual of an output in the base fit from which optional effects are added [1].
+_CONVERGED = 0.1
+
+#: Number of models with drawn parameters that the standard deviations due to noise come from.
+_SAMPLES = 8
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
@@ -51,19 +60,10 @@ _LOADED = 200.0
 class GreyBox:
     """Recipe that fits the masses, springs, tires and friction of a car."""
 
-    band: Band = field(default_factory=lambda: Band(0.3, 24.0, "hann"))  #: Frequency band of the fit [Hz].
     seconds: tuple[float, float] = (12.0, 30.0)  #: Durations of each record in the base fit and in the final fit [s].
-    converged: float = 0.1  #: Largest residual of an output in the base fit from which optional effects are added [1].
-    #: Limits of the residual gate.
-    limits: Tolerance = field(default_factory=lambda: Tolerance(explained=0.02, residual=0.05))
     #: Values that the team knows, by parameter: value and relative standard deviation, e.g. `{"lf.spring_rate": (2.2e5,
     #: 0.02)}`.
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: Method of estimating the response, which is reported and not fitted.
-    estimate: Recipe = field(default_factory=lambda: LocalPolynomial(high=20.0))
-    samples: int = 8  #: Number of models with drawn parameters that the standard deviations due to noise come from.
-    #: Settings of the uncertainty of measures on other drives; None gives none.
-    levels: MeasuredLevels | None = field(default_factory=MeasuredLevels)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`.
@@ -75,117 +75,69 @@ class GreyBox:
         started = process_time()
         return self.vehicle_fit(self.explain(tests, experiment), tests, experiment, started)
 
-    def vehicle_fit(
-        self,
-        fit: OutputErrorFit,
-        tests: Sequence[TimeSeries],
-        experiment: Experiment,
-        started: float,
-        *,
-        without_first: OutputErrorFit | None = None,
-    ) -> VehicleFit:
-        """Return the vehicle of a fit.
+    def explain(
+        self, tests: Sequence[TimeSeries], experiment: Experiment, *, start: Mapping[str, float] | None = None
+    ) -> OutputErrorFit:
+        """Return the fit of the nonlinear car; `start` has values of a similar car, which replace the base fit."""
+        table = self._with_priors(declared(start or start_values(tests, experiment), experiment.rig))
+        car, unused = _car(experiment, table), _unused(table, experiment)
+        brief, whole = ([_record(test, experiment, seconds) for test in tests] for seconds in self.seconds)
+        optional: tuple[str, ...] = ()
+        if start is None:
+            fixed = table.fixed(*unused, *OPTIONAL)
+            base = OutputErrorMethod(BAND, passes=1).fit(car, fixed, brief, experiment.outputs)
+            # Optional effects divert a fit that has not found the car yet.
+            optional = () if max(base.residual.values()) <= _CONVERGED else OPTIONAL
+            start = base.values
+        fixed = table.fixed(*unused, *optional)
+        return OutputErrorMethod(BAND).fit(car, fixed, whole, experiment.outputs, start=start)
 
-        Args:
-            fit: Fit of the nonlinear car; see `explain`.
-            tests: Records of the fit.
-            experiment: Inputs, shock forces and outputs of the tests.
-            started: Processor time at the start of the identification [s].
-            without_first: Fit to all tests but the first one, if there is one already.
-        """
+    def vehicle_fit(
+        self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment, started: float
+    ) -> VehicleFit:
+        """Return the vehicle of a fit of the nonlinear car, which began at a processor time [s]."""
         lawful = self._with_laws_of_the_file(fit, tests, experiment)
-        vehicle = self.vehicle(lawful, experiment)
+        vehicle = _vehicle(lawful, experiment)
         stability = closed_loop_stability(vehicle)
-        springs, band = _springs(fit, tests), (self.band.low, self.band.high)
-        response = self._response(tests, experiment, vehicle.friction)
-        outputs = output_trust(lawful, tests[0], experiment, response, band, samples=self.samples)
-        measures = self._measures(vehicle, (fit, without_first), tests, experiment)
-        flags = {} if fit.gate.is_adequate else {"gate": fit.gate.summary()}
-        if self.levels is not None and not measures:
+        springs, band = _springs(fit, tests), (BAND.low, BAND.high)
+        response = estimate_response(
+            [with_port_laws(test, vehicle.friction) for test in tests],
+            inputs=experiment.inputs,
+            outputs=experiment.outputs,
+            recipe=LocalPolynomial(high=_HIGH),
+            baseline_damping=experiment.baseline_damping,
+        )
+        outputs = _output_trust(lawful, tests[0], experiment, response)
+
+        def refit(kept: Sequence[int]) -> IdentifiedVehicle:
+            if 0 in kept:  # a car has far fewer parameters than the records have data: one left-out test is enough
+                return vehicle
+            rest = [tests[k] for k in kept]
+            without = self.explain(rest, experiment, start=fit.values)
+            return _vehicle(self._with_laws_of_the_file(without, rest, experiment), experiment)
+
+        measures = MeasuredLevels().uncertainty(vehicle, tests, experiment, refit=refit)
+        whole = [_record(test, experiment, self.seconds[1]) for test in tests]
+        failed = failures(residual_gate(experiment.outputs, whole, fit.simulated, band=BAND))
+        flags = {"gate": " ".join(failed.values())} if failed else {}
+        if not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         sentence = nonlinear_spring_sentence(springs, held=MODELLED)
         held = {} if sentence is None else {"port springs": sentence}
+        records = gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
+        noise = input_noise(records, band).summary(OutputErrorMethod())
         return VehicleFit(
             vehicle,
             "grey-box",
             response,
             lawful.residual,
-            (
-                *_notes(fit, lawful),
-                self._input_noise(tests, experiment),
-                *flags.values(),
-                *held.values(),
-                stability.summary(),
-            ),
+            (*_notes(fit, lawful), noise, *flags.values(), *held.values(), stability.summary()),
             process_time() - started,
             stability.stable,
             ranges_of(tests, experiment, band).as_mapping(),
-            Trust(outputs, _forces(fit), springs, flags | held, None, self.samples, measures),
+            Trust(outputs, _forces(fit), springs, flags | held, None, _SAMPLES, measures),
             _parameters(fit),
         )
-
-    def _measures(
-        self,
-        vehicle: IdentifiedVehicle,
-        fits: tuple[OutputErrorFit, OutputErrorFit | None],
-        tests: Sequence[TimeSeries],
-        experiment: Experiment,
-    ) -> dict[str, MeasureUncertainty]:
-        """Return the uncertainty of measures on other drives, from the vehicle and from one without the first test.
-
-        A car has far fewer parameters than the records have data, so that one left-out test is enough. `fits` has the
-        fit to all tests, and that without the first one if it exists.
-        """
-        if self.levels is None:
-            return {}
-
-        def refit(kept: Sequence[int]) -> IdentifiedVehicle:
-            if 0 in kept:
-                return vehicle
-            rest, (fit, without) = [tests[k] for k in kept], fits
-            found = without or self.explain(rest, experiment, start=fit.values)
-            return self.vehicle(self._with_laws_of_the_file(found, rest, experiment), experiment)
-
-        return self.levels.uncertainty(vehicle, tests, experiment, refit=refit)
-
-    def vehicle(self, fit: OutputErrorFit, experiment: Experiment) -> IdentifiedVehicle:
-        """Return the vehicle of a fit: a linear model with the bristles and port springs of the car."""
-        return IdentifiedVehicle(
-            experiment.name, linear_model(fit.values, experiment), experiment.baseline_damping, experiment.static,
-            experiment.sources, port_laws(fit.values, experiment),
-        )  # fmt: skip
-
-    def explain(
-        self, tests: Sequence[TimeSeries], experiment: Experiment, *, start: Mapping[str, float] | None = None
-    ) -> OutputErrorFit:
-        """Return the fit of the nonlinear car.
-
-        Args:
-            tests: Records of rig tests.
-            experiment: Inputs, shock forces and outputs of the tests.
-            start: Values of a similar car by parameter, which replace the base fit; None: start with the base fit.
-
-        Raises:
-            InputError: The car has no four corners, or an output is not known.
-            TooShortError: A record is too short.
-        """
-        table = self._with_priors(declared(start or start_values(tests, experiment), experiment.rig))
-        car, unused, engine = _car(experiment, table), _unused(table, experiment), self._engine
-        brief, whole = ([_record(test, experiment, s) for test in tests] for s in self.seconds)
-        optional: tuple[str, ...] = ()
-        if start is None:
-            base = engine.fit(car, table.fixed(*unused, *OPTIONAL), brief, outputs=experiment.outputs)
-            # Optional effects divert a fit that has not found the car yet.
-            optional = () if max(base.residual.values()) <= self.converged else OPTIONAL
-            start = base.values
-        return replace(engine, passes=2).fit(
-            car, table.fixed(*unused, *optional), whole, outputs=experiment.outputs, start=start
-        )
-
-    @property
-    def _engine(self) -> OutputError:
-        shooting = Shooting(evaluations=15, tolerance=1e-4)
-        return OutputError(band=self.band, passes=1, difference=1e-4, tolerance=self.limits, shooting=shooting)
 
     def _with_laws_of_the_file(
         self, fit: OutputErrorFit, tests: Sequence[TimeSeries], experiment: Experiment
@@ -200,34 +152,27 @@ class GreyBox:
         table = declared({n: v for n, v in fit.values.items() if n not in stiffening}, experiment.rig)
         records = [_record(test, experiment, self.seconds[1]) for test in tests]
         fixed = (*_unused(table, experiment), *stiffening)
-        return self._engine.fit(_car(experiment, table), table.fixed(*fixed), records, outputs=experiment.outputs)
-
-    def _input_noise(self, tests: Sequence[TimeSeries], experiment: Experiment) -> str:
-        """Return the estimator and its bias by noise of the measured inputs as a sentence."""
-        records = gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
-        return input_noise(records, (self.band.low, self.band.high)).summary(self._engine)
+        method = OutputErrorMethod(BAND, passes=1)
+        return method.fit(_car(experiment, table), table.fixed(*fixed), records, experiment.outputs)
 
     def _with_priors(self, table: ParameterTable) -> ParameterTable:
-        table.theta({name: value for name, (value, _) in self.priors.items()})  # refuses names that do not exist
-        return ParameterTable(tuple(self._with_prior(parameter) for parameter in table))
+        table.check(self.priors)
+        rows = {parameter.name: parameter for parameter in table}
+        for name, (value, relative) in self.priors.items():
+            deviation = relative if rows[name].size is None else relative * abs(value)
+            rows[name] = replace(rows[name], start=value, prior=deviation)
+        return ParameterTable(tuple(rows.values()))
 
-    def _with_prior(self, parameter: Parameter) -> Parameter:
-        if parameter.name not in self.priors:
-            return parameter
-        value, relative = self.priors[parameter.name]
-        deviation = relative if parameter.is_logarithmic else relative * abs(value)
-        return replace(parameter, start=value, prior=deviation)
 
-    def _response(
-        self, tests: Sequence[TimeSeries], experiment: Experiment, friction: Mapping[str, Friction]
-    ) -> FrequencyResponse:
-        return estimate_response(
-            [with_port_laws(test, friction) for test in tests],
-            inputs=experiment.inputs,
-            outputs=experiment.outputs,
-            recipe=self.estimate,
-            baseline_damping=experiment.baseline_damping,
-        )
+# ---- Records and model ----------------------------------------------------------------------------------------------
+
+
+def _vehicle(fit: OutputErrorFit, experiment: Experiment) -> IdentifiedVehicle:
+    """Return the vehicle of a fit: a linear model with the bristles and port springs of the car."""
+    return IdentifiedVehicle(
+        experiment.name, linear_model(fit.values, experiment), experiment.baseline_damping, experiment.static,
+        experiment.sources, port_laws(fit.values, experiment),
+    )  # fmt: skip
 
 
 def _car(experiment: Experiment, table: ParameterTable) -> GreyBoxCar:
@@ -245,16 +190,13 @@ def _record(test: TimeSeries, experiment: Experiment, seconds: float) -> Record:
             f"{experiment.name}: a test of {len(test) / rate:g} s is too short for the recipe grey-box; record at "
             f"least {_SHORTEST / (1.0 - _BEGIN):.0f} s"
         )
-    ports = [_port_force(test, c, experiment.baseline_damping[c]) for c in CORNERS]
+    damping = experiment.baseline_damping
+    ports = [test[channel(c, "force")] - damping[c] * test[channel(c, "velocity")] for c in CORNERS]
     loads = [name for name in experiment.rig if not name.endswith("road")]
     inputs = np.column_stack([*(test[channel(c, "road")] for c in CORNERS), *(test[name] for name in loads), *ports])
     outputs = np.column_stack([test[name] for name in experiment.outputs])
     part = slice(begin, begin + count)
     return Record(inputs[part], outputs[part], rate, settling=round(_SETTLING * rate))
-
-
-def _port_force(test: TimeSeries, corner: str, damping: float) -> Array:
-    return np.asarray(test[channel(corner, "force")] - damping * test[channel(corner, "velocity")])
 
 
 def _unused(table: ParameterTable, experiment: Experiment) -> tuple[str, ...]:
@@ -264,6 +206,9 @@ def _unused(table: ParameterTable, experiment: Experiment) -> tuple[str, ...]:
     arms = {"heave_share": "heave_force", "pitch_arm": "pitch_moment",
             "front.roll_arm": "roll_moment", "rear.roll_arm": "roll_moment"}  # fmt: skip
     return tuple(found + [n for n, load in arms.items() if n in table.names and load not in experiment.rig])
+
+
+# ---- What the fit states --------------------------------------------------------------------------------------------
 
 
 def _forces(fit: OutputErrorFit) -> dict[str, ForceEstimate]:
@@ -295,7 +240,7 @@ def _notes(fit: OutputErrorFit, lawful: OutputErrorFit) -> list[str]:
     stiffening = [c for c in CORNERS if _is_significant(fit, f"{c}.tire_stiffening")]
     if stiffening:
         notes.append(f"tires stiffen with deflection: {', '.join(stiffening)}")
-    if not fit.converged:
+    if fit.message:
         notes.append(f"the search did not converge: {fit.message}")
     if fit.at_bounds:
         notes.append(f"parameters at a bound of the fit, whose intervals are not valid: {', '.join(fit.at_bounds)}")
@@ -312,6 +257,39 @@ def _parameters(fit: OutputErrorFit) -> tuple[FittedParameter, ...]:
         FittedParameter(p.name, p.unit, fit.values[p.name], *intervals[p.name], p.name in fit.at_bounds)
         for p in fit.table.free
     )
+
+
+def sampled_cars(fit: OutputErrorFit, experiment: Experiment, count: int) -> tuple[StateSpace, ...]:
+    """Return a number of linear models with parameters drawn from the covariance of a fit, within their bounds."""
+    power, axes = np.linalg.eigh(fit.covariance)
+    drawn = np.random.default_rng(0).standard_normal((count, power.size)) * np.sqrt(np.maximum(power, 0.0))
+    table = fit.table
+    values = [table.values(table.inside(fit.theta + axes @ row)) for row in drawn]
+    return tuple(linear_model(dict(zip(table.names, map(float, row), strict=True)), experiment) for row in values)
+
+
+def _output_trust(
+    fit: OutputErrorFit, test: TimeSeries, experiment: Experiment, response: FrequencyResponse
+) -> dict[str, OutputTrust]:
+    """Return the uncertainty of every output due to noise, from models with drawn parameters.
+
+    The setups are driven by a test; the misfit is relative to the variance of the response.
+    """
+    model, band = linear_model(fit.values, experiment), (BAND.low, BAND.high)
+    deviations = relative_deviations(model, sampled_cars(fit, experiment, _SAMPLES), test, experiment, band)
+    rows = zip(model.output_names, *deviations, _misfit(model, response, band), strict=True)
+    return {name: OutputTrust(float(a), float(b), float(c)) for name, a, b, c in rows}
+
+
+def _misfit(model: StateSpace, response: FrequencyResponse, band: tuple[float, float]) -> Array:
+    """Return the RMS of model minus response in standard deviations of the response (p,)."""
+    inside = (response.frequency >= band[0]) & (response.frequency <= band[1])
+    assert response.variance is not None
+    variance = response.variance[..., inside]
+    apart = np.abs(model.frequency_response(response.frequency[inside]) - response.H[..., inside]) ** 2
+    known = np.isfinite(variance) & (variance > 0.0)
+    parts = np.divide(apart, variance, out=np.zeros_like(apart), where=known)
+    return np.asarray(np.sqrt(parts.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)))
 
 
 RECIPE = GreyBox()
