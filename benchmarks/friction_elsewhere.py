@@ -60,7 +60,7 @@ def row(seed: int, name: str) -> str:
     baseline = find_baseline(prepared.records, prepared.corners, test=0)
     experiment = replace(experiment_of(prepared.channels, baseline.damping, name="car"), means=prepared.means[0])
     experiment = experiment.of(*[n for n in experiment.outputs if n.endswith((*QUANTITIES, "displacement"))])
-    fit = CommonPoles(samples=0, model_form=None).identify(prepared.records, experiment)
+    fit = CommonPoles(samples=0, levels=None).identify(prepared.records, experiment)
     lap = Actuators().follow(track_drive(car, 40000 + seed, duration=LAP).series, car)
     setups = draw_setups(seed, len(bank()), len(close_bank()))
     true = list(truths_of(car, lap, [tuple(laws[i] for i in setup) for setup in setups]))

@@ -11,8 +11,10 @@ import numpy as np
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import Comparison, Trend
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
-from eightpost.ident.vehicle import VehicleFit, write_fit
+from eightpost.ident.vehicle import write_fit
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.vehicle_fit import fit_files
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.outputs import replacing
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
@@ -152,9 +154,17 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
     return Verdict(reasons)
 
 
-def keep_verdict(path: Path, fit: VehicleFit, verdict: Verdict) -> None:
-    """Write a verdict into the file of a vehicle, in place of an earlier one."""
-    validity = Validity.with_verdict(fit.vehicle.validity, verdict)
+def keep_verdict(path: Path, study: VehicleValidation, verdict: Verdict) -> None:
+    """Write a verdict, and the level errors of independent random records, into the file of a vehicle.
+
+    The verdict replaces an earlier one.
+    """
+    fit, validity = study.fit, Validity.with_verdict(study.fit.vehicle.validity, verdict)
+    if fit.trust is not None and fit.trust.measures:
+        records = [case.record.series for case in study.independent if case.record.kind == "random"]
+        measures = MeasuredLevels().with_records(fit.trust.measures, fit.vehicle, records)
+        fit = replace(fit, trust=replace(fit.trust, measures=measures))
+        validity = replace(validity, uncertainty=ModelUncertainty(measures=measures))
     with replacing(*fit_files(path)):
         write_fit(path, replace(fit, vehicle=judged(fit.vehicle, validity=validity)))
 
