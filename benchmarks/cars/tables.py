@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from benchmarks.cars.truth import NAMES, TOTAL
+from benchmarks.cars.truth import NAMES, RIDE, TOTAL
 from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
 Array = NDArray[np.float64]
@@ -23,14 +23,14 @@ LEVELS, BINS = (0.5, 0.8, 0.95), (0.5, 0.6, 0.7, 0.8, 0.9, 0.98, 1.0)
 CHOICES = (TOTAL, "front.ride_height", "rear.ride_height")
 
 
-def names_of(row: Row) -> list[str]:
+def names_of(row: Row, among: Sequence[str] = RIDE) -> list[str]:
     """Return the measures that are predicted."""
-    return [name for name in NAMES if name in row["predicted"][0]]
+    return [name for name in among if name in row["predicted"][0]]
 
 
-def errors(row: Row) -> Array:
+def errors(row: Row, among: Sequence[str] = RIDE) -> Array:
     """Return the errors of the predictions in percent (setups, measures)."""
-    names = names_of(row)
+    names = names_of(row, among)
     predicted, true = (np.array([[one[n] for n in names] for one in row[key]]) for key in ("predicted", "true"))
     return np.asarray(100.0 * (predicted / true - 1.0))
 
@@ -141,7 +141,7 @@ def by_quantity(rows: Sequence[Row]) -> list[str]:
     """Return RMS error and mean error of each quantity in percent, over all cars and setups."""
     found: dict[str, list[Array]] = {}
     for row in rows:
-        for name, column in zip(names_of(row), errors(row).T, strict=True):
+        for name, column in zip(names_of(row, NAMES), errors(row, NAMES).T, strict=True):
             found.setdefault(name.rpartition(".")[2], []).append(column)
     rms: Callable[[Array], float] = lambda x: float(np.sqrt(np.mean(x**2)))  # noqa: E731
     lines = ["| quantity | RMS error % | of the mean error of a car % |", "|---|---|---|"]
