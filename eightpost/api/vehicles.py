@@ -36,7 +36,7 @@ def identify(
 
     Args:
         tests: Tests or their files.
-        recipe: `common-poles`, `grey-box`, `boggs` or `auto`.
+        recipe: `common-poles`, `grey-box` or `boggs`.
         name: Name of the vehicle.
         baseline: Index of the baseline test in `tests`; default: found from the damping of the shocks.
         damping: Damping about which the vehicle is identified [N.s/m]; default: the slope of each baseline shock.

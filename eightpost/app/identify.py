@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -26,12 +25,8 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
-#: Folder of the recipes, one file each. Their names are listed without importing them.
-_FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"
-
-
-def _recipes() -> list[str]:
-    return sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules([str(_FOLDER)]))
+#: Names of `eightpost.ident.vehicle.recipes.RECIPES`, whose import would delay every help text.
+RECIPES = ("boggs", "common-poles", "grey-box")
 
 
 @click.command(cls=Verb, renamed={"--plots": "--plot"})
@@ -40,7 +35,7 @@ def _recipes() -> list[str]:
               show_default=True,
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
-@click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
+@click.option("--recipe", "recipe_name", type=click.Choice(RECIPES), default="common-poles", show_default=True,
               help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
               "docs/explanation/output_error.md.")  # fmt: skip
 @click.option("--baseline", type=FilePath(), metavar="RIG",

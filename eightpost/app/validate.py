@@ -40,8 +40,6 @@ SETTLING = 4.0
 @click.option("--kind", "kinds", metavar="[FILE=]KIND", multiple=True,
               help="Kind of a record, or of all: random, sine, static or bump. Default: recognized from the "
               "motion.")  # fmt: skip
-@click.option("--configuration", "configurations", metavar="[FILE=]N", multiple=True,
-              help="Shocks: configuration of a record, or of all: 1 to 12 of Table 3.1. Default: none.")  # fmt: skip
 @click.option("--limit", metavar="PERCENT", type=Number(min=0.0, min_open=True),
               help="Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: "
               "vehicles 25, shocks 30.")  # fmt: skip
@@ -75,7 +73,6 @@ def validate(  # one parameter per option
     ctx: click.Context,
     paths: tuple[Path, ...],
     kinds: tuple[str, ...],
-    configurations: tuple[str, ...],
     limit: float | None,
     level: float | None,
     shocks: tuple[tuple[str, str], ...],
@@ -117,12 +114,12 @@ def validate(  # one parameter per option
     reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}
     given = _Given(console, records, kinds, reading, report, keep)
     if is_vehicle(models):
-        _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff, "--segment": segment})
+        _refuse("vehicle", {"--cutoff": cutoff, "--segment": segment})
         settled = SETTLING if settling is None else settling
         verdict = _validate_vehicle(given, models[0], dict(shocks), against, level, limit, settled)
     else:
         _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
-        verdict = _validate_shocks(given, models, configurations, limit, cutoff, segment)
+        verdict = _validate_shocks(given, models, limit, cutoff, segment)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
@@ -145,23 +142,18 @@ class _Given:
     keep: bool  #: Whether to write the verdict into the files of the models.
 
     def kind_of(self, kinds: Sequence[str]) -> dict[Path, Any]:
-        """Return the kind of each record for which one is given."""
-        found = self.by_record(self.kinds, "--kind")
-        for word in found.values():
-            if word not in kinds:
-                raise click.BadParameter(f"{word!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
-        return found
-
-    def by_record(self, words: Iterable[str], option: str) -> dict[Path, str]:
-        """Return a value for each record from `VALUE` (for all) and `FILE=VALUE`; the value of a file has priority."""
+        """Return the kind of each record for which `KIND` (for all) or `FILE=KIND`, which has priority, is given."""
         chosen: dict[Path, str] = {}
-        for word in sorted(words, key=lambda word: "=" in word):
-            name, equals, value = word.rpartition("=")
+        for word in sorted(self.kinds, key=lambda word: "=" in word):
+            name, equals, kind = word.rpartition("=")
             matching = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
             if not matching:
                 known = ", ".join(path.name for path in self.records)
-                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint=option)
-            chosen |= dict.fromkeys(matching, value)
+                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint="--kind")
+            chosen |= dict.fromkeys(matching, kind)
+        for kind in chosen.values():
+            if kind not in kinds:
+                raise click.BadParameter(f"{kind!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
         return chosen
 
     def each_record(self) -> Iterable[Path]:
@@ -196,7 +188,6 @@ class _Given:
 def _validate_shocks(
     given: _Given,
     paths: list[Path],
-    configurations: tuple[str, ...],
     limit: float | None,
     cutoff: float | None,
     segment: tuple[float, float] | None,
@@ -210,18 +201,10 @@ def _validate_shocks(
     from eightpost.rig import read_dyno_test
     from eightpost.shock import read_shock
 
-    kind_of, number_of = given.kind_of(KINDS), given.by_record(configurations, "--configuration")
-    for word in number_of.values():
-        if not word.isdigit():
-            text = f"{word!r}: write it as a number from 1 to 12"
-            raise click.BadParameter(text, param_hint="--configuration")
+    kind_of = given.kind_of(KINDS)
     shocks = [read_shock(path) for path in paths]
     records = [
-        dyno_record(
-            read_dyno_test(path, cutoff=cutoff, **given.reading),
-            kind=kind_of.get(path),
-            configuration=int(number_of[path]) if path in number_of else None,
-        )
+        dyno_record(read_dyno_test(path, cutoff=cutoff, **given.reading), kind=kind_of.get(path))
         for path in given.each_record()
     ]
     study = validate_shocks(shocks, records, cutoff=cutoff, segment=segment)

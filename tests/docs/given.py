@@ -28,7 +28,7 @@ class Given:
 #: Commands that make what several pages need, in a folder that has `examples`.
 SHARED = {
     "rig": ("rig --program identification --duration '30 s' -o rig",),
-    "car.json": ("identify rig/*.parquet --recipe common-poles -o car.json",),
+    "car.json": ("identify rig/*.parquet -o car.json",),
     "shock.json": ("fit examples/data/dyno_A.csv --law lpnl2 --gas included -o shock.json",),
     "dist": (
         "fit examples/data/dyno_A.csv --law lpnl2 --gas included -o dist/dyno_A.json",

@@ -10,10 +10,9 @@ import numpy as np
 
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import document_kind
-from eightpost.ident.exports.matlab import write_response_mat, write_vehicle_mat
+from eightpost.ident.exports.model_formats import write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.exports.shock_formats import table_format, write_shock_table
 from eightpost.ident.exports.shock_table import shock_table
-from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, read_response, response_of
 from eightpost.validity import judged
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, read_vehicle

@@ -42,7 +42,7 @@ class LocalPolynomial:
     spare: float = 1.5  #: Minimum number of equations per unknown.
     spacing: float = 0.05  #: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
     high: float = 30.0  #: Highest frequency [Hz].
-    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1].
 
     @classmethod
     def of_width(cls, width: float, high: float) -> LocalPolynomial:

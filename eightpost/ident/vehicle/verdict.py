@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
-from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import UNUSABLE, Trust
 from eightpost.verdict import Grade, Reason, Rules, Verdict
 
@@ -46,11 +45,6 @@ NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE
     why="a run with other shocks may diverge, and the accuracy of predictions is not known",
     remedy="see the notes on the models that were rejected; identify with more or longer tests, or with fewer outputs",
 )  # fmt: skip
-CHOSEN = RULES.add("recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE,
-    condition="the recipe was chosen by the error of its free-running simulation of a test that it left out",
-    why="the error is that of a prediction, not of a fit",
-    remedy="nothing; --recipe names another one",
-)  # fmt: skip
 
 
 #: Flags that need no reason, because the model includes the effect.
@@ -85,11 +79,6 @@ class Judged(Protocol):
         """Uncertainty, friction and flags; None if unknown."""
         ...
 
-    @property
-    def choice(self) -> RecipeChoice | None:
-        """Choice of the recipe by a left-out test; None if the user named the recipe."""
-        ...
-
 
 def fit_verdict(fit: Judged) -> Verdict:
     """Return the verdict on a fit."""
@@ -106,8 +95,6 @@ def _reasons(fit: Judged) -> Iterator[Reason]:
     statement = "the model reproduces its tests" if rule is GOOD else "the model does not reproduce its tests well"
     figure = f"{worst} {100 * value:.1f} %; limits {100 * GOOD_FIT:g} and {100 * POOR_FIT:g} %"
     yield rule.reason(statement, figure=figure, origin=origin)
-    if fit.choice is not None and fit.choice.trials:
-        yield CHOSEN.reason(fit.choice.reason, figure=fit.choice.figures, origin=origin)
     for name, sentence in ({} if fit.trust is None else fit.trust.flags).items():
         if name == UNUSABLE:
             yield NOT_SIMULATED.reason("the car cannot be simulated", figure=sentence.rstrip("."), origin=origin)

@@ -113,7 +113,6 @@ def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: 
     ("words", "said"),
     [
         (("--cutoff", "40 Hz"), "it does not apply to a vehicle"),
-        (("--configuration", "1"), "it does not apply to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),

@@ -369,3 +369,22 @@ def _with_integrals(residual: dict[str, float], response: FrequencyResponse) -> 
     """
     pairs = integrals(response.output_names)
     return {name: residual[pairs.get(name, name)] for name in response.output_names}
+
+
+# ---- Model of fewer tests, near that of all tests -------------------------------------------------------------------
+
+
+def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: float) -> StateSpace:
+    """Return a model of another response, one step of the refinement from a model; its order does not change.
+
+    Args:
+        found: Model of the response of all tests.
+        response: Response of some of the tests, with the channels of the first one.
+        floor: Lower limit of the standard deviation; see `CommonPoleFit`.
+    """
+    solution = found.refined.solution
+    points = points_of(without_integrals(response.band(*found.band)), floor=floor)
+    # The inputs of the blocks are scaled by those of the points.
+    blocks = replace(solution.blocks, B=solution.blocks.B * points.input_size / found.points.input_size)
+    refined = Refinement(max_iterations=1).refine(points, blocks, solution.through)
+    return state_space(refined.solution, points, found.inputs, found.fitted, found.model.outputs)

@@ -17,9 +17,8 @@ from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.parallel import balance
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
-from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
+from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, balance, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.progress import beats, portion

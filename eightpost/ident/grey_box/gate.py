@@ -9,7 +9,6 @@ missing effect that resembles noise, cannot be seen.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,11 +16,16 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.output_error.band import Band
-from eightpost.ident.output_error.model import Record
+from eightpost.ident.grey_box.output_error import Band, Record
 
 #: Significance level of all tests of a fit together [1].
 LEVEL = 1e-3
+
+#: Largest part of the residual that inputs explain, over the RMS of the output [1], even if significant.
+EXPLAINED = 0.02
+
+#: Largest residual over the RMS of the output that is accepted as noise [1]; no test separates the two.
+RESIDUAL = 0.05
 
 #: Number of lines per regressor and band.
 _SPARE = 3
@@ -31,16 +35,6 @@ _POWERS = (2, 3)
 
 #: Smallest share of a regressor that the others do not explain, relative to its size [1].
 _INDEPENDENT = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerance:
-    """Limits of an adequate model, relative to the RMS of each output in the band."""
-
-    #: Largest part of the residual that inputs explain [1]; a smaller one is adequate even if significant.
-    explained: float = 0.01
-    #: Largest residual [1]; a larger one is not accepted as noise, because no test separates the two.
-    residual: float = 0.1
 
 
 class OutputGate(NamedTuple):
@@ -54,62 +48,27 @@ class OutputGate(NamedTuple):
     frequency: float  #: Frequency at which the relation is strongest [Hz].
 
 
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """Whether a model is adequate for its records."""
-
-    outputs: Mapping[str, OutputGate]  #: Residuals by output.
-    tolerance: Tolerance  #: Limits.
-
-    @property
-    def failures(self) -> Mapping[str, str]:
-        """Sentences on the outputs that are not adequate, by output."""
-        found = {name: self._failure(name, one) for name, one in self.outputs.items()}
-        return {name: sentence for name, sentence in found.items() if sentence}
-
-    @property
-    def is_adequate(self) -> bool:
-        """Whether the residual of every output is noise, or too small to matter."""
-        return not self.failures
-
-    def _failure(self, name: str, one: OutputGate) -> str:
-        limit = self.tolerance
-        if one.probability < LEVEL / len(self.outputs) and one.upper > limit.explained:
-            return (
-                f"{name}: the inputs explain a part of the residual that is {100 * one.explained:.2g} % of the output "
-                f"(limit {100 * limit.explained:g} %), most at {one.frequency:.3g} Hz; the model lacks an effect"
+def failures(outputs: Mapping[str, OutputGate]) -> dict[str, str]:
+    """Return a sentence on every output whose residual is neither noise nor too small to matter, by output."""
+    sentences = {}
+    for name, output in outputs.items():
+        if output.probability < LEVEL / len(outputs) and output.upper > EXPLAINED:
+            sentences[name] = (
+                f"{name}: the inputs explain a part of the residual that is {100 * output.explained:.2g} % of the "
+                f"output (limit {100 * EXPLAINED:g} %), most at {output.frequency:.3g} Hz; the model lacks an effect."
             )
-        if one.residual > limit.residual:
-            return (
-                f"{name}: the residual is {100 * one.residual:.2g} % of the output (limit {100 * limit.residual:g} %); "
-                "it is not known whether this is noise"
+        elif output.residual > RESIDUAL:
+            sentences[name] = (
+                f"{name}: the residual is {100 * output.residual:.2g} % of the output (limit {100 * RESIDUAL:g} %); "
+                "it is not known whether this is noise."
             )
-        return ""
-
-    def summary(self) -> str:
-        """Return one sentence per failure, or one that the residual is acceptable."""
-        return " ".join(f"{sentence}." for sentence in self.failures.values()) or (
-            "The inputs explain no part of the residual that matters."
-        )
+    return sentences
 
 
 def residual_gate(
-    names: Sequence[str],
-    records: Sequence[Record],
-    simulated: Sequence[Array],
-    *,
-    band: Band,
-    tolerance: Tolerance | None = None,
-) -> Gate:
-    """Judge the residuals of a simulation.
-
-    Args:
-        names: Names of the outputs (Y,).
-        records: Measured records.
-        simulated: Simulated outputs (N, Y) of every record.
-        band: Frequency band of the fit.
-        tolerance: Limits; default: `Tolerance()`.
-    """
+    names: Sequence[str], records: Sequence[Record], simulated: Sequence[Array], *, band: Band
+) -> dict[str, OutputGate]:
+    """Return the residuals of simulated outputs (N, Y) of every record, by the outputs' names."""
     outputs = {}
     simulated = [record.counted(signals) for record, signals in zip(records, simulated, strict=True)]
     records = [Record(r.counted(r.inputs), r.counted(r.outputs), r.rate) for r in records]
@@ -120,7 +79,7 @@ def residual_gate(
         tests = list(_tests(records, simulated, y, band))
         power = sum(_power(record.outputs[:, y], record.rate, band) for record in records)
         outputs[name] = _judged(tests, power)
-    return Gate(outputs, tolerance or Tolerance())
+    return outputs
 
 
 class _Test(NamedTuple):

@@ -9,24 +9,17 @@ both hubs of its axle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import resample
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError
-from eightpost.ident.output_error import Parameter, ParameterTable
+from eightpost.ident.grey_box.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.grey_box.kernel import Numbers, march
-from eightpost.vehicle import Bristle
-
-#: Integration steps per second, at least [Hz].
-STEP_RATE = 1250.0
-
-#: Number of states: coordinates, velocities, accelerations, bristles, accelerations one step before.
-_STATES = 36
+from eightpost.vehicle import Bristle, Friction, StateSpace
+from eightpost.vehicle.statespace import Channel
 
 #: Friction of the family, of which force and reach are fitted: Stribeck velocity [m/s], static over sliding force.
 BRISTLE = Bristle(static_ratio=1.15, stribeck_velocity=0.01)
@@ -37,9 +30,21 @@ OPTIONAL = (
     *(f"{c}.tire_stiffening" for c in CORNERS),
 )
 
-#: Loads that the family can have.
-_AERO = tuple(f"{corner}.aero" for corner in CORNERS)
-_MODAL = ("heave_force", "roll_moment", "pitch_moment")
+#: A load that decides between a load on every corner and loads of heave, roll and pitch.
+_AERO = f"{CORNERS[0]}.aero"
+
+#: Rates L_1, L_2 [rad/s] of the filter that makes the velocity of the road, which tire dampers need, a proper input:
+#:
+#:     s (1 + s/L_1 + s/L_2) / ((1 + s/L_1) (1 + s/L_2)) = s (1 - s^2 / (L_1 L_2) + ...)
+#:
+#: A single lag of 500 Hz has a term in s^2 that acts like 0.6 % of a tire's stiffness at 20 Hz.
+_RATES = (2.0 * np.pi * 400.0, 2.0 * np.pi * 600.0)
+
+#: Units of outputs and loads by quantity.
+_UNITS = {
+    "velocity": "m/s", "displacement": "m", "tire_force": "N", "ride_height": "m",
+    "roll_moment": "N.m", "pitch_moment": "N.m", "road": "m",
+}  # fmt: skip
 
 
 def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
@@ -52,13 +57,13 @@ def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
     rows = [
         *(_positive(f"front.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
         *(_positive(f"rear.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
-        Parameter("mass coupling heave", "kg", 0.0, -3000.0, 3000.0, size=100.0),
+        Parameter("mass coupling heave", "kg", 0.0, -3000.0, 3000.0, 100.0),
         _positive("twist_stiffness", "N/m", 1e6, 1e3),
         _positive("twist_damping", "N.s/m", 1e3, 1.0),
-        Parameter("front.bar", "N/m", 0.0, -1e6, 1e6, size=2e4),
-        *(Parameter(f"{axle}.mass coupling", "kg", 0.0, -200.0, 200.0, size=10.0) for axle in ("front", "rear")),
-        *(Parameter(f"{axle}.shock_share", "1", 0.0, -0.6, 0.6, size=0.1) for axle in ("front", "rear")),
-        Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, size=0.1),
+        Parameter("front.bar", "N/m", 0.0, -1e6, 1e6, 2e4),
+        *(Parameter(f"{axle}.mass coupling", "kg", 0.0, -200.0, 200.0, 10.0) for axle in ("front", "rear")),
+        *(Parameter(f"{axle}.shock_share", "1", 0.0, -0.6, 0.6, 0.1) for axle in ("front", "rear")),
+        Parameter("rear.spring_share", "1", 0.0, -0.6, 0.6, 0.1),
         _positive("friction_reach", "m", BRISTLE.reach, 1e-6, 3e-3),
     ]
     for c in CORNERS:
@@ -69,34 +74,30 @@ def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
             _positive(f"{c}.tire_damping", "N.s/m", 300.0, 0.1),
             _positive(f"{c}.motion_ratio", "1", 0.9, 0.05, 3.0),
             _positive(f"{c}.friction", "N", 30.0, 0.01, 2e3),
-            Parameter(f"{c}.spring_progression", "1/m", 0.0, -20.0, 20.0, size=1.0),
-            Parameter(f"{c}.tire_stiffening", "1/m", 0.0, -50.0, 50.0, size=5.0),
+            Parameter(f"{c}.spring_progression", "1/m", 0.0, -20.0, 20.0, 1.0),
+            Parameter(f"{c}.tire_stiffening", "1/m", 0.0, -50.0, 50.0, 5.0),
         ]
     places = {"front": 1.0, "rear": 0.0}
-    if _AERO[0] in rig:
+    if _AERO in rig:
         for axle, place in places.items():
-            rows.append(Parameter(f"{axle}.aero_place", "1", place, -2.0, 3.0, size=0.2))
-            rows.append(Parameter(f"{axle}.aero_spread", "1", 0.7, 0.0, 3.0, size=0.2))
+            rows.append(Parameter(f"{axle}.aero_place", "1", place, -2.0, 3.0, 0.2))
+            rows.append(Parameter(f"{axle}.aero_spread", "1", 0.7, 0.0, 3.0, 0.2))
     else:
-        rows.append(Parameter("heave_share", "1", 0.5, -1.0, 2.0, size=0.1))
-        rows.append(Parameter("pitch_arm", "1/m", 0.35, 0.0, 3.0, size=0.1))
-        rows += [Parameter(f"{axle}.roll_arm", "1/m", 0.6, -1.0, 5.0, size=0.1) for axle in places]
-    rows += [Parameter(f"{axle}.overhang", "1", 0.4, -1.0, 2.0, size=0.1) for axle in places]
+        rows.append(Parameter("heave_share", "1", 0.5, -1.0, 2.0, 0.1))
+        rows.append(Parameter("pitch_arm", "1/m", 0.35, 0.0, 3.0, 0.1))
+        rows += [Parameter(f"{axle}.roll_arm", "1/m", 0.6, -1.0, 5.0, 0.1) for axle in places]
+    rows += [Parameter(f"{axle}.overhang", "1", 0.4, -1.0, 2.0, 0.1) for axle in places]
     rows += [
-        Parameter("driver_place", "1", 0.3, -1.0, 2.0, size=0.1),
-        Parameter("driver_spread", "1", 0.2, -2.0, 2.0, size=0.1),
+        Parameter("driver_place", "1", 0.3, -1.0, 2.0, 0.1),
+        Parameter("driver_spread", "1", 0.2, -2.0, 2.0, 0.1),
     ]
-    return ParameterTable(tuple(_started(row, starts) for row in rows))
+    first = {row.name: float(np.clip(starts.get(row.name, row.start), row.low, row.high)) for row in rows}
+    return ParameterTable(tuple(replace(row, start=first[row.name]) for row in rows))
 
 
 def _positive(name: str, unit: str, start: float, low: float | None = None, high: float | None = None) -> Parameter:
     low, high = start / 100.0 if low is None else low, start * 100.0 if high is None else high
-    return Parameter(name, unit, start, low, high, "logarithmic")
-
-
-def _started(row: Parameter, starts: Mapping[str, float]) -> Parameter:
-    value = float(np.clip(starts.get(row.name, row.start), row.low, row.high))
-    return Parameter(row.name, row.unit, value, row.low, row.high, row.scale, row.size, row.prior, row.fixed)
+    return Parameter(name, unit, start, low, high, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +149,7 @@ def _inboard(shares: Sequence[float]) -> Array:
 
 
 def _loads(p: Mapping[str, float], rig: Sequence[str]) -> Array:
-    if _AERO[0] in rig:
+    if _AERO in rig:
         rows = []
         for axle in ("front", "rear"):
             f, w = p[f"{axle}.aero_place"], p[f"{axle}.aero_spread"]
@@ -161,64 +162,6 @@ def _loads(p: Mapping[str, float], rig: Sequence[str]) -> Array:
         "pitch_moment": [-arm, arm, 0, 0, 0, 0, 0, 0],
     }
     return np.array([modes[name] for name in rig if quantity(name) != "road"]).reshape(-1, 8)
-
-
-class GreyBoxCar:
-    """Model of the family for the output-error engine: inputs are roads, loads and port forces minus c v.
-
-    Args:
-        experiment: Inputs, outputs and baseline damping of the tests.
-        names: Names of the parameters in the order of the values.
-        static: Static tire loads (4,) [N]; infinite where they are not known, which excludes lift-off.
-
-    Raises:
-        InputError: The experiment is not that of a car with four corners.
-    """
-
-    state_sizes = np.concatenate(
-        [np.full(8, 0.01), np.full(8, 0.3), np.full(8, 10.0), np.full(4, 1e-4), np.full(8, 10.0)]
-    )
-
-    def __init__(self, experiment: Experiment, names: Sequence[str], static: Array) -> None:
-        if experiment.ports != CORNERS:
-            raise InputError(f"{experiment.name}: the recipe grey-box needs the corners {', '.join(CORNERS)}")
-        self._experiment, self._names, self._static = experiment, tuple(names), static
-        self._baseline = np.array([experiment.baseline_damping[c] for c in CORNERS])
-
-    def start(self, values: Array) -> Array:
-        """Return the states at rest (K, 36)."""
-        return np.zeros((len(values), _STATES))
-
-    def run(self, values: Array, states: Array, inputs: Array, rate: float) -> tuple[Array, Array]:
-        """Simulate a record; arguments, shapes and results are those of `eightpost.ident.output_error.Model.run`."""
-        every = max(1, int(np.ceil(STEP_RATE / rate - 1e-9)))
-        drive = _finer(inputs, rate, every)
-        outputs = np.empty((len(values), len(inputs) - 1, len(self._experiment.outputs)))
-        ends = np.array(states, dtype=np.float64)
-        march(self.numbers(values), drive, 1.0 / (rate * every), every, ends, outputs)
-        return outputs, ends
-
-    def numbers(self, values: Array) -> Numbers:
-        """Return the arrays of cars with parameters (K, P)."""
-        rows = [self._one(dict(zip(self._names, row.tolist(), strict=True))) for row in values]
-        stacked = [np.ascontiguousarray(np.stack(parts)) for parts in zip(*rows, strict=True)]
-        tire = np.array([[float(n == channel(c, "tire_force")) for c in CORNERS] for n in self._experiment.outputs])
-        shock, spring, push, stiffness, damping, springs, tires, friction, *rows_of_outputs = stacked
-        position, velocity, acceleration, road = rows_of_outputs
-        return Numbers(shock, spring, push, stiffness, damping, springs, tires, friction, self._baseline, position,
-                       velocity, acceleration, road, tire)  # fmt: skip
-
-    def _one(self, p: Mapping[str, float]) -> tuple[Array, ...]:
-        m = matrices(p, self._experiment.rig)
-        inverse = np.linalg.inv(m.mass)
-        push = inverse @ np.hstack([-m.shock.T, -m.spring.T, WHEEL.T, m.load.T])
-        springs = np.array([[p[f"{c}.spring_rate"], p[f"{c}.spring_progression"]] for c in CORNERS])
-        tires = np.array([[p[f"{c}.tire_stiffness"], p[f"{c}.tire_damping"], p[f"{c}.tire_stiffening"], load]
-                          for c, load in zip(CORNERS, self._static, strict=True)])  # fmt: skip
-        friction = np.array([astuple(bristle_of(p, c)) for c in CORNERS])
-        other = -inverse @ m.stiffness, -inverse @ m.damping
-        rows = m.shock, m.spring, push, *other, springs, tires, friction, *output_rows(p, m, self._experiment.outputs)
-        return tuple(np.asarray(row, dtype=np.float64) for row in rows)
 
 
 def bristle_of(p: Mapping[str, float], corner: str) -> Bristle:
@@ -258,22 +201,67 @@ def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> 
     return position, velocity, acceleration, road
 
 
-def _finer(inputs: Array, rate: float, every: int) -> Array:
-    """Return roads, road velocities, loads and port forces (N every + 1, 12 + A), interpolated without aliases.
+# ---- The vehicle file: a linear model about the mean of the tests, and laws of its ports ----------------------------
 
-    The road velocity is the derivative of the interpolated road: differences between samples would be too small at high
-    frequencies.
+
+def linear_model(p: Mapping[str, float], experiment: Experiment) -> StateSpace:
+    """Return the linear model with the baseline damping for parameters by name; its inputs are F - c v.
+
+    States are 8 coordinates, their velocities and 4 roads with each of two lags.
     """
-    count = len(inputs) - 1
-    rise = (inputs[count - 1] - inputs[0]) / max(count - 1, 1)
-    waves = inputs[:count] - inputs[0] - np.arange(count)[:, None] * rise
-    spectra = np.fft.rfft(waves[:, :4], axis=0)
-    turns = 2j * np.pi * np.fft.rfftfreq(count, 1.0 / rate)[:, None]
-    slopes = _resampled(np.fft.irfft(turns * spectra, count, axis=0), every) + rise[:4] * rate
-    fine = _resampled(waves, every) + inputs[0] + np.arange(count * every)[:, None] / every * rise
-    whole = np.hstack([fine[:, :4], slopes, fine[:, 4:]])
-    return np.ascontiguousarray(np.vstack([whole, whole[-1:]]))
+    m = matrices(p, experiment.rig)
+    inverse = np.linalg.inv(m.mass)
+    spring, tire, damper = (np.diag([p[f"{c}.{name}"] for c in CORNERS])
+                            for name in ("spring_rate", "tire_stiffness", "tire_damping"))  # fmt: skip
+    baseline = np.diag([experiment.baseline_damping[c] for c in CORNERS])
+    stiffness = m.stiffness + m.spring.T @ spring @ m.spring + WHEEL.T @ tire @ WHEEL
+    damping = m.damping + m.shock.T @ baseline @ m.shock + WHEEL.T @ damper @ WHEEL
+    roads = [experiment.rig.index(channel(c, "road")) for c in CORNERS]
+    others = [k for k, name in enumerate(experiment.rig) if quantity(name) != "road"]
+    inputs, eight = len(experiment.inputs), np.eye(8)
+    A, B = np.zeros((24, 24)), np.zeros((24, inputs))
+    a, b = (1.0 / rate for rate in _RATES)
+    direct, gains = (a + b) / (a * b), (b / (a * (a - b)), a / (b * (b - a)))  # 1 and 1 / (1 + s/L) of each lag
+    A[:8, 8:16] = eight
+    A[8:16, :8], A[8:16, 8:16] = -inverse @ stiffness, -inverse @ damping
+    B[8:16, roads] = inverse @ WHEEL.T @ (tire + direct * damper)
+    for lag, rate, gain in zip((slice(16, 20), slice(20, 24)), _RATES, gains, strict=True):
+        A[8:16, lag], A[lag, lag] = gain * inverse @ WHEEL.T @ damper, -rate * np.eye(4)
+        B[lag, roads] = rate * np.eye(4)
+    B[8:16, others] = inverse @ m.load.T
+    B[8:16, len(experiment.rig) :] = -inverse @ m.shock.T
+    position, velocity, acceleration, road = output_rows(p, m, experiment.outputs)
+    C = np.hstack([position, velocity, np.zeros((len(position), 8))]) + acceleration @ A[8:16]
+    D = acceleration @ B[8:16]
+    D[:, roads] += road
+    for k, name in enumerate(experiment.outputs):
+        if quantity(name) == "tire_force":
+            c = CORNERS.index(name.rpartition(".")[0])
+            lagged = [gain * damper[c] for gain in gains]
+            C[k] = np.concatenate([-tire[c, c] * WHEEL[c], -damper[c, c] * WHEEL[c], *lagged])
+            D[k, roads[c]] = tire[c, c] + direct * damper[c, c]
+    channels, outputs = (tuple(Channel(n, _unit(n)) for n in ns) for ns in (experiment.inputs, experiment.outputs))
+    return StateSpace(A, B, C, D, channels, outputs, name=experiment.name)
 
 
-def _resampled(values: Array, every: int) -> Array:
-    return np.asarray(resample(values, len(values) * every), dtype=np.float64) if every > 1 else values
+def port_laws(p: Mapping[str, float], experiment: Experiment) -> dict[str, Friction]:
+    """Return the friction and the springs at the ports for parameters by name.
+
+    The force k p w^2 of a progressive spring with the wheel travel w is that of a port spring with the displacement
+    d = r w, for a port that moves with the spring:
+
+        k2 = k p / r^3
+
+    Ports whose displacement is not an output have no spring.
+    """
+    laws = {}
+    for c in CORNERS:
+        seen = channel(c, "displacement") in experiment.outputs
+        spring = p[f"{c}.spring_rate"] * p[f"{c}.spring_progression"] / p[f"{c}.motion_ratio"] ** 3 if seen else 0.0
+        laws[c] = Friction(bristle=bristle_of(p, c), spring=spring)
+    return laws
+
+
+def _unit(name: str) -> str:
+    kind = quantity(name)
+    return _UNITS.get(kind, "m/s2" if kind.endswith("acceleration") else "N")

@@ -1,27 +1,97 @@
-"""Frequency responses as universal files (UFF) for modal analysis software, with a dataset 58 per path.
+"""Models and frequency responses for other tools: MATLAB, modal analysis (universal files) and python-control.
 
-They are written and read by pyuff, an optional dependency. The text form stores a response with 12 digits. Evenly
-spaced frequencies are stored as the first frequency and the step, with 6 digits; other frequencies are stored one by
-one, with 6 digits. Dataset 164 states that all units are SI. Each channel has its own node, outputs from 1 and inputs
-after them; its name is in the first line.
+MATLAB files (version 5) have the property names of MATLAB's own objects:
+
+    m = load('car.mat'); sys = ss(m.A, m.B, m.C, m.D, m.Ts);
+    set(sys, 'InputName', m.InputName, 'OutputName', m.OutputName, 'InputUnit', m.InputUnit, 'OutputUnit', m.OutputUnit)
+
+    r = load('response.mat'); sys = frd(r.H, r.Frequency, 'FrequencyUnit', 'Hz');
+
+Their variable `eightpost` is JSON with the remaining data.
+
+Universal files (UFF) have a dataset 58 per path. They are written by pyuff, an optional dependency. The text form
+stores a response with 12 digits. Evenly spaced frequencies are stored as the first frequency and the step, with 6
+digits; other frequencies are stored one by one, with 6 digits. Dataset 164 states that all units are SI. Each channel
+has its own node, outputs from 1 and inputs after them; its name is in the first line.
 """
 
 from __future__ import annotations
 
 import importlib
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import savemat
 
 from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
-from eightpost.extras import requirement
-from eightpost.files import MALFORMED, atomic_path, reading
-from eightpost.ident.response import FrequencyResponse
+from eightpost.extras import needs, requirement
+from eightpost.files import atomic_path
+from eightpost.ident.response import FrequencyResponse, frequency_response
+from eightpost.vehicle import IdentifiedVehicle
 from eightpost.vehicle.statespace import Channel
+from eightpost.vehicle.storage import document
+
+# ---- MATLAB ---------------------------------------------------------------------------------------------------------
+
+_MATRICES = ("A", "B", "C", "D")
+
+
+def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
+    """Write an identified vehicle as it was identified, around its baseline damping.
+
+    Args:
+        path: Path of the .mat file; it is replaced completely or not at all.
+        vehicle: Vehicle to write.
+    """
+    model = vehicle.state_space
+    metadata = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
+    content: dict[str, Any] = {name: getattr(model, name) for name in _MATRICES}
+    content["Ts"] = 0.0 if model.dt is None else model.dt
+    content["Name"] = vehicle.name
+    _write(path, {**content, **_channel_cells(model.inputs, model.outputs), "eightpost": json.dumps(metadata)})
+
+
+def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
+    """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance.
+
+    Args:
+        path: Path of the .mat file; it is replaced completely or not at all.
+        response: Frequency response to write.
+    """
+    arrays: dict[str, Any] = response.arrays()
+    content = {"H": arrays.pop("H"), "Frequency": arrays.pop("frequency")[:, None], **arrays}
+    header, cells = frequency_response.response_header(response), _channel_cells(response.inputs, response.outputs)
+    _write(path, {**content, **cells, "eightpost": json.dumps(header)})
+
+
+def _channel_cells(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> dict[str, NDArray[Any]]:
+    return {
+        "InputName": _cells([channel.name for channel in inputs]),
+        "InputUnit": _cells([channel.unit for channel in inputs]),
+        "OutputName": _cells([channel.name for channel in outputs]),
+        "OutputUnit": _cells([channel.unit for channel in outputs]),
+    }
+
+
+def _cells(texts: Sequence[str]) -> NDArray[Any]:
+    """Return a column of texts that MATLAB loads as a cell array."""
+    return np.array(texts, dtype=object).reshape(-1, 1)
+
+
+def _write(path: str | Path, content: Mapping[str, Any]) -> None:
+    if Path(path).suffix.lower() != ".mat":
+        raise FileFormatError("the name of a MATLAB file must end in .mat", path=path)
+    with atomic_path(path) as temporary:
+        savemat(temporary, dict(content), do_compression=True)
+
+
+# ---- Universal files ------------------------------------------------------------------------------------------------
 
 _FUNCTION, _COHERENCE = 4, 6
 _FREQUENCY = 18
@@ -56,43 +126,6 @@ def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
     sets = [_units(), *_functions(response), *_coherences(response)]
     with atomic_path(path) as temporary:
         pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite")
-
-
-def read_response_uff(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response that `write_response_uff` wrote, to the digits that the format stores.
-
-    Raises:
-        FileFormatError: The file does not exist, is not a universal file, or was not written by eightpost.
-    """
-    path = Path(path)
-    with reading(path), path.open("rb"):
-        sets = _sets(path)
-    try:
-        return _response(sets, path)
-    except FileFormatError:
-        raise
-    except MALFORMED as error:
-        what = f"does not contain a frequency response in the format of eightpost ({error})"
-        raise FileFormatError(what, path=path) from error
-
-
-def _response(sets: list[dict[str, Any]], path: Path) -> FrequencyResponse:
-    functions = [each for each in sets if each.get("type") == 58 and each["func_type"] == _FUNCTION]
-    if not functions:
-        raise FileFormatError("contains no frequency response (dataset 58 of type 4)", path=path)
-    paths = {_pair(each, path): each for each in functions}
-    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in paths)) for side in (0, 1))
-    if len(paths) != len(outputs) * len(inputs):
-        raise FileFormatError(
-            f"its {len(paths)} responses do not form a table of {len(outputs)} outputs and {len(inputs)} inputs",
-            path=path,
-        )
-    H = np.stack([np.stack([paths[output, source]["data"] for source in inputs]) for output in outputs])
-    data = {each["id1"].strip(): each["data"] for each in sets if each.get("type") == 58}
-    coherence = [data.get(f"{_COHERENCE_OF}{output.name}") for output in outputs]
-    known = [each for each in coherence if each is not None]
-    frequency = np.asarray(functions[0]["x"], dtype=np.float64)
-    return FrequencyResponse(frequency, H, inputs, outputs, np.stack(known) if len(known) == len(outputs) else None)
 
 
 def _units() -> dict[str, Any]:
@@ -177,27 +210,28 @@ def _is_even(frequency: Array) -> bool:
     return bool(np.allclose(grid, frequency, rtol=1e-9, atol=0.0))
 
 
-def _pair(function: dict[str, Any], path: Path) -> tuple[Channel, Channel]:
-    """Return the output and the input that a function's first line names."""
-    output, to, source = function["id1"].strip().partition(_TO)
-    if not to:
-        what = f"the title of a function must be `output{_TO}input`, not {function['id1'].strip()!r}"
-        raise FileFormatError(what, path=path)
-    units = (function[f"{kind}_axis_units_lab"].strip() for kind in ("ordinate", "orddenom"))
-    return Channel(output, next(units)), Channel(source, next(units))
-
-
-def _sets(path: Path) -> list[dict[str, Any]]:
-    pyuff = _pyuff(path)
-    try:
-        found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # pyuff raises Exception itself
-        raise FileFormatError(f"not a readable universal file: {error}", path=path) from error
-    return [found] if isinstance(found, dict) else list(found)
-
-
 def _pyuff(path: Path) -> Any:
     try:
         return importlib.import_module("pyuff")
     except ImportError as error:
-        raise FileFormatError(requirement("exchange of universal files", "pyuff", "uff"), path=path) from error
+        raise FileFormatError(requirement("export of universal files", "pyuff", "uff"), path=path) from error
+
+
+# ---- python-control -------------------------------------------------------------------------------------------------
+
+
+def to_frd(response: FrequencyResponse) -> Any:
+    """Return the response as a continuous `control.FrequencyResponseData`, with frequencies in rad/s.
+
+    python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`). Units, coherence and
+    variance are lost.
+    """
+    with needs("control", "exchange with python-control"):
+        import control  # noqa: PLC0415  because loading it takes seconds
+
+    return control.FrequencyResponseData(
+        response.H,
+        2.0 * np.pi * response.frequency,
+        inputs=[name.replace(".", ":") for name in response.input_names],
+        outputs=[name.replace(".", ":") for name in response.output_names],
+    )

@@ -89,11 +89,10 @@ def _axle(
     rates = springs @ port  # by travel of the wheels
     cross = 0.5 * (rates[0, 1] + rates[1, 0])
     found = {f"{axle}.shock_share": share, f"{axle}.mass coupling": 0.5 * float(masses[0, 1] + masses[1, 0])}
+    rate = np.diag(rates) + cross
     if axle == "front":
         found["front.bar"] = -4.0 * cross
-        rate = np.diag(rates) + cross
     else:
-        rate = np.diag(rates) + cross
         found["rear.spring_share"] = 0.5 * (1.0 - float(np.sqrt(max(1.0 - 2.0 * cross / rate.mean(), 0.0))))
     for i, corner in enumerate(pair):
         found[f"{corner}.hub_mass"] = _limited("hub_mass", masses[i, i])
