@@ -48,13 +48,18 @@ def stated(row: Row) -> dict[str, MeasureUncertainty]:
     return {
         name: MeasureUncertainty(**one).at_share(row["above"][name])
         for name, one in row.get("stated", {}).items()
-        if name in row["above"]
+        if name in names_of(row)
     }
+
+
+def ridden(row: Row) -> list[dict[str, float]]:
+    """Return the predicted measures that are judged, by which the distance of setups is computed."""
+    return [{n: one[n] for n in names_of(row)} for one in row["predicted"]]
 
 
 def inside(row: Row, level: float) -> dict[str, list[bool]]:
     """Return for each measure whether the true values of the setups are in their intervals."""
-    uncertainties, rows = stated(row), row["predicted"]
+    uncertainties, rows = stated(row), ridden(row)
     middle = {n: float(np.exp(np.mean(np.log([one[n] for one in rows])))) for n in names_of(row)}
     found: dict[str, list[bool]] = {name: [] for name in uncertainties}
     for predicted, true in zip(rows, row["true"], strict=True):
@@ -69,7 +74,7 @@ def inside(row: Row, level: float) -> dict[str, list[bool]]:
 def comparisons(row: Row) -> Array:
     """Return the stated probability of the more probable order of two setups, and whether it is true (pairs, 2)."""
     uncertainties, found = stated(row), []
-    for (a, true_a), (b, true_b) in combinations(zip(row["predicted"], row["true"], strict=True), 2):
+    for (a, true_a), (b, true_b) in combinations(zip(ridden(row), row["true"], strict=True), 2):
         distance = setup_distance(a, b)
         for name, one in uncertainties.items():
             below = one.probability_below(a[name], b[name], distance=distance)
