@@ -28,6 +28,7 @@ from eightpost.api.vehicles import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.springs import about_loads
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
 from eightpost.shock import ShockLaw
@@ -117,7 +118,9 @@ def predicted(
 ) -> tuple[list[dict[str, float]], dict[str, float]]:
     """Return the predicted measures of setups, and the share of the first one's power above the model's band."""
     names, rows, above = fit.vehicle.state_space.output_names, [], {}
-    for outputs in ManySetups(fit.vehicle, laws, lap, _FINER).run(setups):
+    means = dict(zip(lap.names, lap.values.mean(axis=1).tolist(), strict=True))
+    loads = {name: mean for name, mean in means.items() if not name.endswith("road")}
+    for outputs in ManySetups(about_loads(fit.vehicle, loads), laws, lap, _FINER).run(setups):
         kept = dict(zip(names, outputs[:, round(SETTLING * RATE) :], strict=True))
         kept[TOTAL] = np.sum([y for n, y in kept.items() if n.endswith("tire_force")], axis=0)
         rows.append({n: float(kept[n].std()) for n in NAMES if n in kept})

@@ -231,7 +231,7 @@ def _validate_vehicle(
     from eightpost.ident.validation.vehicle_verdict import Limits, keep_verdict, vehicle_verdict
     from eightpost.ident.validation.vehicles import validate_vehicle
     from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.fit_tables import measure_table, trust_table
+    from eightpost.ident.vehicle.fit_tables import friction_table, measure_table, trust_table
     from eightpost.rig.post import read_rig_test
     from eightpost.shock import read_shock
     from eightpost.vehicle import read_vehicle
@@ -252,6 +252,8 @@ def _validate_vehicle(
         given.console.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
         given.console.print(measure_table(fit.trust))
+    if fit.trust is not None and fit.trust.friction:
+        given.console.print(friction_table(fit, fit.trust))
     given.show_verdict(study.notes, verdict)
     given.show_line(limits.summary())
     if given.report:

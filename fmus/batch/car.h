@@ -15,6 +15,7 @@ typedef struct {
 /* Numbers first, then integers, so that there is no padding between them. */
 typedef struct {
     double sigma[MODES], omega[MODES], fastest;
+    double coupling[COUPLED_CELLS], coupled_at_rest[COUPLED_CELLS], fastest_coupled;
     double into[STATE_BLOCKS][INPUTS][BLOCK], out[OUTPUTS][STATE_COUNT];
     double direct[DIRECT_TERMS], mobility[PORTS], offset[OUTPUTS];
     CarParameters parameters;

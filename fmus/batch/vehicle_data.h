@@ -10,6 +10,9 @@ static _Thread_local const Car *this_car;
 #define SIGMA this_car->sigma
 #define OMEGA this_car->omega
 #define FASTEST this_car->fastest
+#define COUPLING this_car->coupling
+#define COUPLED_AT_REST this_car->coupled_at_rest
+#define FASTEST_COUPLED this_car->fastest_coupled
 #define B this_car->into
 #define C this_car->out
 #define PORT_INPUT this_car->port_input

@@ -129,6 +129,19 @@ def test_a_file_of_another_program_is_read_with_a_short_channel_map(record, tmp_
     assert any(text.startswith("lf.velocity from lf.displacement") for text in test.derived)
 
 
+def test_the_map_beside_records_is_read_for_those_with_its_columns(record, tmp_path):
+    (tmp_path / "rig_map.toml").write_text('[channels."lf.road"]\nsource = "Left [m]"\ngain = -1.0')
+    series = record.series
+    record.write(tmp_path / "rig.parquet")
+    assert read_rig_test(tmp_path / "rig.parquet").series["lf.road"] == pytest.approx(series["lf.road"], rel=1e-5)
+    names = {name: name.replace("lf.road_command", "Left") for name in series.names if name != "lf.road"}
+    path = tmp_path / "own.parquet"
+    RigTest(TimeSeries.from_channels(series.time, {names[n]: (series.unit(n), series[n]) for n in names})).write(path)
+    test = read_rig_test(path, needs=(("tire_force",),), flip=["lf.road"])
+    assert test.series["lf.road"] == pytest.approx(series["lf.road_command"], rel=1e-5)
+    assert "lf.road" not in read_rig_test(path, channel_map=ChannelMap(), needs=(("tire_force",),)).series
+
+
 def test_the_error_lists_a_missing_channel_and_the_existing_ones(record, tmp_path):
     path = tmp_path / "rig.parquet"
     RigTest(record.series.select([n for n in record.series.names if n != "rf.force"])).write(path)

@@ -16,8 +16,8 @@ from eightpost.array_types import Array
 
 #: Names of the sizes of vehicle_data.h that the library needs.
 _SIZES = (
-    "MODE_COUNT", "MODES", "PAIR_COUNT", "PAIRS", "LANES", "STATE_COUNT", "BLOCK", "STATE_BLOCKS", "DIRECT_TERMS",
-    "PORT_COUNT", "PORTS", "SPRING_COUNT", "SPRINGS",
+    "MODE_COUNT", "MODES", "PAIR_COUNT", "PAIRS", "COUPLED_COUNT", "COUPLED", "COUPLED_CELLS", "LANES", "STATE_COUNT",
+    "BLOCK", "STATE_BLOCKS", "DIRECT_TERMS", "PORT_COUNT", "PORTS", "SPRING_COUNT", "SPRINGS",
 )  # fmt: skip
 
 #: Parameters of the ports, in the order of CarParameters in fmus/batch/car.h; the last one is that of springs.
@@ -27,6 +27,13 @@ _PORT = (
 )  # fmt: skip
 _SPRING = "port_spring"
 _AT_EQUILIBRIUM = "start_at_equilibrium"
+
+#: Constants that FMUs of older versions lack, which have no coupled states.
+_NONE_COUPLED = """enum { COUPLED_COUNT = 0, COUPLED = 1, COUPLED_CELLS = 1 };
+static const double COUPLING[COUPLED_CELLS] = {0.0};
+static const double COUPLED_AT_REST[COUPLED_CELLS] = {0.0};
+static const double FASTEST_COUPLED = 0.0;
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +68,7 @@ def read_car(component: FmuComponent, path: Path, given: Parameters, corners: in
 
 
 def _car(component: FmuComponent, text: str, given: Parameters, corners: int) -> CarData:
-    constants = Constants.of(text)
+    constants = Constants.of(_NONE_COUPLED + text)
     inputs, outputs = _names(component, "input"), _names(component, "output")
     sizes = {name: constants.sizes[name] for name in _SIZES}
     sizes |= {"INPUTS": len(inputs), "OUTPUTS": len(outputs), "CORNERS": corners}
@@ -85,6 +92,9 @@ def _data(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, o
         constants.filled("SIGMA", modes),
         constants.filled("OMEGA", modes),
         constants.numbers["FASTEST"],
+        constants.filled("COUPLING", sizes["COUPLED_CELLS"]),
+        constants.filled("COUPLED_AT_REST", sizes["COUPLED_CELLS"]),
+        constants.numbers["FASTEST_COUPLED"],
         constants.filled("B", block),
         constants.filled("C", outputs * sizes["STATE_COUNT"]),
         constants.filled("DIRECT_TERM", sizes["DIRECT_TERMS"]),

@@ -44,8 +44,8 @@ _SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
 _SHARED = {
     **{name: f"common/{name}" for name in ("curve.h", "elementary.c", "elementary.h", "fresh.h", "lag.h", "real.h",
                                            "shock.h")},
-    **{name: f"vehicle_ss/{name}" for name in ("advance.h", "factors.h", "modal.h", "phi.h", "port_forces.h",
-                                               "steady_state.h", "sub_steps.h")},
+    **{name: f"vehicle_ss/{name}" for name in ("advance.h", "coupled.h", "factors.h", "modal.h", "phi.h",
+                                               "port_forces.h", "steady_state.h", "sub_steps.h")},
     "hysteresis.c.inc": "shock_hysteresis/model.c",
 }  # fmt: skip
 

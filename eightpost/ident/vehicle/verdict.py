@@ -16,7 +16,8 @@ GOOD_FIT, POOR_FIT = 0.1, 0.3
 RULES = Rules()
 
 UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
-    condition="the car is unstable with at least one of the linear dampers that were tried",
+    condition="the car is unstable with at least one of the linear dampers that were tried, or a motion grows by more "
+    "than 100 1/s without dampers",
     why="a simulation with such shocks may diverge",
     remedy="identify with more tests of other shocks, or without the channels that fit worst",
 )  # fmt: skip

@@ -21,6 +21,7 @@ from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 
 from .conftest import softer
+from .test_fit_on_the_page import TRUST
 
 Run = Callable[..., Result]
 
@@ -92,6 +93,12 @@ def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
     result = run("own.json")
     assert re.search(r"the car was fitted to a record.*\(soft[.)]", result.output)
     assert run("own.json", records=("soft",)).exit_code == 1
+
+
+def test_friction_is_printed_in_newtons_as_identify_does(folder: Path, run: Run, corner: VehicleFit) -> None:
+    write_fit(folder / "rubbing.json", replace(corner, trust=TRUST))
+    shown = run("rubbing.json", records=("soft",)).output
+    assert "friction at the ports" in shown and "61.2" in shown and "estimate, N" in shown
 
 
 def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: VehicleFit) -> None:

@@ -27,6 +27,7 @@ from eightpost.ident.vehicle.common_poles.refinement import (
 )
 from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
+from eightpost.progress import parts, portion
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 Channels = tuple[Channel, ...]
@@ -149,7 +150,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
         orders: Even numbers of states in increasing order.
     """
     values = subspace.values
-    found = [_start(points, subspace, order, through)[0] for order in orders]
+    found = [_start(points, subspace, order, through)[0] for order in parts(orders)]
     p, m = through.direct.shape
     return OrderStudy(
         orders,
@@ -225,9 +226,11 @@ class CommonPoleFit:
         direct = direct_terms(joined.output_names, joined.input_names)
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
-        study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
+        with portion(0.0, 0.3):
+            study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
         found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
-        refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
+        with portion(0.3, 1.0):
+            refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
         return _model(response, joined, points, refined, _Start(study, mirrored, found.cost, found.blocks.states))
 
     def _refined(
@@ -238,12 +241,15 @@ class CommonPoleFit:
         They are compared at a part of the frequencies, and the better one is refined at all of them.
         """
         fewer = points.thinned(_STUDIED)
-        chosen = self._without_fast_blocks(fewer, blocks, plain)
+        with portion(0.0, 0.3):
+            chosen = self._without_fast_blocks(fewer, blocks, plain)
         excess = np.sqrt(chosen.solution.cost / fewer.known.sum())
         if self.lags and excess >= _EXPLAINED and lagged.any():
-            other = self._without_fast_blocks(fewer, chosen.solution.blocks, plain.with_lags(lagged))
+            with portion(0.3, 0.6):
+                other = self._without_fast_blocks(fewer, chosen.solution.blocks, plain.with_lags(lagged))
             chosen = min(chosen, other, key=lambda tried: _description_length(tried.solution, fewer))
-        return self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)
+        with portion(0.6, 1.0):
+            return self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)
 
     def _without_fast_blocks(self, points: Points, blocks: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the refined model; blocks faster than `FASTEST` are removed before and after, until none is found."""

@@ -76,9 +76,9 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        with portion(0.0, 0.5):
+        with portion(0.0, 0.78):
             car, failed, usable = self._usable_car(tests, experiment)
-        with portion(0.5, 1.0):
+        with portion(0.78, 1.0):
             return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
@@ -111,7 +111,8 @@ class CommonPoles:
         """Yield the laws of the ports, the best first, then simpler ones."""
         searches = [self.friction] if self.friction is not None else []
         for search in searches:
-            friction = search.find(tests, experiment)
+            with portion(0.0, 0.13):
+                friction = search.find(tests, experiment)
             laws = _PortLaws.of(friction)
             springs = {} if self.springs is None else self.springs.find(laws.added_to(tests), experiment)
             stiff = port_springs(springs, tests, experiment.ports)
@@ -126,10 +127,12 @@ class CommonPoles:
 
     def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float = 1.0) -> _Car:
         """Return the car for the laws of the ports, fitted in the lower `share` of the band."""
-        response = self._response(laws.added_to(tests), experiment)
+        with portion(0.13, 0.38):
+            response = self._response(laws.added_to(tests), experiment)
         supported = None if self.band is None else self.band.of(response)
         fit = replace(self.fit, high=share * (self.fit.high if supported is None else supported.high))
-        found = fit.fit(response)
+        with portion(0.38, 1.0):
+            found = fit.fit(response)
         vehicle = IdentifiedVehicle(
             experiment.name,
             found.model,
@@ -155,7 +158,7 @@ class CommonPoles:
         started, failed, usable = before
         with portion(0.0, 0.5):
             outputs = self._outputs(found, tests, experiment, friction)
-        with portion(0.5, 0.9):
+        with portion(0.5, 1.0):
             measures = self._measures(car, tests, experiment, outputs)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
