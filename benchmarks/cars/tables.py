@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from benchmarks.cars.truth import NAMES, TOTAL
+from benchmarks.cars.truth import NAMES, RIDE, TOTAL
 from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
 
 Array = NDArray[np.float64]
@@ -23,14 +23,14 @@ LEVELS, BINS = (0.5, 0.8, 0.95), (0.5, 0.6, 0.7, 0.8, 0.9, 0.98, 1.0)
 CHOICES = (TOTAL, "front.ride_height", "rear.ride_height")
 
 
-def names_of(row: Row) -> list[str]:
+def names_of(row: Row, among: Sequence[str] = RIDE) -> list[str]:
     """Return the measures that are predicted."""
-    return [name for name in NAMES if name in row["predicted"][0]]
+    return [name for name in among if name in row["predicted"][0]]
 
 
-def errors(row: Row) -> Array:
+def errors(row: Row, among: Sequence[str] = RIDE) -> Array:
     """Return the errors of the predictions in percent (setups, measures)."""
-    names = names_of(row)
+    names = names_of(row, among)
     predicted, true = (np.array([[one[n] for n in names] for one in row[key]]) for key in ("predicted", "true"))
     return np.asarray(100.0 * (predicted / true - 1.0))
 
@@ -48,13 +48,18 @@ def stated(row: Row) -> dict[str, MeasureUncertainty]:
     return {
         name: MeasureUncertainty(**one).at_share(row["above"][name])
         for name, one in row.get("stated", {}).items()
-        if name in row["above"]
+        if name in names_of(row)
     }
+
+
+def ridden(row: Row) -> list[dict[str, float]]:
+    """Return the predicted measures that are judged, by which the distance of setups is computed."""
+    return [{n: one[n] for n in names_of(row)} for one in row["predicted"]]
 
 
 def inside(row: Row, level: float) -> dict[str, list[bool]]:
     """Return for each measure whether the true values of the setups are in their intervals."""
-    uncertainties, rows = stated(row), row["predicted"]
+    uncertainties, rows = stated(row), ridden(row)
     middle = {n: float(np.exp(np.mean(np.log([one[n] for one in rows])))) for n in names_of(row)}
     found: dict[str, list[bool]] = {name: [] for name in uncertainties}
     for predicted, true in zip(rows, row["true"], strict=True):
@@ -69,7 +74,7 @@ def inside(row: Row, level: float) -> dict[str, list[bool]]:
 def comparisons(row: Row) -> Array:
     """Return the stated probability of the more probable order of two setups, and whether it is true (pairs, 2)."""
     uncertainties, found = stated(row), []
-    for (a, true_a), (b, true_b) in combinations(zip(row["predicted"], row["true"], strict=True), 2):
+    for (a, true_a), (b, true_b) in combinations(zip(ridden(row), row["true"], strict=True), 2):
         distance = setup_distance(a, b)
         for name, one in uncertainties.items():
             below = one.probability_below(a[name], b[name], distance=distance)
@@ -141,7 +146,7 @@ def by_quantity(rows: Sequence[Row]) -> list[str]:
     """Return RMS error and mean error of each quantity in percent, over all cars and setups."""
     found: dict[str, list[Array]] = {}
     for row in rows:
-        for name, column in zip(names_of(row), errors(row).T, strict=True):
+        for name, column in zip(names_of(row, NAMES), errors(row, NAMES).T, strict=True):
             found.setdefault(name.rpartition(".")[2], []).append(column)
     rms: Callable[[Array], float] = lambda x: float(np.sqrt(np.mean(x**2)))  # noqa: E731
     lines = ["| quantity | RMS error % | of the mean error of a car % |", "|---|---|---|"]

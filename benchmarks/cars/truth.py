@@ -21,8 +21,8 @@ NAMES = (
     *(f"{corner}.{quantity}" for quantity in QUANTITIES for corner in CORNERS),
 )
 
-#: Measures by which a choice is judged: of a study's family ride, without shock velocities.
-RANKED = NAMES[:11]
+#: Measures that are judged: those of a study's family ride.
+RIDE = tuple(n for n in NAMES if not n.endswith(("displacement", "chassis_acceleration")))
 
 
 def measures(motion: Motion) -> dict[str, float]:

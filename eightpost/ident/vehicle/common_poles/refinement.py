@@ -179,7 +179,7 @@ class Refinement:
     """Settings of the refinement."""
 
     max_iterations: int = 60  #: Maximum number of steps.
-    tolerance: float = 1e-5  #: Relative reduction of the cost by a step below which the search ends [1].
+    tolerance: float = 1e-4  #: Relative reduction of the cost by a step below which the search ends [1].
 
     def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""
