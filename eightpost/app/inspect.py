@@ -220,7 +220,7 @@ def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
     for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
         if line:
             console.print(escape(line))
-    for note in test.derived:
+    for note in (*test.notes, *test.derived):
         console.print(f"[yellow]note[/] {escape(note)}")
     findings = record_findings(series, test.corners, mass=mass)
     is_late = _show_lags(console, test, findings)

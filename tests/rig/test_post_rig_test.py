@@ -54,6 +54,16 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
     return path
 
 
+def test_a_file_that_was_cut_off_in_its_last_sample_says_so(record, tmp_path):
+    path = tmp_path / "rig.csv"
+    record.write(path)
+    assert read_rig_test(path).notes == ()
+    path.write_text(path.read_text(encoding="utf-8")[:-200], encoding="utf-8")
+    cut = read_rig_test(path)
+    assert any("the last sample" in note and "not complete" in note for note in cut.notes)
+    assert len(cut.series) == len(record.series) - 1
+
+
 @pytest.mark.repeated
 @pytest.mark.parametrize("actuator", ["lf.road", "rr.road", "lr.aero"])
 def test_a_test_of_one_actuator_is_accepted_although_the_others_are_at_rest(tmp_path, actuator):

@@ -223,10 +223,10 @@ def _objective_levels(result: StudyResult, posterior: Posterior, criterion: Crit
 def _trade_offs(
     result: StudyResult, posterior: Posterior, chosen: Criterion, drawn: Drawn, ties: Integers, draws: int, seed: int
 ) -> Iterator[TradeOff]:
-    """Yield the levels of the other measures of the leading setup relative to the baseline."""
+    """Yield the levels of the other measures of the leading setup relative to the baseline, unless it leads itself."""
     sources = posterior.sources
     reference = _reference(result, chosen, sources)
-    if reference is None or not ties.size:
+    if reference is None or not ties.size or drawn.rows[ties[0]] == reference:
         return
     rows = np.array([int(drawn.rows[ties[0]]), reference])
     generator = np.random.default_rng(seed + 1)

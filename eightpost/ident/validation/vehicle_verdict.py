@@ -129,7 +129,7 @@ BEYOND = RULES.add("records beyond the fit's tests", ABOUT, Grade.LIMITED,
     condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
     "above the fit's band",
     why="the model extrapolates there",
-    remedy="identify from tests with the amplitudes of these records",
+    remedy="identify from tests with the amplitudes and frequencies of these records",
 )  # fmt: skip
 DOUBT = RULES.add("doubt of a record", ABOUT, Grade.LIMITED,
     condition="any other doubtful property of a record",

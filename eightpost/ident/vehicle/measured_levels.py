@@ -120,7 +120,7 @@ class MeasuredLevels:
         left = removable_tests(tests, experiment.ports)
         shown = f"test {listed(str(k + 1) for k in left)} predicted by a fit without it" if left else "no test left out"
         biases = [f"{name} {-100.0 * one.bias:+.2g} %" for name, one in found.items() if one.bias]
-        corrected = f" Studies correct predictions by {', '.join(biases)}." if biases else ""
+        corrected = f" Studies of drives like these correct {', '.join(biases)}." if biases else ""
         return f"Levels of {len(tests)} tests, simulated with their shocks in the loop, {shown}.{corrected}"
 
     def _bounded(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> Powers | None:

@@ -224,10 +224,10 @@ def read_fit(path: str | Path) -> VehicleFit:
     vehicle = read_vehicle(path)
     if not isinstance(vehicle, IdentifiedVehicle):
         raise FileFormatError("is not an identified vehicle", path=path)
-    if not fit_path(path).is_file():
-        report = fit_path(path).name
-        what = f"needs the report of its fit, {report}, in the same folder; copy it there, or identify again"
-        raise FileFormatError(what, path=path)
+    for part, meaning in ((fit_path(path), "report of its fit"), (_response_path(path), "responses of its tests")):
+        if not part.is_file():
+            what = f"needs the {meaning}, {part.name}, in the same folder; copy it there, or identify again"
+            raise FileFormatError(what, path=path)
     content = _fit_content(fit_path(path))
     is_of_file = content.get("vehicle_sha256") == sha256_of(path)
     if not is_of_file and (_judged(vehicle) is None or content.get("vehicle_judged") != _judged(vehicle)):

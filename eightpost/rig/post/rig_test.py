@@ -118,6 +118,7 @@ class RigTest(Recording):
     derived: tuple[str, ...] = ()  #: Descriptions of channels that were computed, not measured.
     #: Channels whose sign and corner were not checked, because the channels that show it are missing.
     unchecked: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: What was left out while reading the file, e.g. a last sample that was cut off.
 
     @property
     def corners(self) -> tuple[str, ...]:
@@ -134,6 +135,7 @@ class RigTest(Recording):
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),
             ("sign and corner unchecked", ", ".join(self.unchecked)),
+            ("notes", "; ".join(self.notes)),
         )
 
     def _title(self) -> str:
@@ -198,7 +200,6 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
-    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)
@@ -211,7 +212,7 @@ def read_rig_test(
     complete, derived = _with_velocities(series, corners)
     check_rig_record(complete, corners, origin=record.origin)
     not_checked = unchecked(series, complete, corners)
-    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked)
+    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked, (*record.notes, *record.steps))
 
 
 def read_rig_tests(

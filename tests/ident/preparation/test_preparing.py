@@ -258,6 +258,21 @@ def test_channels_that_not_all_records_have_are_omitted_and_reported(quarter):
     assert any("omitted, because not all records have them: ride_height" in note for note in prepared.notes)
 
 
+def test_a_record_that_is_given_twice_is_refused_under_whatever_name(quarter):
+    one, copy = (replace(quarter, source=Path(f"{name}.csv"), sha256="a1") for name in ("base", "copy"))
+    with pytest.raises(InputError, match=r"copy.csv is the same record as base.csv; give every test once"):
+        prepare([one, copy])
+    with pytest.raises(InputError, match="base.csv is the same record as base.csv"):
+        prepare([one, replace(one, source=Path("other/base.csv"))])
+    assert len(prepare([one, replace(copy, sha256="b2")]).records) == 2
+    assert len(prepare([quarter, quarter]).records) == 2  # records in memory have no digest
+
+
+def test_what_was_left_out_while_reading_is_a_note(quarter):
+    test = replace(quarter, source=Path("base.csv"), notes=("the last sample was left out",))
+    assert "base.csv: the last sample was left out" in prepare([test]).notes
+
+
 def test_the_summary_lists_records_and_steps(quarter):
     summary = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
     for text in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s omitted", "means removed", "to 50 Hz"):
