@@ -82,7 +82,7 @@ def identify(  # one parameter per option
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
     `eightpost build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable
-    (docs/reference/verdict.md): it is not stable with other shocks, or it is far from the data.
+    (docs/reference/verdict.md): e.g. it is not stable with other shocks, or the car changed between the tests.
 
     \b
     Examples:

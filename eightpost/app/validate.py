@@ -58,8 +58,9 @@ SETTLING = 4.0
 @click.option("--report", type=OutputFile(PAGE), metavar="FILE.HTML",
               help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
-              help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "
-              "these files carry the verdict into every run.")  # fmt: skip
+              help="Write the verdict into the shock or vehicle files and replace an earlier one, and the level errors "
+              "of independent random records, such as laps, into the vehicle file. FMUs built from these files carry "
+              "both into every run and study.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
 @click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
@@ -262,6 +263,6 @@ def _validate_vehicle(
         title = f"Validation of {fit.vehicle.name}"
         given.show_line(f"wrote {write_vehicle_page(given.report, study, limits=limits, title=title)}")
     if given.keep:
-        keep_verdict(path, fit, verdict)
-        given.show_line(f"wrote the verdict into {path}")
+        keep_verdict(path, study, verdict)
+        given.show_line(f"wrote the verdict, and how far the levels of independent records are off, into {path}")
     return verdict

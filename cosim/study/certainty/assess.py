@@ -267,6 +267,9 @@ def _contradictions(
 
 def _remarks(posterior: Posterior, chosen: Criterion, drawn: Drawn, left_out: float) -> Iterator[str]:
     sources = posterior.sources
+    for m in np.flatnonzero(sources.shift).tolist():
+        change = f"{100.0 * np.expm1(sources.shift[m]):+.2g} %"
+        yield f"{sources.names[m]} is corrected by {change}: its error on the vehicle's own tests is significant"
     measures = [m for m in chosen.measures.tolist() if sources.bases[m] == OUTPUT]
     if measures:
         names = ", ".join(sources.names[m] for m in measures)

@@ -27,7 +27,7 @@ from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.common_poles.deviations import relative_deviations
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.model_form import ModelForm, Shares
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
@@ -51,9 +51,6 @@ _SAMPLES = 8
 
 #: Share of a record where the fit starts, its settling [s], and the shortest record [s].
 _BEGIN, _SETTLING, _SHORTEST = 0.05, 2.0, 10.0
-
-#: Uncertainty of measures on other drives. Tires in the file are linear, which the residual of the tests hardly shows.
-_MODEL_FORM = ModelForm(least=Shares(1e-3, 2e-3))
 
 #: Smallest mean tire force that is a static load [N]; records of changes from the mean have none.
 _LOADED = 200.0
@@ -119,7 +116,7 @@ class GreyBox:
             without = self.explain(rest, experiment, start=fit.values)
             return _vehicle(self._with_laws_of_the_file(without, rest, experiment), experiment)
 
-        measures = _MODEL_FORM.uncertainty(vehicle, tests, experiment, band, refit=refit, outputs=outputs)
+        measures = MeasuredLevels().uncertainty(vehicle, tests, experiment, refit=refit)
         whole = [_record(test, experiment, self.seconds[1]) for test in tests]
         failed = failures(residual_gate(experiment.outputs, whole, fit.simulated, band=BAND))
         flags = {"gate": " ".join(failed.values())} if failed else {}

@@ -6,13 +6,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from eightpost.ident.preparation import Prepared
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
 from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.procedure import reasons_of_tests
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.springs import about_tests
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig.post import RigTest
+
+#: Part of each test that is simulated for the verdict [s].
+_SIMULATED = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,9 +39,11 @@ class IdentificationPlan:
         """
         records = [self.prepared.records[k] for k in self.baseline.order]
         fit = recipe(name).identify(records, self.experiment)
+        levels = ClosedLoop(seconds=_SIMULATED).level_errors(fit.vehicle, records)
         loads = {load: self.experiment.means.get(load, 0.0) for load in self.experiment.loads}
         fit = replace(fit, vehicle=about_tests(fit.vehicle, loads))
-        return with_validity(fit, self.prepared.reasons)
+        reasons = (*self.prepared.reasons, *reasons_of_tests(self.prepared, self.experiment))
+        return with_validity(fit, reasons, levels)
 
 
 def plan_identification(

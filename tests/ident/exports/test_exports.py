@@ -224,7 +224,7 @@ def test_a_linear_export_of_a_car_with_port_springs_is_the_car_about_its_tests(t
     sprung = replace(vehicle(), friction={"": Friction(spring=3e5, mean_travel=0.02)}, validity=None)
     write_vehicle(tmp_path / "car.json", sprung)
     assert export(tmp_path / "car.json", "--ports", "whole", "-o", tmp_path / "car.mat").exit_code == 0
-    assert read_vehicle_mat(tmp_path / "car.mat").state_space == vehicle().coupled()
+    assert vehicle_in(tmp_path / "car.mat").state_space == vehicle().coupled()
     assert sprung.coupled() != vehicle().coupled()
 
 

@@ -23,7 +23,6 @@ from eightpost.ident.preparation import (
     record_lags,
     time_lag,
 )
-from eightpost.ident.preparation.lags import SAME_LAG
 from eightpost.ident.response import LocalPolynomial, contribution_error, estimate_response, response_of
 from eightpost.rig.post import LinearDamper, RigTest, quarter_truth, run_test, sine_drive, stand_in_truth
 from eightpost.rig.post.modes import displacement_modes, force_modes
@@ -156,7 +155,7 @@ def test_a_slow_sine_with_a_flat_correlation_is_not_reported_as_out_of_step():
     for seed in range(3):
         slow = run_test(truth, sine_drive(truth, 1.0, 0.0254), [LinearDamper(3000.0)], seed=seed).series
         lags += [*record_lags(slow, ("",)), *drifts(slow, ("",))]
-    assert max(abs(lag.seconds) for lag in lags) > SAME_LAG
+    assert max(abs(lag.seconds) for lag in lags) > 2e-3
     assert not any(lag.is_notable for lag in lags)
 
 
@@ -176,7 +175,7 @@ def test_a_late_logger_is_reported_and_corrected_on_request(seven):
     test = replace(seven, series=advance_channels(seven.series, dict.fromkeys(late, -0.0123)))
     prepared = prepare([test])
     pots = [lag for lag in prepared.lags[0] if lag.is_notable]
-    assert [lag.channel for lag in pots] == [*(f"{corner}.displacement" for corner in CORNERS), "tire_force"]
+    assert [lag.channel for lag in pots] == [f"{corner}.displacement" for corner in CORNERS]
     np.testing.assert_allclose([lag.seconds for lag in pots], -0.0123, atol=1e-4)
     assert "lf.displacement is 12.29 ms ahead of the accelerometers" in prepared.notes[0]
     corrected = prepare([test], Preparation(delays=dict.fromkeys(late, 0.0123)))

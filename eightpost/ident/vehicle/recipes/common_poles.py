@@ -22,7 +22,7 @@ from eightpost.ident.vehicle.common_poles import (
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.free_running import fault_in_simulation
 from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
-from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
@@ -61,8 +61,8 @@ class CommonPoles:
     #: Settings of the estimate of nonlinear springs; None assumes linear springs.
     springs: SpringSearch | None = field(default_factory=SpringSearch)
     samples: int = 8  #: Number of models with resampled noise that give the standard deviations; 0 gives none.
-    #: Settings of the uncertainty of measures on other drives; None gives none. It needs `samples`.
-    model_form: ModelForm | None = field(default_factory=ModelForm)
+    #: Settings of the uncertainty of measures on other drives; None gives none.
+    levels: MeasuredLevels | None = field(default_factory=MeasuredLevels)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`."""
@@ -159,13 +159,13 @@ class CommonPoles:
         with portion(0.0, 0.5):
             outputs = self._outputs(found, tests, experiment, friction)
         with portion(0.5, 1.0):
-            measures = self._measures(car, tests, experiment, outputs)
+            measures = self._measures(car, tests, experiment)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
         if not usable:
             flags[UNUSABLE] = _NONE_USABLE
-        elif outputs and self.model_form is not None and not measures:
+        elif self.levels is not None and not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         unused = friction is not None and not friction.acts
         notes = (
@@ -176,6 +176,7 @@ class CommonPoles:
             *found.notes,
             *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
+            *((self.levels.note(tests, experiment, measures),) if self.levels is not None and measures else ()),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
@@ -207,10 +208,10 @@ class CommonPoles:
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
     def _measures(
-        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, outputs: Mapping[str, OutputTrust]
+        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment
     ) -> dict[str, MeasureUncertainty]:
         """Return the uncertainty of measures on other drives."""
-        if self.model_form is None or not outputs:
+        if self.levels is None:
             return {}
         found, corrected = car.found, car.laws.added_to(tests)
 
@@ -218,7 +219,7 @@ class CommonPoles:
             response = self._response([corrected[k] for k in kept], experiment)
             return replace(car.vehicle, state_space=refitted(found, response, floor=self.fit.floor))
 
-        return self.model_form.uncertainty(car.vehicle, tests, experiment, found.band, refit=refit, outputs=outputs)
+        return self.levels.uncertainty(car.vehicle, tests, experiment, refit=refit)
 
     def _response(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrequencyResponse:
         return estimate_response(

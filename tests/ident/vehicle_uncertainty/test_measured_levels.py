@@ -1,7 +1,8 @@
-"""A free-running simulation of a test reveals what a model cannot represent, and ignores noise."""
+"""The level errors of a vehicle are measured on its own tests, without noise, and stated for other drives."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.model_form import ModelForm, Shares, measure_names, removable_tests
-from eightpost.ident.vehicle.trust import OutputTrust
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels, Powers, measure_names, removable_tests
+from eightpost.measure_uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.kernel import discretise
@@ -56,11 +57,6 @@ def with_noise(test, channels, size, seed=3):
     return test
 
 
-def whole(residual):
-    """The residual in and above the band together."""
-    return np.hypot(residual.inside, residual.above)
-
-
 @pytest.fixture(scope="module")
 def tests(car):
     """A baseline and an alternate test."""
@@ -87,60 +83,60 @@ def test_the_true_car_reproduces_its_tests_whatever_shock_they_have(car, tests, 
     assert error.max() < 2e-3
 
 
-def test_a_wrong_output_has_a_residual_and_the_others_have_none(car, tests):
-    found = ModelForm().residual(heavier(car), tests[0], 16.0)
-    assert whole(found)[1] == pytest.approx(0.2, rel=0.02)
-    assert np.delete(whole(found), 1).max() < 3e-3
+def test_a_wrong_output_has_the_error_of_its_level_in_every_band_and_the_others_have_none(car, tests):
+    found = MeasuredLevels().powers(heavier(car), tests[0])
+    assert found.error[1] == pytest.approx(math.log(1.2), rel=0.01)
+    assert np.abs(np.delete(found.error, 1)).max() < 2e-3
+    assert found.spread.max() < 0.02
+    assert found.shares.sum(axis=1) == pytest.approx(1.0)
 
 
-def test_the_residual_is_split_at_the_upper_limit_of_the_band(car, tests):
-    low, high = (ModelForm().residual(heavier(car), tests[0], limit) for limit in (5.0, 12.0))
-    assert low.inside[1] < high.inside[1]
-    assert low.above[1] > high.above[1]
-    assert low.share[1] > high.share[1] > 0.0
-    assert whole(low)[1] == pytest.approx(whole(high)[1], rel=1e-3)
-    assert low.above[1] == pytest.approx(0.2 * low.share[1] ** 0.5, rel=0.05)
+def test_bands_that_err_in_opposite_directions_are_a_spread_and_no_error():
+    simulated, measured = np.array([[math.exp(0.2), math.exp(-0.2)]]), np.array([[1.0, 1.0]])
+    found = Powers(simulated, measured)
+    assert found.error == pytest.approx(0.5 * math.log(math.cosh(0.2)))
+    assert found.spread == pytest.approx(0.1)
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",), ("force", "velocity"), (*OUTPUTS, "road", "force")])
-def test_white_noise_of_outputs_and_of_inputs_is_not_a_residual_of_the_model(car, tests, channels):
-    left, plain = [], []
-    for seed in range(6):
-        noisy = with_noise(tests[0], channels, 0.02, seed)
+@pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",)])
+def test_white_noise_of_outputs_and_of_roads_is_not_an_error_of_the_level(car, tests, channels):
+    plain, left = [], []
+    for seed in range(4):
+        noisy = with_noise(tests[0], channels, 0.2, seed)
         simulated, measured = ClosedLoop().outputs(car, noisy)
-        plain.append((simulated - measured).std(axis=1) / measured.std(axis=1))
-        left.append(whole(ModelForm().residual(car, noisy, 25.0)))
-    assert np.mean(plain, axis=0).max() > 0.015
-    assert (np.mean(left, axis=0) < np.maximum(0.5 * np.mean(plain, axis=0), 2e-3)).all()
+        plain.append(np.log(simulated.std(axis=1) / measured.std(axis=1)))
+        left.append(MeasuredLevels().powers(car, noisy).error)
+    worst = np.abs(np.mean(plain, axis=0)).max()
+    assert worst > 0.01
+    assert np.abs(np.mean(left, axis=0)).max() < 0.5 * worst
 
 
-def test_a_wrong_output_is_found_in_noise(car, tests):
-    noisy = with_noise(tests[0], (*OUTPUTS, "road", "force"), 0.02)
-    assert ModelForm().residual(heavier(car), noisy, 25.0).inside[1] == pytest.approx(0.2, rel=0.03)
+def test_an_error_that_all_tests_have_corrects_predictions_and_the_true_measures_keep_theirs(car, tests):
+    three = (*tests, record(car, ALTERNATE, seed=5))
+    found = MeasuredLevels().uncertainty(heavier(car), three, experiment(car))
+    assert found["tire_force"].bias == pytest.approx(math.log(1.2), rel=0.01)
+    assert found["tire_force"].common < 2e-3
+    assert {name: one.bias for name, one in found.items() if name != "tire_force"} == dict.fromkeys(
+        ("velocity", "hub_acceleration", "ride_height"), 0.0
+    )
+    assert "tire_force" in MeasuredLevels().note(three, experiment(car), found)
 
 
-def test_errors_grow_with_the_residual_and_include_noise(car, tests):
-    settings = ModelForm(inside=Shares(0.5, 2.0), above=Shares(0.5, 2.0), noise=Shares(1.5, 4.0))
-    quiet = settings.uncertainty(car, tests, experiment(car), (0.1, 25.0))
-    wrong = settings.uncertainty(heavier(car), tests, experiment(car), (0.1, 25.0))
-    assert wrong["tire_force"].common == pytest.approx(0.1, rel=0.03)
-    assert wrong["tire_force"].own == pytest.approx(0.4, rel=0.03)
-    assert wrong["velocity"].common < 2e-3
-    noise = {"velocity": OutputTrust(0.01, 0.05, 1.0)}
-    loud = settings.uncertainty(car, tests, experiment(car), (0.1, 25.0), outputs=noise)["velocity"]
-    assert loud.common == pytest.approx(0.075, rel=0.01)
-    assert loud.own == pytest.approx(0.2, rel=0.01)
-    assert quiet["velocity"].common < 2e-3
-
-
-def test_where_the_tests_have_no_power_above_the_band_nothing_is_known_of_a_measure_that_has():
-    settings = ModelForm(above=Shares(0.1, 0.4))
-    excited, quiet = settings.of_residual(0.01, 0.02, 0.04, 0.0), settings.of_residual(0.01, 1e-5, 1e-5, 0.0)
-    assert (excited.common_above, excited.own_above) == pytest.approx((0.01, 0.04))  # an error of 10 % there
-    assert (quiet.common_above, quiet.own_above) == pytest.approx((0.1, 0.4))  # an error of 100 %
-    assert quiet.common < excited.common
-    assert quiet.at_share(0.3).common > 3.0 * excited.at_share(0.3).common
+def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, tests):
+    """The car of the second test has 20 % more tire force."""
+    heavy = tests[1].with_channel("tire_force", "N", 1.2 * tests[1]["tire_force"])
+    same, other = (
+        MeasuredLevels().uncertainty(car, (tests[0], last), experiment(car))["tire_force"] for last in (tests[1], heavy)
+    )
+    error, part = math.log(1.2), 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
+    powers = [MeasuredLevels().powers(car, test).measured.sum(axis=1) for test in (tests[0], heavy)]
+    levels = [dict(zip(OUTPUTS, np.sqrt(one), strict=True)) for one in powers]
+    change = math.log(levels[1]["tire_force"] / levels[0]["tire_force"])
+    apart = separation(setup_distance(*levels), change)
+    assert other.own == pytest.approx(math.sqrt(0.5 * part) * error / apart, rel=0.02)
+    assert same.own < 0.1 * other.own
+    assert other.bias == 0.0
+    assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 * part / 2.0)) * error, rel=0.02)
 
 
 def unstable(car):
@@ -154,10 +150,10 @@ def unstable(car):
 
 def test_no_uncertainty_is_stated_for_a_car_whose_simulation_diverges(car, tests):
     wrong = unstable(car)
-    assert ModelForm().uncertainty(wrong, tests, experiment(car), (0.1, 16.0)) == {}
+    assert MeasuredLevels().uncertainty(wrong, tests, experiment(car)) == {}
     three = (*tests, record(car, ALTERNATE, seed=5))
-    plain = ModelForm().uncertainty(car, three, experiment(car), (0.1, 16.0))
-    assert ModelForm().uncertainty(car, three, experiment(car), (0.1, 16.0), refit=lambda kept: wrong) == plain
+    plain = MeasuredLevels().uncertainty(car, three, experiment(car))
+    assert MeasuredLevels().uncertainty(car, three, experiment(car), refit=lambda kept: wrong) == plain
 
 
 def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, tests):
@@ -170,10 +166,29 @@ def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, test
         asked.append(tuple(kept))
         return car
 
-    ModelForm().uncertainty(car, three, experiment(car), (0.1, 16.0), refit=refit)
+    MeasuredLevels().uncertainty(car, three, experiment(car), refit=refit)
     assert asked == [(0, 2), (0, 1)]
 
 
 def test_a_car_with_four_wheels_has_the_sum_of_its_tire_forces_as_a_measure():
     assert measure_names(("velocity", "tire_force")) == ("velocity", "tire_force")
     assert measure_names(("lf.tire_force", "rf.tire_force"))[-1] == "total_tire_force"
+
+
+def test_an_independent_record_counts_once_as_the_error_of_one_setup(car, tests):
+    known = MeasuredLevels().uncertainty(car, tests, experiment(car))
+    lap = tests[0].with_channel("tire_force", "N", 0.9 * tests[0]["tire_force"])
+    found = MeasuredLevels().with_records(known, car, [lap, lap])
+    first, second = found["tire_force"].levels
+    assert (first,) == known["tire_force"].levels
+    assert second.error == pytest.approx(math.log(1.0 / 0.9), abs=2e-3)
+    assert second.deviation == pytest.approx(first.deviation / math.sqrt(0.33))
+    assert len(found["velocity"].levels) == 2
+
+
+def test_a_record_without_an_output_and_a_fit_of_an_earlier_version_show_no_errors(car, tests):
+    known = MeasuredLevels().uncertainty(car, tests, experiment(car))
+    without = tests[0].select(["road", "velocity", "force"])
+    assert MeasuredLevels().with_records(known, car, [without]) == known
+    older = {name: MeasureUncertainty(0.01, 0.1) for name in known}
+    assert MeasuredLevels().with_records(older, car, [tests[0]]) == older
