@@ -127,7 +127,8 @@ def predicted(
     fit: VehicleFit, laws: Sequence[ShockLaw], setups: Sequence[Sequence[int]], lap: TimeSeries
 ) -> tuple[list[dict[str, float]], dict[str, list[float]]]:
     """Return the predicted measures of setups, and the shares of the first one's power in bands."""
-    names, rows, shares = fit.vehicle.state_space.output_names, [], {}
+    names, rows = fit.vehicle.state_space.output_names, []
+    shares: dict[str, list[float]] = {}
     means = dict(zip(lap.names, lap.values.mean(axis=1).tolist(), strict=True))
     loads = {name: mean for name, mean in means.items() if not name.endswith("road")}
     for outputs in ManySetups(about_loads(fit.vehicle, loads), laws, lap, _FINER).run(setups):
