@@ -166,7 +166,7 @@ def level_errors(measures: Mapping[str, MeasureUncertainty]) -> dict[str, float]
 
 def _of_setup(tests: MeasuredLevel) -> float:
     """Return the standard deviation of the error of one setup, given that of the mean error of the tests."""
-    return tests.deviation / _OF_MEAN**0.5
+    return tests.deviation / math.sqrt(_OF_MEAN)
 
 
 def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:

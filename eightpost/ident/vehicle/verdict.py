@@ -20,7 +20,7 @@ POOR_FIT = 0.3
 _JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)
 
 #: Errors of levels up to which a vehicle is usable, and from which it is not: RMS over the measures, and worst one [1].
-GOOD_LEVELS, POOR_LEVELS = (0.01, 0.02), (0.025, 0.05)
+GOOD_LEVELS, POOR_LEVELS = (0.01, 0.02), (0.03, 0.05)
 
 RULES = Rules()
 

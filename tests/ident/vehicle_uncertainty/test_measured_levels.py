@@ -146,10 +146,10 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
 
 
 def test_the_error_of_a_level_is_the_rms_over_the_tests_and_includes_what_studies_correct(car, tests):
-    """One of two tests is wrong by 20 %: half of that is the mean, and half the variation, of which a part is pooled."""
+    """One of two tests is wrong by 20 %."""
     heavy = tests[1].with_channel("tire_force", "N", 1.2 * tests[1]["tire_force"])
     one = level_errors(MeasuredLevels().uncertainty(car, (tests[0], heavy), experiment(car)))
-    variance = 0.5 * (1.0 + 0.25) * 0.5  # the other three measures have none: of two tests, half is pooled
+    variance = 0.5 * 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
     assert one["tire_force"] == pytest.approx(math.sqrt(0.25 + variance) * math.log(1.2), rel=0.02)
     both = level_errors(MeasuredLevels().uncertainty(heavier(car), tests, experiment(car)))
     assert both["tire_force"] == pytest.approx(math.log(1.2), rel=0.01)

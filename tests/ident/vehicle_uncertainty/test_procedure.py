@@ -173,8 +173,8 @@ def verdict_of(errors, **flags):
     [
         (0.0099, Grade.USABLE, ""),
         (0.0101, Grade.LIMITED, "; limits 1 and 2 %"),
-        (0.0249, Grade.LIMITED, "; limits 1 and 2 %"),
-        (0.0251, Grade.NOT_USABLE, "; limits 2.5 and 5 %"),
+        (0.0299, Grade.LIMITED, "; limits 1 and 2 %"),
+        (0.0301, Grade.NOT_USABLE, "; limits 3 and 5 %"),
     ],
 )
 def test_every_recipe_is_judged_by_the_levels_of_its_own_tests(error, grade, limits):
