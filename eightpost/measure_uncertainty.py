@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,16 @@ class MeasureUncertainty:
     own: float  #: Scale of the relative error between two setups per unit of their separation [1].
     bias: float = 0.0  #: Common error by which predictions are corrected [1].
     levels: tuple[MeasuredLevel, ...] = ()  #: Measured errors; empty in files of earlier versions.
+    #: Entries of a file of an earlier version that this one does not use; the digest of the file covers them.
+    earlier: tuple[tuple[str, float], ...] = field(default=(), compare=False)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the uncertainty as a JSON document, as the version wrote it that found it."""
+        own = asdict(self)
+        del own["earlier"]
+        if self.earlier:
+            own = {"common": self.common, "own": self.own, **dict(self.earlier)}
+        return own
 
     @classmethod
     def of_levels(cls, levels: Sequence[MeasuredLevel], own: float) -> MeasureUncertainty:

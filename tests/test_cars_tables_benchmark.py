@@ -7,11 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.cars import record_check, tables
+from benchmarks.cars import record_check, rig, tables
 from benchmarks.cars.draw import draw
 from benchmarks.cars.judge import Case, row_of, setups_of
 from benchmarks.cars.shocks import dyno_record
 from benchmarks.cars.truth import RIDE, TOTAL
+
+DRIVE = rig.random_drive(draw("links", 1), 8.0, 1)
 
 
 def row(factors, *, common=0.01, own=0.1):
@@ -21,7 +23,7 @@ def row(factors, *, common=0.01, own=0.1):
     return {
         "kind": "links", "seed": 1, "seconds": 60.0, "lap": "track", "procedure": "control", "cpu": 30.0,
         "true": true, "predicted": predicted, "stated": {n: {"common": common, "own": own} for n in RIDE},
-        "above": dict.fromkeys(RIDE, 0.0), "verdict": {"grade": "usable", "reasons": []},
+        "verdict": {"grade": "usable", "reasons": []},
     }  # fmt: skip
 
 
@@ -77,6 +79,13 @@ def test_record_check_counts_hits_and_wrong_accusations():
     lines = record_check.table(rows).splitlines()
     assert "| random | 1 of 2 |" in lines
     assert "| potentiometer x 1.1 | 2 of 4 | 1 | 1 |" in lines
+
+
+def test_sound_record_is_checked_and_a_reversed_channel_is_found():
+    channels = rig.recorded(draw("links", 1), rig.run(draw("links", 1), draw("links", 1).bank[:4], DRIVE), 1)
+    assert record_check.found_in(channels) == []
+    rule, names = record_check.found_in(channels | {"lf.force": -channels["lf.force"]})[0]
+    assert (rule, names) == ("WrongSignError", ("lf.force",))
 
 
 def test_row_is_read_again_from_its_file(tmp_path):

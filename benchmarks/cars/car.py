@@ -130,7 +130,7 @@ class Car:
             row[5:7] = 1.0, -arm
             stiffness += k_mount * np.outer(row, row)
             damping += c_mount * np.outer(row, row)
-        ratio, sprung = np.array(self.ratio), self.static_loads - GRAVITY * np.array(self.hubs)
+        n, sprung = np.array(self.ratio), self.static_loads - GRAVITY * np.array(self.hubs)
         four = np.ones(4)
         return Numbers(
             inverse=np.linalg.inv(mass),
@@ -140,7 +140,7 @@ class Car:
             wheel=self.wheels,
             load=self.loaders,
             spring=np.column_stack(
-                [self.springs, ratio, self.rising, self.bumps[0] * four, self.bumps[1] * four, sprung / ratio]
+                [self.springs, n, self.rising, self.bumps[0] * four, self.bumps[1] * four, sprung / n]
             ),
             friction=np.column_stack(
                 [self.links, self.link_stiffness * four, self.bushes, self.rubber[0] * four, self.rubber[1] * four]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,13 +23,14 @@ from benchmarks.cars.procedures import write_tests
 from benchmarks.cars.rig import RATE
 from benchmarks.cars.shocks import dyno_record
 from benchmarks.cars.truth import NAMES, SETTLING, TOTAL, truth
-from cosim.study.above_band import power_above
+from cosim.study.above_band import shares_of
 from eightpost.api.vehicles import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.springs import about_loads
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.rig import DynoTest
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
@@ -89,17 +90,26 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
         shutil.rmtree(records)
     row |= {"cpu": round(fit.seconds, 1), "notes": fit.notes}
     row["verdict"] = {"grade": fit.verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in fit.verdict.reasons]}
-    if fit.trust is not None:
-        row["stated"] = {n: asdict(one) for n, one in fit.trust.measures.items()}
     setups = setups_of(case.seed)
     lap = lap_drive(car, LAP, case.seed, case.lap)
     row["true"] = truth(car, setups, lap)
     laws = fitted_laws(car, case.seed) if case.shocks == "fitted" else [shock.law for shock in car.bank]
     try:
-        row["predicted"], row["above"] = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
+        row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
+        row["stated"] = {n: stated(one, shares[n]) for n, one in _measures(fit).items() if n in shares}
     except EightpostError as error:
         row["error"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def _measures(fit: VehicleFit) -> Mapping[str, MeasureUncertainty]:
+    return {} if fit.trust is None else fit.trust.measures
+
+
+def stated(measure: MeasureUncertainty, shares: Sequence[float]) -> dict[str, float]:
+    """Return what a fit states about a measure on a drive with shares of its power in bands."""
+    found = measure.on_drive(shares)
+    return {"common": found.common, "own": found.own, "bias": found.bias}
 
 
 def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
@@ -115,14 +125,15 @@ def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
 
 def predicted(
     fit: VehicleFit, laws: Sequence[ShockLaw], setups: Sequence[Sequence[int]], lap: TimeSeries
-) -> tuple[list[dict[str, float]], dict[str, float]]:
-    """Return the predicted measures of setups, and the share of the first one's power above the model's band."""
-    names, rows, above = fit.vehicle.state_space.output_names, [], {}
+) -> tuple[list[dict[str, float]], dict[str, list[float]]]:
+    """Return the predicted measures of setups, and the shares of the first one's power in bands."""
+    names, rows = fit.vehicle.state_space.output_names, []
+    shares: dict[str, list[float]] = {}
     means = dict(zip(lap.names, lap.values.mean(axis=1).tolist(), strict=True))
     loads = {name: mean for name, mean in means.items() if not name.endswith("road")}
     for outputs in ManySetups(about_loads(fit.vehicle, loads), laws, lap, _FINER).run(setups):
         kept = dict(zip(names, outputs[:, round(SETTLING * RATE) :], strict=True))
         kept[TOTAL] = np.sum([y for n, y in kept.items() if n.endswith("tire_force")], axis=0)
         rows.append({n: float(kept[n].std()) for n in NAMES if n in kept})
-        above = above or {n: power_above(kept[n][None], RATE, fit.ranges["frequency"][1]) for n in rows[0]}
-    return rows, above
+        shares = shares or {n: shares_of(kept[n][None], RATE).tolist() for n in rows[0]}
+    return rows, shares

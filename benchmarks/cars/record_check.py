@@ -46,7 +46,7 @@ def found_in(channels: dict[str, Array]) -> list[tuple[str, tuple[str, ...]]]:
     """Return rule and channels of each finding; a record that is refused has one."""
     series = series_of(channels)
     try:
-        check_rig_record(series)
+        check_rig_record(series, CORNERS)
     except DataError as error:
         return [(type(error).__name__, (str(error.channel),))]
     return [(one.rule.name, one.channels) for one in record_findings(series, CORNERS)]

@@ -44,12 +44,8 @@ def lowest_spearman(row: Row) -> float:
 
 
 def stated(row: Row) -> dict[str, MeasureUncertainty]:
-    """Return the stated uncertainties for the share of the lap's power above the band."""
-    return {
-        name: MeasureUncertainty(**one).at_share(row["above"][name])
-        for name, one in row.get("stated", {}).items()
-        if name in names_of(row)
-    }
+    """Return the stated uncertainties on the lap."""
+    return {n: MeasureUncertainty(**one) for n, one in row.get("stated", {}).items() if n in names_of(row)}
 
 
 def ridden(row: Row) -> list[dict[str, float]]:

@@ -15,6 +15,7 @@ from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
 from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
@@ -22,6 +23,7 @@ from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
 from eightpost.ident.vehicle.verdict import fit_verdict
 from eightpost.judged import sealed
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
 from eightpost.verdict import Grade, Reason
@@ -133,6 +135,29 @@ def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> No
     assert found.vehicle.state_space == fit.vehicle.state_space
     assert found.sources == {"base.parquet": "0" * 64}
     np.testing.assert_array_equal(found.response.H, fit.response.H)
+
+
+def test_a_fit_states_the_levels_of_its_own_tests_and_is_judged_by_them(fit: VehicleFit) -> None:
+    assert fit.trust is not None
+    assert set(fit.trust.measures) == set(fit.vehicle.state_space.output_names)
+    assert not fit.trust.flags
+    assert [reason.about for reason in fit_verdict(fit).reasons] == ["fit of the vehicle"]
+    assert "own tests" in fit_verdict(fit).reasons[0].rule
+
+
+def test_a_car_that_cannot_be_simulated_with_its_own_shocks_is_not_usable(
+    quarter_car: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated: list[float] = []
+
+    def diverges(levels: MeasuredLevels, *_given: object) -> dict[str, MeasureUncertainty]:
+        simulated.append(levels.loop.seconds)
+        return {}
+
+    monkeypatch.setattr(MeasuredLevels, "uncertainty", diverges)
+    found = recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
+    assert simulated == [30.0]
+    assert [reason.rule for reason in fit_verdict(found).decisive] == ["vehicle cannot be simulated"]
 
 
 def test_a_fit_is_judged_by_the_rules_of_all_recipes(fit: VehicleFit) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,16 +10,11 @@ from scipy.signal import resample
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
-from eightpost.errors import StepError
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.measure_uncertainty import TOTAL
 from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.polylinear import Polylinear
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping
-
-#: Quantities by which setups are judged.
-_JUDGED = ("velocity", "tire_force", "ride_height")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,27 +55,6 @@ class ClosedLoop:
         kept = slice(self._first_sample(part), None)
         measured = np.stack([part[name] for name in vehicle.state_space.output_names])
         return _without_mean(closed[:, kept]), _without_mean(measured[:, kept])
-
-    def level_errors(self, vehicle: IdentifiedVehicle, tests: Sequence[TimeSeries]) -> dict[str, float]:
-        """Return the RMS over tests of the relative error of the RMS of each judged output [1].
-
-        Judged are shock velocities, tire forces, their sum and ride heights. Empty if a simulation diverges or does not
-        converge.
-        """
-        names = [n for n in vehicle.state_space.output_names if n.rpartition(".")[2] in _JUDGED]
-        rows = [vehicle.state_space.output_names.index(name) for name in names]
-        tires = [row for row, name in zip(rows, names, strict=True) if name.endswith("tire_force")]
-        errors = []
-        for test in tests:
-            try:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    both = self.outputs(vehicle, test)
-            except StepError:
-                return {}
-            sizes = [np.append(y[rows].std(axis=1), y[tires].sum(axis=0).std()) for y in both]
-            errors.append(sizes[0] / sizes[1] - 1.0)
-        found = np.sqrt(np.mean(np.square(errors), axis=0))
-        return dict(zip((*names, TOTAL), found.tolist(), strict=True)) if np.isfinite(found).all() else {}
 
     def closed(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[StateSpace, dict[str, float], TimeSeries]:
         """Return the model with the lines of a test's shocks, their slopes [N.s/m] by port, and the settled record."""

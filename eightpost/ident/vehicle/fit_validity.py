@@ -13,14 +13,9 @@ from eightpost.vehicle.statespace import StateSpace
 from eightpost.verdict import Reason, Verdict
 
 
-def with_validity(
-    fit: VehicleFit, further: Iterable[Reason] = (), levels: Mapping[str, float] | None = None
-) -> VehicleFit:
-    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle.
-
-    `levels` are the errors of a simulation of its own tests; see `fit_verdict`.
-    """
-    verdict = Verdict((*further, *fit_verdict(fit, levels).reasons))
+def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
+    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
+    verdict = Verdict((*further, *fit_verdict(fit).reasons))
     stated = fit.trust.measures if fit.trust is not None else {}
     uncertainty = ModelUncertainty(measures=stated) if stated else None
     validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)

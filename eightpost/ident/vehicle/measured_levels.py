@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -154,6 +155,20 @@ class MeasuredLevels:
         return Powers(*bands)
 
 
+def level_errors(measures: Mapping[str, MeasureUncertainty]) -> dict[str, float]:
+    """Return the RMS over the tests of the error of each measure's level [1]; empty if no errors were measured.
+
+    It includes the errors by which studies correct their predictions: a model that needs a correction is wrong.
+    """
+    return {name: math.hypot(one.levels[0].error, _of_setup(one.levels[0])) for name, one in measures.items()
+            if one.levels}  # fmt: skip
+
+
+def _of_setup(tests: MeasuredLevel) -> float:
+    """Return the standard deviation of the error of one setup, given that of the mean error of the tests."""
+    return tests.deviation / math.sqrt(_OF_MEAN)
+
+
 def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
     """Return the uncertainty of each measure from the powers of all tests."""
     errors = np.array([one.error for one in found])
@@ -173,7 +188,7 @@ def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, .
     if not known.levels:
         return known
     tests = known.levels[0]
-    level = replace(tests, error=error, deviation=tests.deviation / _OF_MEAN**0.5, shares=shares)
+    level = replace(tests, error=error, deviation=_of_setup(tests), shares=shares)
     return known if level in known.levels else MeasureUncertainty.of_levels((*known.levels, level), known.own)
 
 

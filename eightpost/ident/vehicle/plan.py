@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
 from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.procedure import reasons_of_tests
@@ -15,9 +14,6 @@ from eightpost.ident.vehicle.springs import about_tests
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig.post import RigTest
-
-#: Part of each test that is simulated for the verdict [s].
-_SIMULATED = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +35,10 @@ class IdentificationPlan:
         """
         records = [self.prepared.records[k] for k in self.baseline.order]
         fit = recipe(name).identify(records, self.experiment)
-        levels = ClosedLoop(seconds=_SIMULATED).level_errors(fit.vehicle, records)
         loads = {load: self.experiment.means.get(load, 0.0) for load in self.experiment.loads}
         fit = replace(fit, vehicle=about_tests(fit.vehicle, loads))
         reasons = (*self.prepared.reasons, *reasons_of_tests(self.prepared, self.experiment))
-        return with_validity(fit, reasons, levels)
+        return with_validity(fit, reasons)
 
 
 def plan_identification(

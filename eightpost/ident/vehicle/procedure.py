@@ -38,8 +38,8 @@ def _limits(kind: str) -> str:
 RULES = Rules()
 
 TOO_SHORT = RULES.add("tests far too short", ABOUT, Grade.NOT_USABLE,
-    condition=f"the inputs can be told apart only in bands wider than {_TOO_WIDE:g} Hz: {_EQUATIONS:g} (1 + inputs / "
-    f"tests) / duration, or {_EQUATIONS:g} (1 + inputs that are the same in all tests) / duration",
+    condition=f"the inputs can be distinguished only in bands wider than {_TOO_WIDE:g} Hz: {_EQUATIONS:g} (1 + inputs "
+    f"/ tests) / duration, or {_EQUATIONS:g} (1 + inputs that are the same in all tests) / duration",
     why="resonances of a body are narrower",
     remedy="repeat the tests with the stated duration, or with another drive in each test",
 )  # fmt: skip

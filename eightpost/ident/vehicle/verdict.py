@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
-from eightpost.ident.vehicle.trust import NOT_SIMULATED as NO_SIMULATION
+from eightpost.ident.vehicle.measured_levels import level_errors
 from eightpost.ident.vehicle.trust import UNUSABLE, Trust
 from eightpost.measure_uncertainty import TOTAL
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
@@ -16,11 +16,11 @@ ABOUT = "fit of the vehicle"
 #: Misfit of an output, weighted by frequency as in the fit, from which a vehicle is not usable [1].
 POOR_FIT = 0.3
 
-#: Levels of the car's own tests: error up to which a vehicle is usable, and from which it is not [1].
-GOOD_LEVELS, POOR_LEVELS = 0.01, 0.03
+#: Quantities whose levels are judged.
+_JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)
 
-#: The same for half the 95 % interval of the total tire force [1].
-NARROW, WIDE = 0.05, 0.15
+#: Errors of levels up to which a vehicle is usable, and from which it is not: RMS over the measures, and worst one [1].
+GOOD_LEVELS, POOR_LEVELS = (0.01, 0.02), (0.03, 0.05)
 
 RULES = Rules()
 
@@ -40,29 +40,20 @@ GOOD = RULES.add("small misfit of the vehicle", ABOUT, Grade.USABLE,
     why="the limit above",
 )  # fmt: skip
 WRONG_LEVELS = RULES.add("own tests predicted wrong", ABOUT, Grade.NOT_USABLE,
-    condition="simulated with the shocks of its own tests, the car has levels of shock velocities, tire forces and "
-    f"ride heights that are wrong by {100 * POOR_LEVELS:g} % or more (RMS)",
+    condition="simulated with the shocks of its own tests, the car has levels of shock velocities, tire forces, their "
+    f"sum and ride heights that are wrong by {100 * POOR_LEVELS[0]:g} % or more (RMS), or one of them by "
+    f"{100 * POOR_LEVELS[1]:g} % or more",
     why="other setups are predicted worse, and setups differ by a few percent",
     remedy="see the other reasons; otherwise identify with another recipe (--recipe)",
 )  # fmt: skip
 DOUBTFUL_LEVELS = RULES.add("own tests predicted roughly", ABOUT, Grade.LIMITED,
-    condition=f"the same by more than {100 * GOOD_LEVELS:g} %",
+    condition=f"the same by more than {100 * GOOD_LEVELS[0]:g} %, or {100 * GOOD_LEVELS[1]:g} % for one of them",
     why="other setups are predicted worse",
     remedy="rank setups that differ by more, and validate on other records (eightpost validate)",
 )  # fmt: skip
 GOOD_OWN_TESTS = RULES.add("own tests predicted", ABOUT, Grade.USABLE,
-    condition=f"the same by at most {100 * GOOD_LEVELS:g} %",
+    condition=f"the same by at most {100 * GOOD_LEVELS[0]:g} %, and {100 * GOOD_LEVELS[1]:g} % for each of them",
     why="setups differ by more",
-)  # fmt: skip
-UNCERTAIN = RULES.add("levels not known", ABOUT, Grade.NOT_USABLE,
-    condition=f"the 95 % interval of the total tire force is wider than +-{100 * WIDE:g} %",
-    why="that is more than setups differ by",
-    remedy="identify with longer tests",
-)  # fmt: skip
-ROUGH = RULES.add("levels known roughly", ABOUT, Grade.LIMITED,
-    condition=f"the same above +-{100 * NARROW:g} %",
-    why="setups share most of this error: their order is better known than their levels",
-    remedy="do not rely on levels; longer tests make the interval narrower",
 )  # fmt: skip
 NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE,
     condition="no model of the car can be simulated with other dampers, or one of its own tests cannot be simulated",
@@ -100,47 +91,37 @@ class Judged(Protocol):
         ...
 
 
-def fit_verdict(fit: Judged, levels: Mapping[str, float] | None = None) -> Verdict:
-    """Return the verdict on a fit.
-
-    Args:
-        fit: Fit of a vehicle.
-        levels: Relative errors of levels of the car's own tests [1], by output, from a simulation with their shocks;
-            empty if a test cannot be simulated, None if they were not.
-    """
-    return Verdict(_reasons(fit, levels))
+def fit_verdict(fit: Judged) -> Verdict:
+    """Return the verdict on a fit."""
+    return Verdict(_reasons(fit))
 
 
-def _reasons(fit: Judged, levels: Mapping[str, float] | None) -> Iterator[Reason]:
+def _reasons(fit: Judged) -> Iterator[Reason]:
     origin = f"{fit.recipe} fit to {listed(fit.sources) or 'records in memory'}"
     if not fit.stable:
         yield UNSTABLE.reason("the car is not stable with every damper", figure="1 damper or more", origin=origin)
-    flags = {} if fit.trust is None else fit.trust.flags
-    if UNUSABLE in flags or levels == {}:
-        sentence = flags.get(UNUSABLE, NO_SIMULATION)
-        yield NOT_SIMULATED.reason("the car cannot be simulated", figure=sentence.rstrip("."), origin=origin)
+    flags, measures = ({}, {}) if fit.trust is None else (fit.trust.flags, fit.trust.measures)
+    errors = {n: error for n, error in level_errors(measures).items() if n.rpartition(".")[2] in _JUDGED}
+    if UNUSABLE in flags:
+        yield NOT_SIMULATED.reason("the car cannot be simulated", figure=flags[UNUSABLE].rstrip("."), origin=origin)
     worst = max(fit.residual, key=lambda name: fit.residual[name])
     value = fit.residual[worst]
     figure = f"{worst} {100 * value:.1f} %; limit {100 * POOR_FIT:g} %"
     if value >= POOR_FIT:
         yield MISFIT.reason("the model does not reproduce its tests", figure=figure, origin=origin)
-    elif not levels:
+    if errors:
+        yield _level_reason(errors, origin)
+    elif value < POOR_FIT:
         yield GOOD.reason("the model reproduces its tests", figure=figure, origin=origin)
-    if levels:
-        yield _level_reason(levels, origin)
-    stated = None if fit.trust is None else fit.trust.measures.get(TOTAL)
-    if stated is not None and (half := stated.half_width(0.0)) > NARROW:
-        figure = f"+-{100 * half:.0f} %; limits {100 * NARROW:g} and {100 * WIDE:g} %"
-        rule = UNCERTAIN if half > WIDE else ROUGH
-        yield rule.reason("the 95 % interval of the total tire force is wide", figure=figure, origin=origin)
 
 
-def _level_reason(levels: Mapping[str, float], origin: str) -> Reason:
-    error = math.sqrt(sum(value**2 for value in levels.values()) / len(levels))
-    worst = max(levels, key=lambda name: levels[name])
-    figure = f"RMS {100 * error:.1f} %, worst {worst} {100 * levels[worst]:.1f} %"
-    if error <= GOOD_LEVELS:
+def _level_reason(errors: Mapping[str, float], origin: str) -> Reason:
+    worst = max(errors, key=lambda name: errors[name])
+    both = (math.sqrt(sum(value**2 for value in errors.values()) / len(errors)), errors[worst])
+    figure = f"RMS {100 * both[0]:.1f} %, worst {worst} {100 * both[1]:.1f} %"
+    if all(error <= limit for error, limit in zip(both, GOOD_LEVELS, strict=True)):
         return GOOD_OWN_TESTS.reason("the car predicts the levels of its own tests", figure=figure, origin=origin)
-    rule = WRONG_LEVELS if error >= POOR_LEVELS else DOUBTFUL_LEVELS
-    figure += f"; limits {100 * GOOD_LEVELS:g} and {100 * POOR_LEVELS:g} %"
+    poor = any(error >= limit for error, limit in zip(both, POOR_LEVELS, strict=True))
+    rule, limits = (WRONG_LEVELS, POOR_LEVELS) if poor else (DOUBTFUL_LEVELS, GOOD_LEVELS)
+    figure += f"; limits {100 * limits[0]:g} and {100 * limits[1]:g} %"
     return rule.reason("the car predicts wrong levels of its own tests", figure=figure, origin=origin)

@@ -92,6 +92,7 @@ def test_the_mean_loads_of_the_baseline_test_are_those_of_the_identified_car(mon
     experiment = Experiment("car", ("road", "aero_force"), ("force",), ("velocity",), {"": 1500.0}, means=means)
     monkeypatch.setattr(plan, "recipe", lambda _name: Fit(car_about(800.0)))
     monkeypatch.setattr(plan, "with_validity", lambda fit, _reasons: fit)
+    monkeypatch.setattr(plan, "reasons_of_tests", lambda *_given: ())
     prepared, baseline = SimpleNamespace(records=[None], reasons=()), SimpleNamespace(order=(0,))
     found = plan.IdentificationPlan(prepared, baseline, experiment).identify("common-poles")
     assert found.vehicle.friction[""].mean_travel == pytest.approx(travel(800.0), rel=1e-9)

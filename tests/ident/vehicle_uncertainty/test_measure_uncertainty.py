@@ -132,7 +132,9 @@ def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
     older = {"common": 0.03, "own": 0.4, "common_above": 0.1, "own_above": 0.2, "share_above": 0.01}
     expected = {"a": MeasureUncertainty(0.03, 0.4)}
     assert Trust.of_json({"outputs": {}, "measures": {"a": older}}).measures == expected
-    assert ModelUncertainty.from_json({"measures": {"a": older}}).measures == expected
+    found = ModelUncertainty.from_json({"measures": {"a": older}})
+    assert found.measures == expected
+    assert found.to_json()["measures"] == {"a": older}, "the digest of the file stays right"
     assert Trust.of_json({"outputs": {}}).measures == {}
 
 

@@ -10,7 +10,13 @@ import pytest
 
 from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels, Powers, measure_names, removable_tests
+from eightpost.ident.vehicle.measured_levels import (
+    MeasuredLevels,
+    Powers,
+    level_errors,
+    measure_names,
+    removable_tests,
+)
 from eightpost.measure_uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
@@ -137,6 +143,18 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
     assert same.own < 0.1 * other.own
     assert other.bias == 0.0
     assert other.common == pytest.approx(math.hypot(0.5, math.sqrt(0.33 * part / 2.0)) * error, rel=0.02)
+
+
+def test_the_error_of_a_level_is_the_rms_over_the_tests_and_includes_what_studies_correct(car, tests):
+    """One of two tests is wrong by 20 %."""
+    heavy = tests[1].with_channel("tire_force", "N", 1.2 * tests[1]["tire_force"])
+    one = level_errors(MeasuredLevels().uncertainty(car, (tests[0], heavy), experiment(car)))
+    variance = 0.5 * 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
+    assert one["tire_force"] == pytest.approx(math.sqrt(0.25 + variance) * math.log(1.2), rel=0.02)
+    both = level_errors(MeasuredLevels().uncertainty(heavier(car), tests, experiment(car)))
+    assert both["tire_force"] == pytest.approx(math.log(1.2), rel=0.01)
+    assert max(error for name, error in both.items() if name != "tire_force") < 5e-3
+    assert level_errors({"tire_force": MeasureUncertainty(0.01, 0.1)}) == {}
 
 
 def unstable(car):

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.errors import StepError
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.procedure import reasons_of_tests
 from eightpost.ident.vehicle.trust import UNUSABLE, Trust
 from eightpost.ident.vehicle.verdict import fit_verdict
-from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
+from eightpost.measure_uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty
 from eightpost.verdict import Grade
 from tests.ident.vehicle_uncertainty.test_agreement import BAR, MEANS, SPRING, WEIGHT, of_all, record
 
@@ -144,7 +142,7 @@ def test_short_tests_say_how_long_they_must_be():
     assert short(16.0, same=True) == [(Grade.LIMITED, figure)]
 
 
-# ---- Verdict on the fit: levels of the car's own tests, and stated intervals ----------------------------------------
+# ---- Verdict on the fit: levels of the car's own tests -------------------------------------------------------------
 
 
 @dataclass
@@ -159,79 +157,59 @@ class Fit:
     choice: None = None
 
 
-def of_total(scale, **flags):
-    return Trust({}, flags=flags, measures={TOTAL: MeasureUncertainty(scale, 0.0)})
+def with_errors(errors, **flags):
+    """Return the trust in a car whose levels of its own tests have given mean errors, without a variation."""
+    levels = {name: (MeasuredLevel(error, 0.0, 0.0, (1.0,)),) for name, error in errors.items()}
+    measures = {name: MeasureUncertainty(0.001, 0.0, 0.0, one) for name, one in levels.items()}
+    return Trust({}, flags=flags, measures=measures)
+
+
+def verdict_of(errors, **flags):
+    return fit_verdict(Fit(trust=with_errors(errors, **flags)))
+
+
+@pytest.mark.parametrize(
+    ("error", "grade", "limits"),
+    [
+        (0.0099, Grade.USABLE, ""),
+        (0.0101, Grade.LIMITED, "; limits 1 and 2 %"),
+        (0.0299, Grade.LIMITED, "; limits 1 and 2 %"),
+        (0.0301, Grade.NOT_USABLE, "; limits 3 and 5 %"),
+    ],
+)
+def test_every_recipe_is_judged_by_the_levels_of_its_own_tests(error, grade, limits):
+    errors = {"lf.velocity": 0.6 * error, TOTAL: -error * np.sqrt(2.0 - 0.36), "lf.hub_acceleration": 9.0}
+    (reason,) = verdict_of(errors).reasons
+    assert reason.grade is grade
+    assert reason.figure == f"RMS {100 * error:.1f} %, worst {TOTAL} {128.06 * error:.1f} %{limits}"
 
 
 @pytest.mark.parametrize(
     ("error", "grade"),
-    [(0.0099, Grade.USABLE), (0.0101, Grade.LIMITED), (0.029, Grade.LIMITED), (0.031, Grade.NOT_USABLE)],
+    [(0.0199, Grade.USABLE), (0.0201, Grade.LIMITED), (0.0499, Grade.LIMITED), (0.0501, Grade.NOT_USABLE)],
 )
-def test_every_recipe_is_judged_by_the_levels_of_its_own_tests(error, grade):
-    levels = {"lf.velocity": 0.6 * error, TOTAL: error * np.sqrt(2.0 - 0.36)}
-    (reason,) = fit_verdict(Fit(), levels).reasons
+def test_one_wrong_level_among_many_right_ones_is_a_reason(error, grade):
+    errors = {f"{corner}.{name}": 0.0 for corner in CORNERS for name in ("velocity", "tire_force")}
+    (reason,) = verdict_of({**errors, "front.ride_height": error}).reasons
     assert reason.grade is grade
-    assert f"RMS {100 * error:.1f} %, worst {TOTAL}" in reason.figure
+    assert f"worst front.ride_height {100 * error:.1f} %" in reason.figure
 
 
 def test_a_car_whose_tests_cannot_be_simulated_is_not_usable():
-    assert [one.rule for one in fit_verdict(Fit(), {}).decisive] == ["vehicle cannot be simulated"]
-    flagged = Fit(trust=of_total(0.001, **{UNUSABLE: "it diverges."}))
-    assert fit_verdict(flagged, {TOTAL: 0.001}).decisive[0].figure == "it diverges"
+    (reason,) = verdict_of({TOTAL: 0.001}, **{UNUSABLE: "it diverges."}).decisive
+    assert (reason.rule, reason.figure) == ("vehicle cannot be simulated", "it diverges")
 
 
-def test_without_a_simulation_the_misfit_decides():
-    assert fit_verdict(Fit()).grade is Grade.USABLE
-    assert fit_verdict(Fit(residual={"lf.tire_force": 0.31})).grade is Grade.NOT_USABLE
+@pytest.mark.parametrize("trust", [None, Trust({}), Trust({}, measures={TOTAL: MeasureUncertainty(0.5, 0.0)})])
+def test_without_measured_errors_the_misfit_decides(trust):
+    assert [one.rule for one in fit_verdict(Fit(trust=trust)).reasons] == ["small misfit of the vehicle"]
+    assert fit_verdict(Fit(residual={"lf.tire_force": 0.31}, trust=trust)).grade is Grade.NOT_USABLE
 
 
-def test_a_wide_interval_of_the_total_tire_force_limits_or_forbids_the_use():
-    def found(half):
-        scale = np.log1p(half) / 2.776
-        return fit_verdict(Fit(trust=of_total(scale)), {TOTAL: 0.001})
-
-    assert found(0.049).grade is Grade.USABLE
-    assert found(0.051).grade is Grade.LIMITED
-    assert found(0.151).grade is Grade.NOT_USABLE
-    assert "+-27 %; limits 5 and 15 %" in found(0.27).decisive[0].figure
+def test_a_large_misfit_forbids_the_use_even_if_the_levels_are_right():
+    fit = Fit(residual={"lf.tire_force": 0.3}, trust=with_errors({TOTAL: 0.001}))
+    assert [one.grade for one in fit_verdict(fit).reasons] == [Grade.NOT_USABLE, Grade.USABLE]
 
 
 def test_flags_of_effects_that_a_linear_model_lacks_are_no_reasons():
-    assert len(fit_verdict(Fit(trust=of_total(0.001, misfit="It is large.")), {TOTAL: 0.001}).reasons) == 1
-
-
-# ---- Levels of the own tests in a simulation with their shocks -------------------------------------------------------
-
-
-@dataclass
-class Outputs:
-    """What the errors of levels need of a vehicle."""
-
-    output_names: tuple[str, ...] = ("lf.velocity", "lf.tire_force", "lf.hub_acceleration", "rf.tire_force")
-
-    @property
-    def state_space(self):
-        return self
-
-
-def test_errors_of_levels_are_those_of_the_judged_outputs_and_of_the_sum_of_the_tire_forces(monkeypatch):
-    wave = np.sin(np.linspace(0.0, 60.0, 4000))
-    measured = np.stack([wave, wave, wave, -0.5 * wave])
-    factors = {1: (1.03, 1.1, 9.0, 1.1), 2: (0.96, 1.1, 9.0, 1.3)}
-
-    def outputs(_loop, _vehicle, test):
-        return np.array(factors[test])[:, None] * measured, measured
-
-    monkeypatch.setattr(ClosedLoop, "outputs", outputs)
-    found = ClosedLoop().level_errors(Outputs(), [1, 2])
-    rms = {"lf.velocity": (0.03, 0.04), "lf.tire_force": (0.1, 0.1), "rf.tire_force": (0.1, 0.3), TOTAL: (0.1, 0.1)}
-    assert found == {name: pytest.approx(np.sqrt(np.mean(np.square(pair)))) for name, pair in rms.items()}
-
-
-def test_a_car_that_cannot_be_simulated_has_no_errors_of_levels(monkeypatch):
-    def fails(*_arguments):
-        raise StepError("it does not converge")
-
-    for outputs in (fails, lambda *_arguments: (np.full((4, 9), np.nan), np.ones((4, 9)) * np.arange(9.0))):
-        monkeypatch.setattr(ClosedLoop, "outputs", outputs)
-        assert ClosedLoop().level_errors(Outputs(), [1]) == {}
+    assert len(verdict_of({TOTAL: 0.001}, misfit="It is large.").reasons) == 1
