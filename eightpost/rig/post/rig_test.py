@@ -212,7 +212,8 @@ def read_rig_test(
     complete, derived = _with_velocities(series, corners)
     check_rig_record(complete, corners, origin=record.origin)
     not_checked = unchecked(series, complete, corners)
-    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked, (*record.notes, *record.steps))
+    notes = (*record.notes, *record.steps)
+    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked, notes)
 
 
 def read_rig_tests(

@@ -262,7 +262,7 @@ def test_a_record_that_is_given_twice_is_refused_under_whatever_name(quarter):
     one, copy = (replace(quarter, source=Path(f"{name}.csv"), sha256="a1") for name in ("base", "copy"))
     with pytest.raises(InputError, match=r"copy.csv is the same record as base.csv; give every test once"):
         prepare([one, copy])
-    with pytest.raises(InputError, match="base.csv is the same record as base.csv"):
+    with pytest.raises(InputError, match=r"base.csv is the same record as base.csv"):
         prepare([one, replace(one, source=Path("other/base.csv"))])
     assert len(prepare([one, replace(copy, sha256="b2")]).records) == 2
     assert len(prepare([quarter, quarter]).records) == 2  # records in memory have no digest
