@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from eightpost.__main__ import main
 from eightpost.corners import CORNERS
 from eightpost.errors import (
     ClippedChannelError,
@@ -54,6 +56,7 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
     return path
 
 
+@pytest.mark.slow
 def test_a_file_that_was_cut_off_in_its_last_sample_says_so(record, tmp_path):
     path = tmp_path / "rig.csv"
     record.write(path)
@@ -62,6 +65,7 @@ def test_a_file_that_was_cut_off_in_its_last_sample_says_so(record, tmp_path):
     cut = read_rig_test(path)
     assert any("the last sample" in note and "not complete" in note for note in cut.notes)
     assert len(cut.series) == len(record.series) - 1
+    assert "not complete" in CliRunner().invoke(main, ["inspect", str(path)]).output
 
 
 @pytest.mark.repeated
