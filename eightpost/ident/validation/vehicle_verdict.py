@@ -126,8 +126,8 @@ LINEAR_ERROR = RULES.add("error linear in the prediction", ABOUT, Grade.LIMITED,
     remedy="identify again with more tests, or with another recipe",
 )  # fmt: skip
 BEYOND = RULES.add("records beyond the fit's tests", ABOUT, Grade.LIMITED,
-    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
-    "above the fit's band",
+    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of "
+    "the power of a velocity or tire force above the fit's band",
     why="the model extrapolates there",
     remedy="identify from tests with the amplitudes and frequencies of these records",
 )  # fmt: skip
