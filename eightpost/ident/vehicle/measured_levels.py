@@ -203,8 +203,12 @@ def _own_squares(found: Sequence[Powers], errors: Array) -> Array:
 
 
 def _pooled(squares: Array, count: int) -> Array:
-    """Return variances of `count` tests (q,) that are drawn towards their mean, as if it were one more test."""
-    return np.asarray(((count - 1) * squares + squares.mean()) / count)
+    """Return variances of `count` tests (q,), drawn towards their geometric mean as if it were one more test.
+
+    Their mean would be that of the worst measures, which says little about the others.
+    """
+    usual = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny))))
+    return np.asarray(((count - 1) * squares + usual) / count)
 
 
 def measure_names(outputs: Sequence[str]) -> tuple[str, ...]:

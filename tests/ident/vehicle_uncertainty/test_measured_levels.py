@@ -134,7 +134,7 @@ def test_errors_that_change_with_the_shocks_are_uncertain_between_setups(car, te
     same, other = (
         MeasuredLevels().uncertainty(car, (tests[0], last), experiment(car))["tire_force"] for last in (tests[1], heavy)
     )
-    error, part = math.log(1.2), 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
+    error, part = math.log(1.2), 0.5  # of two tests half is pooled, and the usual measure has no such change
     powers = [MeasuredLevels().powers(car, test).measured.sum(axis=1) for test in (tests[0], heavy)]
     levels = [dict(zip(OUTPUTS, np.sqrt(one), strict=True)) for one in powers]
     change = math.log(levels[1]["tire_force"] / levels[0]["tire_force"])
@@ -149,7 +149,7 @@ def test_the_error_of_a_level_is_the_rms_over_the_tests_and_includes_what_studie
     """One of two tests is wrong by 20 %."""
     heavy = tests[1].with_channel("tire_force", "N", 1.2 * tests[1]["tire_force"])
     one = level_errors(MeasuredLevels().uncertainty(car, (tests[0], heavy), experiment(car)))
-    variance = 0.5 * 0.5 * (1.0 + 0.25)  # the other three measures have none: of two tests, half is pooled
+    variance = 0.5 * 0.5  # of two tests half is pooled, and the usual measure has no such change
     assert one["tire_force"] == pytest.approx(math.sqrt(0.25 + variance) * math.log(1.2), rel=0.02)
     both = level_errors(MeasuredLevels().uncertainty(heavier(car), tests, experiment(car)))
     assert both["tire_force"] == pytest.approx(math.log(1.2), rel=0.01)
