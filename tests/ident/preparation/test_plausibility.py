@@ -352,7 +352,8 @@ def test_inspect_reports_channel_figure_and_remedy(sound: TimeSeries, tmp_path: 
 def test_a_late_channel_is_reported_once(sound: TimeSeries, tmp_path: Path, name: str) -> None:
     late = advance_channels(sound, {name: -0.012})
     (note,) = prepare([RigTest(late)]).notes
-    assert f"{name} is 12." in note
+    (found,) = re.findall(rf"{re.escape(name)} is ([\d.]+) ms \(\+-0\.[1-9] ms\) late", note)
+    assert float(found) == pytest.approx(12.0, abs=0.5)
     code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
     assert code == 1, said
     assert said.count("warning") == 1
