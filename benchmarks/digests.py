@@ -1,11 +1,14 @@
-"""Digests of the numbers in everything that the commands write: equal digests before and after a change, equal bits.
+"""Digests of everything that the commands write: equal digests before and after a change, equal bits.
 
-    python -m benchmarks.digests [--folder FOLDER] [--against FILE] > digests.txt
+    python -m benchmarks.digests [--against CHECKOUT] [--folder FOLDER] > digests.txt
 
-Runs the demonstration (fit, build, run, study), fits of all laws, runs with the default and at a given
-step, and the identification of a seven-DOF car and an 8-post stand-in from the virtual rig. A digest covers the numbers
-and booleans of a file in their order, to the last bit. Texts and durations of the calculation are left out, so that a
-reworded message changes nothing.
+Runs the demonstration (fit, build, run, study with its certainty and pages), fits of all laws, runs with the default
+and at a given step, the identification of a seven-DOF car and an 8-post stand-in from the virtual rig, and validations
+with this checkout, and with the one of --against, which may also be a file with the digests of an earlier call.
+
+The digest of a table, a series or a JSON file covers its numbers and booleans in their order, to the last bit. Texts
+and durations of the calculation are left out, so that a reworded message changes nothing. The digest of a page or of an
+FMU's modelDescription.xml covers its text without dates, versions, identifiers and durations.
 """
 
 from __future__ import annotations
@@ -14,11 +17,15 @@ import argparse
 import csv
 import hashlib
 import json
+import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import zipfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +34,13 @@ import pyarrow.parquet
 #: Keys of JSON whose values are durations of the calculation, versions or names of this run.
 _NOT_RESULTS = {"created", "version", "workers", "sources"}
 
+#: What differs between two runs of the same code: dates, versions, identifiers and digests of files, durations.
+_OF_THIS_RUN = re.compile(
+    r"\d{4}-\d\d-\d\d(T[\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?"
+    r"|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
+)
+
+_ROOT = Path(__file__).resolve().parents[1]
 _RIG = ("--program", "identification", "--duration", "40 s")
 
 
@@ -35,50 +49,66 @@ def main() -> int:
     options = _options()
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        _run_commands(folder)
-        lines = [f"{digest}  {name}" for name, digest in _digests(folder)]
-    print("\n".join(lines))
-    if not options.against:
-        return 0
-    expected = set(options.against.read_text(encoding="utf-8").splitlines())
-    for line in sorted(expected ^ set(lines), key=lambda line: line.split(maxsplit=1)[1]):
+        lines = _lines(_ROOT, folder / "now")
+        print("\n".join(lines))
+        if not options.against:
+            return 0
+        kept = options.against.is_file()
+        before = options.against.read_text(encoding="utf-8").splitlines() if kept else []
+        before = before or _lines(options.against.resolve(), folder / "then")
+    for line in sorted(set(before) ^ set(lines), key=lambda line: line.split(maxsplit=1)[1]):
         print(f"{'now ' if line in lines else 'then'} {line}", file=sys.stderr)
-    return int(expected != set(lines))
+    return int(before != lines)
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, help="folder to keep the files in (default: a temporary one)")
-    parser.add_argument("--against", type=Path, help="digests of another version of the code to compare with")
+    parser.add_argument("--against", type=Path, help="checkout of another version to compare with, or its digests")
     return parser.parse_args()
 
 
-def _run_commands(folder: Path) -> None:
-    examples = Path(__file__).resolve().parents[1] / "examples"
+def _lines(checkout: Path, folder: Path) -> list[str]:
+    """Run the commands of a checkout in a folder; return the lines of its files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _run_commands(checkout, folder)
+    return [f"{digest}  {name}" for name, digest in _digests(folder)]
+
+
+def _run_commands(checkout: Path, folder: Path) -> None:
+    command = partial(_command, checkout, folder)
+    examples = _ROOT / "examples"
     dyno = str(examples / "data" / "dyno_A.csv")
-    _command(folder, "demo", "-o", "demo")
+    command("demo", "-o", "demo")
     for law in ("polylinear", "lpf1", "lpnl2"):
-        _command(folder, "fit", dyno, "--law", law, "-o", f"fit/{law}.json")
-    _command(folder, "fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
+        command("fit", dyno, "--law", law, "-o", f"fit/{law}.json")
+    command("fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
     shutil.copytree(examples, folder / "examples")
-    _command(folder, "fit", dyno, "--law", "lpnl2", "--gas", "included", "-o", "dist/dyno_A.json")
+    command("fit", dyno, "--law", "lpnl2", "--gas", "included", "-o", "dist/dyno_A.json")
     sources = ("dist/dyno_A.json", "examples/corner.toml", "examples/car.toml")
-    _command(folder, "build", *sources, "-o", "dist")
+    command("build", *sources, "-o", "dist")
     for name in ("quarter_car", "seven_dof"):
-        _command(folder, "run", f"examples/{name}.toml", "-o", f"run/{name}/")
+        command("run", f"examples/{name}.toml", "-o", f"run/{name}/")
     step = ("--step", "1 ms", "--no-comparison")
-    _command(folder, "run", "examples/seven_dof.toml", *step, "-o", "run/given/")
+    command("run", "examples/seven_dof.toml", *step, "-o", "run/given/")
     for car, recipe in (("seven_dof", "boggs"), ("eight_post", "common-poles")):
-        _command(folder, "rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
+        command("rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
         records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))
-        _command(folder, "identify", *records, "--recipe", recipe, "--plot", "none", "-o", f"cars/{car}.json")
+        command("identify", *records, "--recipe", recipe, "--plot", "none", "-o", f"cars/{car}.json")
+    other, car = str(examples / "data" / "dyno_B.csv"), "examples/identified/car.json"
+    command("validate", "fit/lpnl2.json", other, "--keep", "--report", "validation/shock.html")
+    command("validate", car, "examples/identified/lap.parquet", "--keep", "--report", "validation/car.html")
 
 
-def _command(folder: Path, *arguments: str) -> None:
+def _command(checkout: Path, folder: Path, *arguments: str) -> None:
     """Run a command in the folder; 1 says that a result is not acceptable, which is a result too."""
     done = subprocess.run(
-        [sys.executable, "-m", "eightpost", *arguments], cwd=folder, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "eightpost", *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(checkout)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode not in (0, 1):
         raise SystemExit(f"eightpost {' '.join(arguments)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
@@ -86,7 +116,13 @@ def _command(folder: Path, *arguments: str) -> None:
 
 def _digests(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield every file of results with the digest of its numbers, in the order of their names."""
-    readers = {".json": _json_numbers, ".csv": _csv_numbers, ".parquet": _parquet_numbers}
+    readers = {
+        ".json": _json_numbers,
+        ".csv": _csv_numbers,
+        ".parquet": _parquet_numbers,
+        ".html": _text,
+        ".fmu": _description,
+    }
     for path in sorted(folder.rglob("*")):
         if path.suffix in readers and "chunks" not in path.parts:  # named after the folder's path
             digest = hashlib.sha256("\n".join(readers[path.suffix](path)).encode()).hexdigest()[:16]
@@ -124,6 +160,15 @@ def _parquet_numbers(path: Path) -> Iterator[str]:
     for name in table.column_names:
         if not name.endswith("seconds") and pyarrow.types.is_primitive(table[name].type):
             yield hashlib.sha256(table[name].to_numpy().tobytes()).hexdigest()
+
+
+def _text(path: Path) -> Iterator[str]:
+    yield _OF_THIS_RUN.sub("", path.read_text(encoding="utf-8"))
+
+
+def _description(path: Path) -> Iterator[str]:
+    with zipfile.ZipFile(path) as archive:
+        yield _OF_THIS_RUN.sub("", archive.read("modelDescription.xml").decode())
 
 
 if __name__ == "__main__":

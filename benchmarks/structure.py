@@ -2,8 +2,9 @@
 
     python -m benchmarks.structure [ROOT ...]
 
-Prints a Markdown table with a column for each root, a checkout of the project (default: this one). Counted are the
-packages eightpost, builder, cosim and fmus. A module with one importer is imported by one other module of these
+Prints a Markdown table with a column for each root, a checkout of the project (default: this one). The first rows count
+the packages eightpost, builder, cosim and fmus; the last ones the Python of tests and benchmarks, and the words of the
+pages in docs. A module with one importer is imported by one other module of these
 packages; the modules `__init__` of packages count neither as importers nor as imported. Function lengths are in lines
 without docstrings.
 """
@@ -56,6 +57,7 @@ def figures(root: Path) -> dict[str, str]:
     lines = sorted(file.text.count("\n") for file in files)
     by_module = importers(files)
     names = [name for file in files for name in _public_names(file.tree)]
+    pages = (root / "docs").rglob("*.md")
     mutual = {frozenset((a, b)) for a in by_module for b in by_module[a] if a in by_module.get(b, ())}
     return {
         "lines of Python": f"{sum(lines)}",
@@ -71,7 +73,16 @@ def figures(root: Path) -> dict[str, str]:
             f"{median(lengths):.0f} / {lengths[int(0.9 * len(lengths))]} / {lengths[-1]}"
         ),
         "functions longer than 60 lines": f"{sum(length > 60 for length in lengths)}",
+        "tests, lines / files": _size(root / "tests"),
+        "benchmarks, lines / files": _size(root / "benchmarks"),
+        "docs, words": f"{sum(len(page.read_text(encoding='utf-8').split()) for page in pages)}",
     }
+
+
+def _size(folder: Path) -> str:
+    """Lines and number of the Python files of a folder."""
+    paths = list(folder.rglob("*.py"))
+    return f"{sum(path.read_text(encoding='utf-8').count(chr(10)) for path in paths)} / {len(paths)}"
 
 
 def _function_lengths(files: list[Source]) -> Iterator[int]:

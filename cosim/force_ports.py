@@ -118,9 +118,6 @@ class Corners:
         ports: Names of the FMU's variables by port.
         parameters: Parameters of all corners, or by the corner's name.
         engine: `auto` or `compiled`: the compiled loop; `python`: the same loop interpreted.
-
-    Attributes:
-        difference: Change of an input for the Jacobian [m/s], [m]; read at the start.
     """
 
     #: Largest time difference that counts as none [s]; and the step over which inputs jump if no time passes.
@@ -142,7 +139,7 @@ class Corners:
         self.ports = [find_ports(component, ports) for component in self.components]
         self.parameters = [_own_parameters(parameters, name, self.names) for name in self.names]
         self._bind = bound if engine == "python" else partial(compiled, instead={})
-        self.difference = 1e-6
+        self.difference = 1e-6  #: Change of an input for the Jacobian [m/s], [m]; read at the start.
         self.motion = _blank_motion(len(self.components))
         self._tables: list[FunctionTable] = []
         self._keep: Any = None

@@ -72,17 +72,12 @@ EXTRAS: Mapping[str, Extra] = {
 
 
 class MissingExtraError(InputError, ModuleNotFoundError):
-    """An optional package is not installed.
-
-    Attributes:
-        extra: Extra that installs it.
-        name: Name under which Python imports it.
-    """
+    """An optional package is not installed."""
 
     def __init__(self, purpose: str, name: str, extra: str) -> None:
         super().__init__(requirement(purpose, name, extra))
-        self.name = name
-        self.extra = extra
+        self.name = name  #: Name under which Python imports it.
+        self.extra = extra  #: Extra that installs it.
 
 
 def install_command(extra: str) -> str:

@@ -60,16 +60,13 @@ class Fmi3Functions:
     Args:
         dll: Library as ctypes loads it.
         identifier: Name of the library (modelIdentifier), with which sources for static linking prefix each name.
-
-    Attributes:
-        called: Name of the function that was called last through `call`.
     """
 
     def __init__(self, dll: Any, identifier: str) -> None:
         self._dll, self._identifier = dll, identifier
         self._found: dict[str, Any] = {}
         self._refusing = blocks.EXCHANGE_SIZED(lambda *_: ERROR)
-        self.called = ""
+        self.called = ""  #: Name of the function that was called last through `call`.
 
     def has(self, name: str) -> bool:
         """Return whether the library has a function, e.g. DoStep."""

@@ -27,10 +27,6 @@ class Fmi3Instance:
         table: Variables of the FMU.
         slack: Internal step that the FMU declares [s]; 0 if it declares none.
         log: Function that takes a status and a message.
-
-    Attributes:
-        content: Data for the calls of the loop.
-        block: The same as a table with an address, which is the instance for all FMI 2.0 calls.
     """
 
     def __init__(
@@ -38,7 +34,8 @@ class Fmi3Instance:
     ) -> None:
         self._functions, self._table, self._log = functions, table, log
         self._elements = tuple(table.elements)
-        self.content = _adapter(functions, table, slack)
+        self.content = _adapter(functions, table, slack)  #: Data for the calls of the loop.
+        #: The same as a table with an address, which is the instance for all FMI 2.0 calls.
         self.block = Block(self.content)
         self._experiment: tuple[Any, ...] = (False, 0.0, 0.0, False, 0.0)
         self._values: dict[int, Any] = {}

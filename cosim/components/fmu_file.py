@@ -308,14 +308,11 @@ class OpenedFmu:
         fmu: Unpacked FMU.
         name: Name of the component.
         messages: Messages of the FMU.
-
-    Attributes:
-        validity: Range of validity of its model; None if the FMU has none.
     """
 
     def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
         self._fmu, self._name, self._messages = fmu, name, messages
-        self.validity: Validity | None = fmu.validity
+        self.validity: Validity | None = fmu.validity  #: Range of validity of its model; None if the FMU has none.
         self._inputs: dict[str, float] = {}
         self._time = 0.0
         self._changed: dict[str, None] = {}

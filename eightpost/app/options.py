@@ -24,15 +24,11 @@ def warn(text: str) -> None:
 
 
 class Verb(click.Command):
-    """A verb, whose outputs never replace its inputs. An old spelling of an option still works, with a warning.
-
-    Attributes:
-        renamed: New spelling of each old one.
-    """
+    """A verb, whose outputs never replace its inputs. An old spelling of an option still works, with a warning."""
 
     def __init__(self, *args: Any, renamed: Mapping[str, str] | None = None, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.renamed = dict(renamed or {})
+        self.renamed = dict(renamed or {})  #: New spelling of each old one.
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the command line with the new spellings."""
@@ -102,7 +98,7 @@ class LawName(click.Choice):  # type: ignore[type-arg]
 class OutputFile(FilePath):
     """A file to write, which is checked before the verb computes anything (`eightpost.outputs`).
 
-    Attributes:
+    Args:
         kind: Kind of the file.
         default: Function that returns the file from the options before this one if it is not given; None: no default.
         is_folder: Function that returns from all options whether a folder is written instead; None: never.
@@ -128,16 +124,12 @@ class OutputFile(FilePath):
 
 
 class OutputFolder(FilePath):
-    """A folder to write into, which is checked before the verb computes anything (`eightpost.outputs`).
-
-    Attributes:
-        files: Kinds of the files that are written there, by name, as far as the names are known.
-    """
+    """A folder to write into, which is checked before the verb computes anything (`eightpost.outputs`)."""
 
     def __init__(self, files: Mapping[str, Kind] | None = None) -> None:
         super().__init__()
         self.name = "folder"
-        self.files = files or {}
+        self.files = files or {}  #: Kinds of the files that are written there, by name, as far as the names are known.
 
     def check(self, path: Path, _option: str, _given: Mapping[str, Any]) -> None:
         """Check that the folder can be written into without loss."""
@@ -176,7 +168,7 @@ class Number(click.FloatRange):
 class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A value with its unit, such as '10 mm', which the verb receives in one unit.
 
-    Attributes:
+    Args:
         unit: Unit that the verb receives.
         bare: Whether a number without a unit is accepted, with a warning: the old spelling of some options.
         positive: Whether the value must be above 0.
@@ -222,16 +214,12 @@ def _plain(text: str) -> float | None:
 
 
 class Assignment(click.ParamType):  # type: ignore[type-arg]
-    """`NAME=VALUE`, which the verb receives as a pair.
-
-    Attributes:
-        form: Names of both sides.
-    """
+    """`NAME=VALUE`, which the verb receives as a pair."""
 
     name = "assignment"
 
     def __init__(self, form: str) -> None:
-        self.form = form
+        self.form = form  #: Names of both sides.
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
         """Return both sides of the first equals sign."""

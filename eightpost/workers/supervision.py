@@ -58,17 +58,15 @@ class Record:
 
     Args:
         memory: Memory of SIZE bytes, zero at first.
-
-    Attributes:
-        owner: Number of the process that calls.
-        calls: Position of the loop's calls in the memory [bytes]: their number and the part that is called.
-        clock: Position of the loop's time in the memory [bytes].
     """
 
-    calls, clock = 8 * _CALLS, 8 * _CLOCK
+    #: Position of the loop's calls in the memory [bytes]: their number and the part that is called.
+    calls = 8 * _CALLS
+    clock = 8 * _CLOCK  #: Position of the loop's time in the memory [bytes].
 
     def __init__(self, memory: mmap.mmap) -> None:
-        self.memory, self.owner = memory, os.getpid()
+        self.memory = memory
+        self.owner = os.getpid()  #: Number of the process that calls.
         self._words = memoryview(memory)[:_WORDS].cast("q")
 
     @property
@@ -318,14 +316,11 @@ class _Watch:
 
     Args:
         found: Record of the process.
-
-    Attributes:
-        hung: Error for the FMU that does not return; empty until then.
     """
 
     def __init__(self, found: Record) -> None:
         self._record, self._state, self._quiet, self._before = found, b"", 0.0, time.monotonic()
-        self.hung = ""
+        self.hung = ""  #: Error for the FMU that does not return; empty until then.
 
     def is_hung(self) -> bool:
         """Return whether the process is to be ended; call this at every interval."""

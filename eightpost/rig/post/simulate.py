@@ -41,13 +41,6 @@ class Drives:
 
     During the lead-in, the drive is its first sample multiplied by a factor that grows from 0 to 1 over the first third
     of the lead-in.
-
-    Attributes:
-        lead: Number of samples of the lead-in.
-        values: Roads and loads (N, U) of each run, contiguous in memory by rows.
-        slopes: Changes of the values per sample (N, U).
-        growth: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
-        weights: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
     """
 
     def __init__(self, inputs: Sequence[Array], lead: int, steps: int = STEPS) -> None:
@@ -58,13 +51,16 @@ class Drives:
             lead: Number of samples of the lead-in.
             steps: Number S of integration steps per sample.
         """
-        self.lead = lead
+        self.lead = lead  #: Number of samples of the lead-in.
         own = {id(values): values for values in inputs}
         rows = {key: np.ascontiguousarray(values.T) for key, values in own.items()}
         slopes = {key: np.gradient(values, axis=0) for key, values in rows.items()}
+        #: Roads and loads (N, U) of each run, contiguous in memory by rows.
         self.values = [rows[id(values)] for values in inputs]
-        self.slopes = [slopes[id(values)] for values in inputs]
+        self.slopes = [slopes[id(values)] for values in inputs]  #: Changes of the values per sample (N, U).
+        #: Factor of the drive during the lead-in and its change per sample (lead + N + 1, 2), for the longest run.
         self.growth = _growth(lead, max(map(len, self.values)))
+        #: Weights (2, S, 4) of value, slope, next value and next slope, for the drive and for its slope.
         self.weights = np.stack(_hermite(np.arange(1, steps + 1) / steps))
 
 
