@@ -95,9 +95,12 @@ def _run_commands(checkout: Path, folder: Path) -> None:
         command("rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
         records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))
         command("identify", *records, "--recipe", recipe, "--plot", "none", "-o", f"cars/{car}.json")
-    other, car = str(examples / "data" / "dyno_B.csv"), "examples/identified/car.json"
-    command("validate", "fit/lpnl2.json", other, "--keep", "--report", "validation/shock.html")
-    command("validate", car, "examples/identified/lap.parquet", "--keep", "--report", "validation/car.html")
+    held_out = (
+        ("fit/lpnl2.json", "examples/data/dyno_B.csv"),
+        ("cars/eight_post.json", "rig/eight_post/baseline.parquet"),
+    )
+    for model, record in held_out:
+        command("validate", model, record, "--keep", "--report", f"{model}.html")
 
 
 def _command(checkout: Path, folder: Path, *arguments: str) -> None:
