@@ -20,7 +20,7 @@ from benchmarks.settings import MOST, RandomShock
 from eightpost.array_types import Array
 from eightpost.rig.dynamometer import Actuator, Damper, measure, read_out
 from eightpost.rig.excitations import random_multisine, sine_test
-from eightpost.rig.lag import Lag, force_lag
+from eightpost.rig.motion import Lag, force_lag
 from eightpost.signals import TimeSeries
 
 #: Rate of the simulation [Hz], and numbers of its samples per sample of a record.

@@ -111,7 +111,7 @@ def fit(  # one parameter per option
     from eightpost.ident.shock.peak_velocity import tables_in
     from eightpost.ident.shock.peak_velocity_builds import builds_in
     from eightpost.rig import DynoConditions
-    from eightpost.rig.dyno_columns import with_channels
+    from eightpost.rig.columns import with_channels
     from eightpost.shock import write_shock
 
     if plot is not None:
@@ -257,7 +257,7 @@ def _fit_tables(
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a record, its length, scale and lag, and its notes."""
-    from eightpost.rig.lag import lag_statement
+    from eightpost.rig.motion import lag_statement
 
     series = test.series
     console.print(

@@ -59,12 +59,11 @@ def inspect(
       eightpost inspect rig.csv --map my_map.toml --mass '3400 lbm'
     """
     from eightpost.rig import read_dyno_tests, split_runs
-    from eightpost.rig.dyno_columns import with_channels
+    from eightpost.rig.columns import propose_map, with_channels
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.rig.post import read_rig_test
     from eightpost.rig.post.rig_test import rig_map
-    from eightpost.rig.rig_columns import propose_map
     from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
@@ -114,7 +113,7 @@ def _named(record: RawRecord) -> list[tuple[str, str | None]]:
 
 def show_test(console: Console, test: DynoTest) -> None:
     """Print the channels of a test with their ranges, its scale and lag, its conditions and its notes."""
-    from eightpost.rig.lag import lag_statement
+    from eightpost.rig.motion import lag_statement
 
     series = test.series
     console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
@@ -128,7 +127,7 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def _conditions(test: DynoTest) -> list[str]:
-    from eightpost.rig.temperature_drift import temperature_drift
+    from eightpost.rig.runs import temperature_drift
 
     known = test.conditions
     values = {
@@ -149,7 +148,7 @@ def _conditions(test: DynoTest) -> list[str]:
 def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
-    from eightpost.rig.temperature_drift import temperature_drift
+    from eightpost.rig.runs import temperature_drift
 
     rows = []
     for i, run in enumerate(runs, 1):

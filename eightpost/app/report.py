@@ -117,7 +117,7 @@ def report(  # one parameter per option
     from eightpost.ident.dyno_report.page import write_report
     from eightpost.ident.dyno_report.reading import Reading, read_limits
     from eightpost.ident.dyno_report.verdict import report_verdict
-    from eightpost.rig.dyno_columns import with_channels
+    from eightpost.rig.columns import with_channels
 
     console = Console(soft_wrap=True, highlight=False)
     corners = _corners(car, corner_mass, wheel_rate, motion_ratio)

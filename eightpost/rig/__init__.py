@@ -5,10 +5,8 @@ from eightpost.rig.dynamometer import Actuator, Damper, Sensor, Sensors, measure
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test, read_dyno_tests
 from eightpost.rig.excitations import SineTest, bump, random_multisine, sine_test, sine_tests, static_steps
-from eightpost.rig.peak_velocity import read_peak_velocity
-from eightpost.rig.peak_velocity_table import PeakVelocityTable
-from eightpost.rig.runs import split_runs
-from eightpost.rig.temperature import TemperatureEffect, temperature_effect
+from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
+from eightpost.rig.runs import TemperatureEffect, split_runs, temperature_effect
 from eightpost.rig.track import Track, track_drivefile
 from eightpost.rig.truth_damper import TruthDamper, ValveSide, demo_damper
 

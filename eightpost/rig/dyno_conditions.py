@@ -1,17 +1,23 @@
-"""Conditions of a dynamometer test, and how they are read from the preamble of a file."""
+"""Conditions of a dynamometer test: what the lines above a table and the name of its file state about it."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from eightpost import units
-from eightpost.errors import UnknownUnitError
+from eightpost.errors import FileFormatError, UnknownUnitError
+from eightpost.rig.columns import is_named
 from eightpost.signals.column_headers import letters_of
+from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
+
+
+# ---- Conditions in the preamble -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +150,109 @@ def _quantity(name: str, key: str, value: str) -> dict[str, float]:
     if units.compatible(unit, "N"):
         return {"gas_force": units.convert(number, unit, "N")}
     return {"gas_pressure": units.convert(number, unit, "Pa")}
+
+
+# ---- Signs and units for whole channels: `extension positive`, `Force units: lbf` -----------------------------------
+
+Name = TypeVar("Name")
+
+_SIDES = {
+    "compression": r"compress\w*|bump|jounce|push\w*",
+    "rebound": r"rebound|exten\w*|droop|tension|tensile|pull\w*",
+}
+_SIGNS = {"positive": r"positive|\+ve|\+(?!\s*[\d.])", "negative": r"negative|-ve|\(-\)"}
+_CHANNELS = {
+    ("force",): r"force|load",
+    ("displacement", "velocity"): r"displacement|position|travel|stroke|motion|velocity|speed",
+}
+#: Largest number of words of a clause that states a sign.
+_WORDS = 8
+
+
+def reversed_channels(preamble: Iterable[tuple[str, ...]], path: Path) -> tuple[dict[str, bool], str]:
+    """Return whether each channel with a stated sign is positive in rebound, and the statement.
+
+    A clause names one stroke and a sign (`extension positive`, `force: negative in rebound`). It is about the force or
+    the motion if it names one of them, else about all channels that no other clause names.
+
+    Raises:
+        FileFormatError: Two clauses contradict each other.
+    """
+    found: dict[str, bool] = {}
+    general: set[bool] = set()
+    statements = []
+    for clause in (part for cells in preamble for cell in cells for part in re.split(r"[,;|]|\band\b", cell)):
+        sides, signs = _words_in(clause, _SIDES), _words_in(clause, _SIGNS)
+        if len(sides) != 1 or len(signs) != 1 or len(clause.split()) > _WORDS:
+            continue
+        statements.append(clause.strip())
+        is_reversed = (sides == ["rebound"]) == (signs == ["positive"])
+        channels = [name for names in _words_in(clause, _CHANNELS) for name in names]
+        general |= set() if channels else {is_reversed}
+        if len(general) > 1 or any(found.setdefault(name, is_reversed) != is_reversed for name in channels):
+            what = f"its sign conventions contradict each other: {'; '.join(statements)}; delete the wrong one"
+            raise FileFormatError(what, path=path)
+    everywhere = dict.fromkeys(("displacement", "velocity", "force"), *general) if general else {}
+    return everywhere | found, "; ".join(statements)
+
+
+def _words_in(clause: str, patterns: Mapping[Name, str]) -> list[Name]:
+    return [name for name, words in patterns.items() if re.search(rf"(?<!\w)(?:{words})(?!\w)", clause, re.IGNORECASE)]
+
+
+def stated_units(preamble: Iterable[tuple[str, ...]]) -> dict[str, str]:
+    """Return the units of channels from lines such as `Displacement units: in`."""
+    found: dict[str, str] = {}
+    for key, value in (pair for cells in preamble for pair in pairs(cells)):
+        if match := re.fullmatch(r"(.*\S)[\s_]+units?", key, re.IGNORECASE):
+            for channel in ("time", "velocity", "force", "displacement", "temperature"):
+                if is_named(match[1].split()[-1], channel):
+                    found.setdefault(channel, value)
+    return found
+
+
+# ---- Settings in the name of a file: `damper_2clicks`, `run_1.5A`, `t1_n10_150psi` ----------------------------------
+
+_NUMBER = r"(?<![A-Za-z0-9.,])(\d+(?:[.,]\d+)?)"
+#: Names of adjusters before a number.
+_NAMED = re.compile(
+    r"(?<![A-Za-z])(rebound|reb|compression|comp|bump|lsc|hsc|lsr|hsr)[ _-]?(\d+)(?![\d.,]*\d|[A-Za-z])", re.IGNORECASE
+)
+#: Units of settings in file names, and the adjuster that they belong to.
+UNITS = {"click": "clicks", "mA": "current", "A": "current", "V": "voltage"}
+
+
+def numbers_in(stem: str, unit: str, *, has_decimals: bool = False) -> list[float]:
+    """Return the numbers with a unit (`click`, `A`, `psi`) in the name of a file, all or those with decimals."""
+    word, ignore = ("clicks?", re.IGNORECASE) if unit == "click" else (re.escape(unit), re.NOFLAG)
+    found = re.findall(rf"{_NUMBER}[ _-]?{word}(?![A-Za-z])", stem, ignore)
+    return [float(one.replace(",", ".")) for one in found if not has_decimals or not one.isdigit()]
+
+
+def setting_in(stem: str, adjuster: str, unit: str) -> float | None:
+    """Return the setting of an adjuster in the name of a file: the number behind its name or before its unit.
+
+    None without one, or if several numbers have the unit. An empty unit is that of no number.
+    """
+    found = [float(number) for name, number in _NAMED.findall(stem) if adjuster.lower().startswith(name.lower())]
+    found = found or (numbers_in(stem, unit) if unit else [])
+    return found[0] if len(found) == 1 else None
+
+
+def conditions_in(path: Path) -> tuple[DynoConditions, tuple[str, ...]]:
+    """Return the settings and the gas pressure in the name of a file, and a note if there are some."""
+    stem = path.stem
+    settings = [f"{name} {number}" for name, number in _NAMED.findall(stem)]
+    # `1A` and `2V` may be the names of builds.
+    settings += [
+        f"{n:g} {unit.replace('click', 'clicks')}"
+        for unit in UNITS
+        for n in numbers_in(stem, unit, has_decimals=unit in ("A", "V"))
+    ]
+    pressures = {unit: found for unit in ("psi", "bar", "kPa") if len(found := numbers_in(stem, unit)) == 1}
+    unit, (pressure,) = next(iter(pressures.items())) if len(pressures) == 1 else ("", (0.0,))
+    stated = [*settings, *([f"gas {pressure:g} {unit}"] if unit else [])]
+    note = f"from the name of the file: {', '.join(stated)}"
+    return DynoConditions(
+        clicks=", ".join(settings) or None, gas_pressure=convert(pressure, unit, "Pa") if unit else None
+    ), (note,) if stated else ()

@@ -12,15 +12,26 @@ import numpy as np
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
-from eightpost.rig.dyno_columns import DYNO_UNITS, choice_reasons, dyno_map, has_channels, length_note
-from eightpost.rig.dyno_conditions import DynoConditions, conditions_from
-from eightpost.rig.file_name import conditions_in
-from eightpost.rig.optional_columns import check_one_time, with_readable_columns
-from eightpost.rig.other_columns import column_reasons
+from eightpost.rig.columns import (
+    DYNO_UNITS,
+    check_one_time,
+    choice_reasons,
+    column_reasons,
+    dyno_map,
+    has_channels,
+    length_note,
+    propose_map,
+    with_readable_columns,
+)
+from eightpost.rig.dyno_conditions import (
+    DynoConditions,
+    conditions_from,
+    conditions_in,
+    reversed_channels,
+    stated_units,
+)
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import NEGATIVE_REST, PART_RULES
-from eightpost.rig.rig_columns import propose_map
-from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals import faults
 from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin

@@ -1,38 +1,39 @@
-"""Whether a dynamometer record can be what its header says: units, signs, one state of the shock, sound instruments.
-
-Every finding is a reason of the verdict (`eightpost.verdict`) with its figure and a remedy; `plausibility_rules` has
-the table of all rules.
-"""
+"""Whether a dynamometer record can be what its header says: units, signs, one state of the shock, sound instruments."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
-from eightpost.rig.cycles import path_of, run_down
-from eightpost.rig.drift import drift_reasons, explained
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.force_spectrum import spectrum_reasons
-from eightpost.rig.lag import lag_reasons
-from eightpost.rig.motion_channels import motion_reasons
-from eightpost.rig.one_setting import setting_reasons
+from eightpost.rig.motion import displacement_of, lag_reasons, motion_reasons, path_of, run_down
+from eightpost.rig.one_setting import drift_reasons, explained, rest_force, setting_reasons
 from eightpost.rig.plausibility_rules import (
     CONTRADICTORY_UNITS,
+    HELD,
+    HUM,
+    JUMP,
     LARGE_REST,
     NEGATIVE_REST,
     RECTIFIED,
+    REPEATED,
     RUN_DOWN,
+    SMOOTHED,
     UNLIKELY_UNITS,
     UNRELATED,
 )
-from eightpost.rig.rest_force import rest_force
-from eightpost.rig.sample_faults import sample_reasons
+from eightpost.signals.faults import clipped_samples
 from eightpost.signals.filters import white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 from eightpost.verdict import Reason
+
+# ---- The checks of a record -----------------------------------------------------------------------------------------
+# Every finding is a reason of the verdict (`eightpost.verdict`) with its figure and a remedy; `plausibility_rules` has
+# the table of all rules.
 
 # ---- Limits ---------------------------------------------------------------------------------------------------------
 
@@ -215,3 +216,183 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
             if abs(stated / rest / factor - 1.0) < GAS_TOLERANCE:
                 figure = f"{rest:.4g} N at standstill, but the stated gas force is {stated:.4g} N: {hint}"
                 yield CONTRADICTORY_UNITS.reason("the unit of the force is wrong", figure=figure, origin=origin)
+
+
+# ---- Faults in the samples: jumps, clipping, repeated samples -------------------------------------------------------
+
+#: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
+JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
+#: ... this multiple of the median change in so many samples around it.
+JUMP_FACTOR, AROUND = 10.0, 21
+#: Share of repeated samples.
+REPEATED_SHARE = 0.02
+#: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
+FORCE_MOVES = 0.2
+
+
+def sample_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
+    """Yield the faults in the samples of a record or a run.
+
+    Args:
+        series: Record or run with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
+        measured: Names of the channels that were measured, not derived.
+        origin: Name of the record.
+    """
+    moving = tuple(name for name in ("velocity", "displacement", "force") if name in measured)
+    for name in moving:
+        if figure := _jump(name, series):
+            yield JUMP.reason(f"the {name} jumps", figure=figure, origin=origin)
+    if "displacement" in moving and (figure := _held(series)):
+        yield HELD.reason("the displacement is clipped", figure=figure, origin=origin)
+    yield from _repeated(series, moving, origin)
+
+
+def _jump(name: str, series: TimeSeries) -> str:
+    """Return a figure if a channel jumps between two samples: spikes, drop-outs, joined records, lost samples.
+
+    Velocity (at the corners of a triangle) and force (dry friction) may step to another level and stay there.
+    """
+    values, limit = series[name], JUMP_SHARE[name] * float(np.ptp(series[name]))
+    change = np.abs(np.diff(values))
+    usual = np.maximum(median_filter(change, size=AROUND, mode="nearest"), white_noise(values))
+    bad = [
+        int(i)
+        for i in np.flatnonzero((change > limit) & (change > JUMP_FACTOR * usual))
+        if name == "displacement" or _returns(values, int(i))
+    ]
+    if not bad:
+        return ""
+    places = f", {len(bad)} such places" if len(bad) > 1 else ""
+    return f"by {change[bad[0]]:.4g} {'N' if name == 'force' else 'SI'} at {series.time[bad[0] + 1]:.4g} s{places}"
+
+
+def _returns(values: Array, i: int) -> bool:
+    """Return whether values (N,) do not stay at the level to which they jump after sample `i`."""
+    change = np.median(values[i + 1 : i + 8]) - np.median(values[max(0, i - 6) : i + 1])
+    return bool(abs(change) < 0.5 * abs(values[i + 1] - values[i]))
+
+
+def _held(series: TimeSeries) -> str:
+    """Return a figure if the displacement stays at its maximum or minimum while the force moves."""
+    values, force = series["displacement"], series["force"]
+    for signed in (values, -values):
+        samples = clipped_samples(signed, np.ones(values.size, dtype=bool))
+        if samples.size and np.ptp(np.quantile(force[samples], [0.1, 0.9])) > FORCE_MOVES * np.ptp(force):
+            return (
+                f"{samples.size} of {values.size} samples are equal to {1e3 * values[samples[0]]:.4g} mm while the "
+                f"force moves, the first at {series.time[samples[0]]:.4g} s"
+            )
+    return ""
+
+
+def _repeated(series: TimeSeries, names: tuple[str, ...], origin: str) -> Iterator[Reason]:
+    """Yield a reason if samples repeat the one before while the shock moves."""
+    rows, speed = series.select(names).values, np.abs(series["velocity"])
+    same = (np.diff(rows, axis=1) == 0.0).all(axis=0) & (speed[1:] > 0.1 * speed.max())
+    if np.count_nonzero(same) > REPEATED_SHARE * same.size:
+        first = series.time[int(np.argmax(same)) + 1]
+        figure = f"{np.count_nonzero(same)} of {same.size + 1} samples, the first at {first:.4g} s"
+        yield REPEATED.reason("samples repeat the one before", figure=figure, origin=origin)
+
+
+# ---- What the spectrum of a channel shows of its instrument: hum of the mains, and a moving average -----------------
+# A moving average over T removes the frequencies k / T, of noise and of harmonics alike, so that its spectrum has lobes
+# between them. Neither the lag of a shock nor a filter with poles leaves such gaps.
+
+#: Frequencies of the mains [Hz], their tolerance, and the range around them in which nothing else is as large [Hz].
+MAINS, TOLERANCE, AROUND_MAINS = (50.0, 60.0), 0.3, 12.0
+#: Smallest amplitude of hum as a share of the channel's range, and as a multiple of anything around it.
+HUM_SHARE, HUM_RATIO = 2e-3, 4.0
+#: Lowest frequency at which hum is looked for, because the motion is below [Hz].
+LOWEST_HUM = 8.0
+#: Durations of a moving average that are looked for [s], and smallest depth of its gaps (logarithm of power).
+AVERAGES, DEPTH = (0.01, 0.12), 2.0
+#: Number of durations that are tried, and of gaps that are examined: 1 % of error shifts the last one by 8 %.
+CANDIDATES, GAPS = 250, 8
+#: Length of the segments of the spectrum in periods of the motion, and smallest one [s].
+PERIODS, SHORTEST_SEGMENT = 10.0, 4.0
+#: Smallest distance of the gaps in frequencies of the motion: the harmonics of a sine leave narrower ones as well.
+NARROWEST = 4.0
+#: Half width of a gap or of the top of a lobe, as a share of their distance; quantile that is noise between harmonics.
+WIDTH, FLOOR = 0.1, 0.25
+
+
+def spectrum_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
+    """Yield a reason for each channel with hum, and for a force that is a moving average.
+
+    Args:
+        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
+        measured: Names of the channels that were measured, not derived.
+        origin: Name of the record.
+    """
+    force, velocity, rate = series["force"], series["velocity"], series.sample_rate
+    for name in ("force", "velocity", "displacement"):
+        figure = _hum(series[name], rate) if name in measured else ""
+        if name == "force" and not figure:  # without harmonics of the motion
+            figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
+        if figure:
+            yield HUM.reason(f"the {name} has hum", figure=figure, origin=origin)
+    frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)
+    if seconds := _average(force, rate, frequency):
+        figure = f"a moving average over about {1e3 * seconds:.3g} ms"
+        yield SMOOTHED.reason("the force is smoothed", figure=figure, origin=origin)
+
+
+def _hum(values: Array, rate: float, span: float = 0.0) -> str:
+    """Return a figure if `values` (N,) have a line at the frequency of the mains or its alias; empty otherwise."""
+    window = np.hanning(values.size)
+    size = 2.0 * np.abs(np.fft.rfft(window * (values - values.mean()))) / window.sum()
+    frequency = np.fft.rfftfreq(values.size, 1.0 / rate)
+    step = float(frequency[1])
+    for mains in MAINS:
+        seen = abs(mains - rate * round(mains / rate))
+        if not LOWEST_HUM < seen < 0.48 * rate:
+            continue
+        distance = np.abs(frequency - seen)
+        line = distance <= max(TOLERANCE, 2.0 * step)
+        near = (distance <= AROUND_MAINS) & (distance > max(3.0 * TOLERANCE, 6.0 * step))
+        amplitude, share = float(size[line].max()), float(size[line].max()) / (span or float(np.ptp(values)))
+        if share >= HUM_SHARE and amplitude >= HUM_RATIO * float(size[near].max(initial=0.0)):
+            alias = "" if seen == mains else f" (seen at {seen:.3g} Hz)"
+            return f"{100.0 * share:.2g} % of its range at {mains:.0f} Hz{alias}"
+    return ""
+
+
+def _average(values: Array, rate: float, motion: float) -> float:
+    """Return the duration [s] of a moving average that made `values` (N,) of a motion [Hz]; 0 if none did."""
+    if values.size * motion < PERIODS * rate:  # the ends of a short record leave lobes
+        return 0.0
+    count = min(values.size - 1, round(max(SHORTEST_SEGMENT, PERIODS / motion) * rate))
+    level = _level(np.diff(values), count)
+    best, found = DEPTH, 0.0
+    shortest, longest = max(3.0, AVERAGES[0] * rate), AVERAGES[1] * rate
+    for samples in np.unique(np.round(np.geomspace(shortest, longest, CANDIDATES))).astype(int).tolist():
+        depth = _depth(level, count / samples)
+        if depth > best and rate / samples > NARROWEST * motion:
+            best, found = depth, samples / rate
+    return found
+
+
+def _level(values: Array, count: int) -> Array:
+    """Return the logarithm of the mean power of half overlapping segments of `count` of the values, in any unit."""
+    segments = np.lib.stride_tricks.sliding_window_view(values, count)[:: count - count // 2]
+    window = np.sin(np.pi * np.arange(count) / count) ** 2
+    spectra = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window)
+    return np.asarray(np.log(np.maximum(np.mean(np.abs(spectra) ** 2, axis=0), 1e-300)))
+
+
+def _depth(level: Array, spacing: float) -> float:
+    """Return the median depth of the gaps in a spectrum (N,) at the multiples of a frequency [steps]."""
+    half = max(WIDTH * spacing, 1.0)
+
+    def floor(place: float) -> float:
+        """Return the noise of the spectrum around a multiple of the frequency."""
+        part = level[int(np.ceil(place * spacing - half)) : int(place * spacing + half) + 1]
+        return float(np.sort(part)[int(FLOOR * part.size)])
+
+    last = (level.size - 1 - half) / spacing
+    depths = [
+        np.mean([floor(place) for place in (k - 0.5, k + 0.5) if place <= last]) - floor(k)
+        for k in range(1, min(GAPS, int(last)) + 1)
+    ]
+    return float(np.median(depths)) if len(depths) > 1 else 0.0

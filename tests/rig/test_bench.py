@@ -10,8 +10,8 @@ import pytest
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.rig import configuration
-from eightpost.rig.cycles import run_down
 from eightpost.rig.dynamometer import Specimen, drivefile_of
+from eightpost.rig.motion import run_down
 from eightpost.rig.post import LinearDamper
 from eightpost.rig.post.bench import Bench
 from eightpost.rig.post.shocks import shocks_named

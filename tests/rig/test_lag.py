@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.shock.lag import lag as first_order
-from eightpost.rig.lag import (
+from eightpost.rig.motion import (
     EARLIEST,
     LAG,
     LATEST,

@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test
-from eightpost.rig.dyno_columns import with_channels
+from eightpost.rig.columns import with_channels
 from eightpost.signals import ChannelMap, MappedChannel
 
 from .layouts import (

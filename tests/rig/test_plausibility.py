@@ -13,12 +13,10 @@ from scipy.signal import lfilter, welch
 from eightpost.errors import WrongSignError
 from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
-from eightpost.rig.cycles import run_down
-from eightpost.rig.force_spectrum import _level, spectrum_reasons
-from eightpost.rig.one_setting import setting_reasons
-from eightpost.rig.plausibility import rectified_force
-from eightpost.rig.rest_force import rest_force
-from eightpost.rig.stated_conventions import reversed_channels
+from eightpost.rig.dyno_conditions import reversed_channels
+from eightpost.rig.motion import run_down
+from eightpost.rig.one_setting import rest_force, setting_reasons
+from eightpost.rig.plausibility import _level, rectified_force, spectrum_reasons
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 

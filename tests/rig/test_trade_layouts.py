@@ -9,7 +9,7 @@ import scipy.io
 
 from eightpost import errors
 from eightpost.rig import read_dyno_test, read_dyno_tests
-from eightpost.rig.dyno_columns import with_channels
+from eightpost.rig.columns import with_channels
 from eightpost.signals import ChannelMap, MappedChannel
 
 from .layouts import COUNT, RATE, SI, F, T, V, X, cells, file_with, matlab, text

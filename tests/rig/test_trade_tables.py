@@ -8,7 +8,7 @@ from eightpost import errors
 from eightpost.__main__ import main
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig import read_peak_velocity
-from eightpost.rig.dyno_columns import with_channels
+from eightpost.rig.columns import with_channels
 from eightpost.shock import read_shock
 from eightpost.signals import ChannelMap, MappedChannel
 

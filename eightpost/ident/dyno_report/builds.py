@@ -17,7 +17,7 @@ from eightpost.ident.dyno_report.curve import Stroke, forces_at
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.found import Found, Unknown, known, mean_of
 from eightpost.ident.dyno_report.limits import Judgement, Limits, judgements
-from eightpost.rig.temperature import TemperatureEffect, temperature_effect
+from eightpost.rig.runs import TemperatureEffect, temperature_effect
 from eightpost.units import convert
 from eightpost.vehicle import QuarterCar, StructuralVehicle, read_vehicle
 

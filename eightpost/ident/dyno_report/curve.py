@@ -13,8 +13,8 @@ from scipy.optimize import minimize_scalar
 from eightpost.array_types import Array
 from eightpost.ident.dyno_report.cycles import Cycles
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.rig.cycles import SMALLEST, path_of, turning_points
-from eightpost.rig.peak_velocity_table import PeakVelocityTable
+from eightpost.rig.motion import SMALLEST, path_of, turning_points
+from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import valve_force
 from eightpost.signals import TimeSeries

@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.rig.cycles import SMALLEST, path_of, turning_points
+from eightpost.rig.motion import SMALLEST, path_of, turning_points
 from eightpost.signals import TimeSeries
 
 #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.

@@ -28,9 +28,9 @@ from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_ti
 from eightpost.ident.dyno_report.found import Found, Unknown
 from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.lag import force_lag
-from eightpost.rig.peak_velocity_table import PeakVelocityTable
-from eightpost.rig.temperature_drift import temperature_drift
+from eightpost.rig.motion import force_lag
+from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.rig.runs import temperature_drift
 from eightpost.shock import Shock, law_title
 from eightpost.signals import TimeSeries
 

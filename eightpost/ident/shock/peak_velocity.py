@@ -17,8 +17,7 @@ from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.monotone_points import MOST_POINTS, curve_through, held
 from eightpost.ident.shock.verdict import peak_velocity_validity
-from eightpost.rig.peak_velocity import GAS_SHARE, peak_velocity_tables
-from eightpost.rig.peak_velocity_table import PeakVelocityTable
+from eightpost.rig.peak_velocity import GAS_SHARE, PeakVelocityTable, peak_velocity_tables
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS
 from eightpost.signals import ChannelMap

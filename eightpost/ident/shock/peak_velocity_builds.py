@@ -14,8 +14,7 @@ from eightpost.ident.shock.between_builds import POINTS, BuildSpread, side_scale
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.ident.shock.gas import GasTreatment
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
-from eightpost.rig.peak_velocity import peak_velocity_tables
-from eightpost.rig.peak_velocity_table import PeakVelocityTable
+from eightpost.rig.peak_velocity import PeakVelocityTable, peak_velocity_tables
 from eightpost.shock import Shock
 from eightpost.signals import ChannelMap
 from eightpost.validity import judged

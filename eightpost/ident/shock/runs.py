@@ -16,7 +16,7 @@ from eightpost.ident.shock.lag import RowFilter
 from eightpost.ident.shock.record import Prepared, prepare
 from eightpost.ident.shock.stroke_range import strokes
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.temperature import SMALLEST_SPREAD
+from eightpost.rig.runs import SMALLEST_SPREAD
 
 #: Runs whose peak speeds and frequencies are within this factor have one motion.
 ONE_MOTION = 1.5

@@ -17,7 +17,7 @@ from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.stroke_range import ONE_FREQUENCY, StrokeRange
 from eightpost.ident.shock.uncertainty import quantile, standard_error
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.lag import force_lag
+from eightpost.rig.motion import force_lag
 from eightpost.rig.plausibility_rules import LATE
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity

@@ -13,8 +13,8 @@ from scipy.ndimage import label, uniform_filter1d
 from eightpost.ident.shock.record import refined_frequency, single_frequency
 from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
-from eightpost.rig.cycles import displacement_of
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.motion import displacement_of
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 

@@ -11,7 +11,7 @@ from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.record import CUTOFF, FILTER_EDGE, LARGEST_SHARE
 from eightpost.ident.validation.dyno_record import DynoRecord, frequency_of, moving_part
 from eightpost.ident.validation.evaluation import Predicted, Validation, evaluate
-from eightpost.rig.cycles import displacement_of
+from eightpost.rig.motion import displacement_of
 from eightpost.shock import Shock
 
 #: Share of the peak speed up to which the hysteresis is evaluated; at the peak itself the two branches meet.

@@ -6,7 +6,7 @@ import numpy as np
 
 from eightpost.corners import channel
 from eightpost.errors import UnknownUnitError
-from eightpost.rig.motion_channels import cause_of, slope_ratio
+from eightpost.rig.motion import cause_of, slope_ratio
 from eightpost.rig.plausibility import LOWEST_SAMPLING
 from eightpost.signals.faults import Origin
 from eightpost.signals.timeseries import TimeSeries

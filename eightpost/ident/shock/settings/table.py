@@ -13,10 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from eightpost import units
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError
 from eightpost.files import read_text
-from eightpost.rig.dyno_columns import with_channels
-from eightpost.rig.dyno_conditions import DynoConditions
+from eightpost.rig.columns import with_channels
+from eightpost.rig.dyno_conditions import UNITS, DynoConditions, numbers_in, setting_in
 from eightpost.rig.dyno_test import DynoTest, read_dyno_tests
-from eightpost.rig.file_name import UNITS, numbers_in, setting_in
 from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.shock import Axis
 from eightpost.shock.settings import TEMPERATURE
