@@ -22,9 +22,9 @@ from time import perf_counter
 import numpy as np
 
 from eightpost.corners import CORNERS
-from eightpost.ident.preparation.plausibility import Finding, record_findings, rules
-from eightpost.ident.preparation.plausibility.check import checked_channels, law_findings
-from eightpost.ident.preparation.plausibility.spectra import Spectra, spectra_of
+from eightpost.ident.preparation import plausibility_rules
+from eightpost.ident.preparation.mechanics import Spectra, spectra_of
+from eightpost.ident.preparation.plausibility import Finding, checked_channels, law_findings, record_findings
 from eightpost.rig.post import RigTest, flexible_truth, random_drive, run_test, stand_in_truth, track_drive
 from eightpost.rig.post.shocks import shocks_named
 from eightpost.signals import TimeSeries
@@ -122,10 +122,10 @@ class Fault:
 
 
 FAULTS = (
-    Fault("factor", scaled, rules.WRONG_SCALE, (1.3, 1.0 / 1.3), (1.2, 1.15, 1.1)),
-    Fault("delay", delayed, rules.WRONG_DELAY, (5.0, -5.0), (4.0, 3.0, 2.0), "ms"),
-    Fault("spikes", spiked, rules.SPIKES, (8.0,), (4.0, 2.0, 1.0), "sd"),
-    Fault("noise", disconnected, rules.DISCONNECTED, (1.0,), (), "sd"),
+    Fault("factor", scaled, plausibility_rules.WRONG_SCALE, (1.3, 1.0 / 1.3), (1.2, 1.15, 1.1)),
+    Fault("delay", delayed, plausibility_rules.WRONG_DELAY, (5.0, -5.0), (4.0, 3.0, 2.0), "ms"),
+    Fault("spikes", spiked, plausibility_rules.SPIKES, (8.0,), (4.0, 2.0, 1.0), "sd"),
+    Fault("noise", disconnected, plausibility_rules.DISCONNECTED, (1.0,), (), "sd"),
 )
 _FORCES, _LENGTHS = ("aero", "tire_force", "force"), ("road", "displacement", "aero_position", "height")
 
@@ -204,7 +204,7 @@ def swap_line(seeds: Sequence[int]) -> str:
         for seed in seeds:
             test = record(car, seed)
             bad = swapped(test.series, "lf" if seed % 2 else "lr")
-            found += [one.rule for one in record_findings(bad, test.corners)] == [rules.SWAPPED]
+            found += [one.rule for one in record_findings(bad, test.corners)] == [plausibility_rules.SWAPPED]
     return f"swapped pairs of an axle: named alone in {found} of {2 * len(seeds)} records"
 
 

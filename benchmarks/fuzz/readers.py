@@ -120,7 +120,7 @@ def _fit(path: Path) -> Any:
 
 
 def _preparation(path: Path) -> Any:
-    from eightpost.ident.preparation.preparation_file import read_preparation  # noqa: PLC0415
+    from eightpost.ident.preparation.preparation import read_preparation  # noqa: PLC0415
 
     return read_preparation(path)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from eightpost import units
 from eightpost.errors import FileFormatError, UnknownUnitError
 from eightpost.rig.columns import is_named
-from eightpost.signals.column_headers import letters_of
+from eightpost.signals.table_text import letters_of
 from eightpost.units import convert
 
 if TYPE_CHECKING:

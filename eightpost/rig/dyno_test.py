@@ -37,9 +37,8 @@ from eightpost.signals.channel_map import ChannelMap
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
-from eightpost.signals.raw_record import mapped_series
-from eightpost.signals.recording import Recording
-from eightpost.signals.time_axes import spread_evenly
+from eightpost.signals.raw_record import mapped_series, spread_evenly
+from eightpost.signals.timeseries import Recording
 from eightpost.verdict import Grade, Reason
 
 if TYPE_CHECKING:

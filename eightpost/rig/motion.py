@@ -18,7 +18,7 @@ from eightpost.signals.filters import lowpass, velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.verdict import Reason
 
-# ---- Path, turning points of half cycles, and where a steady sine ends ----------------------------------------------
+# ==== Path, turning points of half cycles, and where a steady sine ends ==============================================
 
 #: Half cycles are alike if stroke and duration are within this share of their medians.
 ALIKE = 0.1
@@ -101,7 +101,7 @@ def _is_usual(values: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(values / np.median(values) - 1.0) <= ALIKE)
 
 
-# ---- Delay of a channel behind another one, above all of the force behind the velocity ------------------------------
+# ==== Delay of a channel behind another one, above all of the force behind the velocity ==============================
 # The delay T is that with which a small model of the shock leaves the smallest residual,
 #
 #     min over T, f, K, F0 of  sum (F(t + T) - f(v) - K x - F0)^2,   K >= 0
@@ -318,7 +318,7 @@ def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
         yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lead}", origin=origin)
 
 
-# ---- Whether the measured velocity is the slope of the displacement: units, gain, lag, mean, samples ----------------
+# ==== Whether the measured velocity is the slope of the displacement: units, gain, lag, mean, samples ================
 
 #: Ratios of the slope of displacement to velocity that two contradictory units cause, and what causes them.
 RATIOS = {

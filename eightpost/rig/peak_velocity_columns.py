@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.errors import DataError, MissingChannelError, UnknownUnitError
 from eightpost.rig.columns import dyno_map, has_channels, is_command, is_named
-from eightpost.signals.column_headers import is_number, letters_of
 from eightpost.signals.faults import check_finite
+from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
 
 
-# ---- Columns named by the caller, a column per speed, damping rates and a knee --------------------------------------
+# ==== Columns named by the caller, a column per speed, damping rates and a knee ======================================
 
 _SIDE = {"side", "stroke", "direction", "phase"}
 #: Words for the strokes, in lower case.
@@ -171,7 +171,7 @@ def is_numeric(column: NDArray[np.generic]) -> bool:
     return column.dtype != object or all(is_number(str(cell)) for cell in column)
 
 
-# ---- A column per stroke or setting ---------------------------------------------------------------------------------
+# ==== A column per stroke or setting =================================================================================
 
 # ---- Names of columns -----------------------------------------------------------------------------------------------
 
@@ -463,7 +463,7 @@ def _without_mean(clicks: str) -> str:
     return " ".join(word for word in clicks.split() if word.lower() not in _MEANS)
 
 
-# ---- Static points from the loops of a continuous-velocity plot (CVP) without time ----------------------------------
+# ==== Static points from the loops of a continuous-velocity plot (CVP) without time ==================================
 
 #: Number of classes of speed on each side.
 CLASSES = 25

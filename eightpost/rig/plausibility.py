@@ -31,7 +31,7 @@ from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 from eightpost.verdict import Reason
 
-# ---- The checks of a record -----------------------------------------------------------------------------------------
+# ==== The checks of a record =========================================================================================
 # Every finding is a reason of the verdict (`eightpost.verdict`) with its figure and a remedy; `plausibility_rules` has
 # the table of all rules.
 
@@ -218,7 +218,7 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
                 yield CONTRADICTORY_UNITS.reason("the unit of the force is wrong", figure=figure, origin=origin)
 
 
-# ---- Faults in the samples: jumps, clipping, repeated samples -------------------------------------------------------
+# ==== Faults in the samples: jumps, clipping, repeated samples =======================================================
 
 #: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
@@ -295,7 +295,7 @@ def _repeated(series: TimeSeries, names: tuple[str, ...], origin: str) -> Iterat
         yield REPEATED.reason("samples repeat the one before", figure=figure, origin=origin)
 
 
-# ---- What the spectrum of a channel shows of its instrument: hum of the mains, and a moving average -----------------
+# ==== What the spectrum of a channel shows of its instrument: hum of the mains, and a moving average =================
 # A moving average over T removes the frequencies k / T, of noise and of harmonics alike, so that its spectrum has lobes
 # between them. Neither the lag of a shock nor a filter with poles leaves such gaps.
 

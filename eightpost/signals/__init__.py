@@ -7,8 +7,7 @@ from eightpost.signals.filters import derivative, lowpass, velocity_from_displac
 from eightpost.signals.formats import read_record, read_records, read_series, write_series
 from eightpost.signals.mat_file import write_mat
 from eightpost.signals.parquet_file import parquet_header, write_parquet
-from eightpost.signals.recording import Recording
-from eightpost.signals.timeseries import TimeSeries
+from eightpost.signals.timeseries import Recording, TimeSeries
 
 __all__ = [
     "ChannelMap",

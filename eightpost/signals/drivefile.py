@@ -12,7 +12,7 @@ from eightpost.array_types import Array
 from eightpost.display import Summary
 from eightpost.signals.faults import Origin, check_gaps
 from eightpost.signals.formats import read_series, write_series
-from eightpost.signals.recording import Recording
+from eightpost.signals.timeseries import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

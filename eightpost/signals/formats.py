@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
+from eightpost.signals.confined_files import read_mdf, read_spreadsheet, read_tdms
 from eightpost.signals.csv_file import read_delimited, write_csv
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
-from eightpost.signals.mdf_file import read_mdf
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
-from eightpost.signals.spreadsheet_file import read_spreadsheet
-from eightpost.signals.tdms_file import read_tdms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,7 +1,8 @@
-"""Time series: named channels on one time axis, in SI."""
+"""Time series: named channels on one time axis, in SI, and the base of objects whose content is one."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     import pandas as pd
     import xarray as xr
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
     from eightpost.report.pictures import Picture
 
+
+# ---- Time series ----------------------------------------------------------------------------------------------------
 
 #: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
 JITTER = 0.25
@@ -255,3 +258,54 @@ def _is_read_only(values: NDArray[Any]) -> bool:
             return False
         owner = owner.base
     return owner is None
+
+
+# ---- Base of objects with a time series: their display, and their channels as tables --------------------------------
+
+
+class Recording(Summarized):
+    """Object with channels over time, which a notebook shows in a few lines and turns into tables."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def series(self) -> TimeSeries:
+            """Channels over time."""
+
+    def _title(self) -> str:
+        """Return the title of a picture of the channels."""
+        return ""
+
+    def plot(
+        self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
+    ) -> Picture:
+        """Return a picture of channels over time.
+
+        Args:
+            channels: Names of the channels; default: the first twelve.
+            start: Start of the shown part [s]; default: so that a long recording shows its middle.
+            stop: End of the shown part [s].
+
+        Raises:
+            MissingChannelError: There is no such channel.
+            InputError: There is no sample between start and stop.
+        """
+        return self.series.plot(channels, start=start, stop=stop, title=self._title())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the channels, in SI, over the time [s]; units are in `attrs["units"]`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return self.series.to_pandas()
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the channels, in SI, over the coordinate `time` [s].
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        return self.series.to_xarray()

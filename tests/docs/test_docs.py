@@ -17,7 +17,7 @@ import pytest
 from cosim import system_file
 from eightpost.reproduce import inventory
 from eightpost.signals import ChannelMap, read_series
-from eightpost.signals.column_headers import split_header
+from eightpost.signals.table_text import split_header
 from eightpost.units import convert
 from eightpost.vehicle import QuarterCar, SevenDof
 

@@ -11,8 +11,8 @@ from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
-from eightpost.signals.column_headers import split_header
-from eightpost.signals.left_out_lines import is_cut_off
+from eightpost.signals.csv_file import is_cut_off
+from eightpost.signals.table_text import split_header
 from eightpost.units import convert
 
 from .layouts import (

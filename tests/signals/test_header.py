@@ -2,8 +2,7 @@
 
 import pytest
 
-from eightpost.signals.column_headers import split_header, units_row
-from eightpost.signals.text_cleaning import with_whole_headers
+from eightpost.signals.table_text import split_header, units_row, with_whole_headers
 
 
 @pytest.mark.parametrize(

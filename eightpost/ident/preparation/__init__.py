@@ -1,6 +1,5 @@
 """Preparation of recorded rig tests: checks, synchronisation, removal of means and decimation to a model's rate."""
 
-from eightpost.ident.preparation.decimation import Decimation
 from eightpost.ident.preparation.lags import (
     Lag,
     advance_channels,
@@ -10,8 +9,7 @@ from eightpost.ident.preparation.lags import (
     record_lags,
     time_lag,
 )
-from eightpost.ident.preparation.preparation import Preparation, Prepared, prepare
-from eightpost.ident.preparation.preparation_file import read_preparation
+from eightpost.ident.preparation.preparation import Decimation, Preparation, Prepared, prepare, read_preparation
 
 __all__ = [
     "Decimation",

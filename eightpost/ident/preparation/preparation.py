@@ -1,16 +1,20 @@
-"""Preparation of recorded rig tests for an identification (6.1.2, 6.4.1)."""
+"""Preparation of recorded rig tests for an identification (6.1.2, 6.4.1), and TOML files with its settings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import cheby1, sosfiltfilt
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.preparation.decimation import Decimation
+from eightpost.files import toml_content
 from eightpost.ident.preparation.lags import (
     SMALLEST_CORRELATION,
     Lag,
@@ -20,14 +24,183 @@ from eightpost.ident.preparation.lags import (
     drive_lag,
     record_lags,
 )
-from eightpost.ident.preparation.math_channels import math_channels
 from eightpost.ident.preparation.plausibility import Finding, record_findings
-from eightpost.ident.preparation.plausibility.rules import WRONG_DELAY
+from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY
 from eightpost.ident.threads import for_each
 from eightpost.rig.post.car import Geometry
+from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
+from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import convert, quantity
 from eightpost.verdict import Reason, listed
+
+# ==== Decimation to a model's rate (6.4.1) ===========================================================================
+
+#: Relative tolerance of a record's rate as a multiple of the model's, because loggers round time.
+_RATE_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Decimation:
+    """Decimation with an 8th-order Chebyshev type I low-pass, forward and backward, at 80 % of the Nyquist frequency.
+
+    Aliases in the band are 63 dB down. All channels pass the same filter, so that responses between them do not change.
+    """
+
+    rate: float = 125.0  #: New rate [Hz]; the dissertation's models have 125 Hz.
+    band: float = 0.8  #: Cut-off frequency as a fraction of the new Nyquist frequency [1].
+    order: int = 8  #: Order of the filter, which is run forward and backward.
+    #: Ripple in the pass band per pass [dB]. 6.4.1 does not give it; the default reduces amplitudes by at most 0.1 %.
+    ripple: float = 0.005
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not (np.isfinite(self.rate) and self.rate > 0.0 and 0.0 < self.band < 1.0):
+            raise ParameterError(f"{self}: rate must be above 0 Hz and band between 0 and 1")
+        if self.order < 1 or not self.ripple > 0.0:
+            raise ParameterError(f"{self}: order must be 1 or more and ripple above 0 dB")
+
+    @property
+    def cutoff(self) -> float:
+        """Upper end of the pass band [Hz]."""
+        return 0.5 * self.band * self.rate
+
+    def factor(self, rate: float) -> int:
+        """Return the ratio of `rate` [Hz] to the new rate.
+
+        Raises:
+            ParameterError: The rate is not a multiple of the new rate.
+        """
+        factor = max(1, round(rate / self.rate))
+        if abs(rate / (factor * self.rate) - 1.0) > _RATE_TOLERANCE:
+            near = sorted({max(1, int(rate / self.rate)) + step for step in (0, 1)})
+            offered = " or ".join(f"{rate / n:.6g}" for n in near)
+            raise ParameterError(
+                f"a record of {rate:.6g} Hz cannot be decimated to {self.rate:.6g} Hz because its rate is not a "
+                f"multiple of that; use a model rate of {offered} Hz, or export the record at a multiple"
+            )
+        return factor
+
+    def apply(self, values: Array, rate: float) -> Array:
+        """Return every n-th sample of the low-passed values; the values themselves if they are at the new rate.
+
+        Args:
+            values: Samples (..., N), with time last, preferably without mean.
+            rate: Sample rate of the values [Hz].
+        """
+        factor = self.factor(rate)
+        if factor == 1:
+            return values
+        sections = _sections(self, rate)
+        pad = min(values.shape[-1] - 1, 6 * self.order * factor)
+        return np.asarray(sosfiltfilt(sections, values, axis=-1, padlen=pad)[..., ::factor], dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _sections(decimation: Decimation, rate: float) -> Array:
+    """Return the filter's second-order sections (S, 6)."""
+    low, ripple = decimation.cutoff, decimation.ripple
+    return np.asarray(cheby1(decimation.order, ripple, low, fs=rate, output="sos"), dtype=np.float64)
+
+
+# ==== Math channels 45 to 62 of Table 6.1, computed from measured channels (6.1.2) ===================================
+
+#: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
+HIGHEST_CUTOFF = 0.4
+
+
+class MathChannels(NamedTuple):
+    """Computed channels (N,) by name, and descriptions of the steps, a sentence each.
+
+    It does not contain the whole record, because at full rate a copy takes hundreds of megabytes.
+    """
+
+    channels: Mapping[str, Array]
+    steps: tuple[str, ...] = ()
+
+
+def math_channels(
+    series: TimeSeries, corners: Sequence[str], *, pot_cutoff: float | None, geometry: Geometry | None
+) -> MathChannels:
+    """Compute the math channels of a rig record.
+
+    Args:
+        series: Rig record at its own rate.
+        corners: Names of its corners; one empty name for a quarter car.
+        pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the shock velocities [Hz]; None computes none.
+        geometry: Geometry of the rig for the aeroloaders' modes and the ride heights; None computes none.
+    """
+    channels: Mapping[str, Array] = {}
+    steps: tuple[str, ...] = ()
+    if pot_cutoff is not None:
+        channels, steps = _velocities_of(series, corners, pot_cutoff)
+    if geometry is not None:
+        modes, more = _modes_of(series, geometry)
+        channels, steps = {**channels, **modes}, (*steps, *more)
+    return MathChannels(channels, steps)
+
+
+def _velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) -> MathChannels:
+    """Compute the shock velocities from the potentiometers: low-pass, central differences (6.1.2).
+
+    A corner without a potentiometer keeps its own velocity. Central differences return `sin(x) / x` of the true
+    velocity with `x = 2 pi f / rate`: 0.4 % low at 30 Hz for a rate of 1250 Hz. They are therefore computed before a
+    record is decimated.
+
+    Args:
+        series: Rig record at its own rate.
+        corners: Names of its corners; one empty name for a quarter car.
+        cutoff: Cut-off frequency of the low-pass [Hz], at most 0.4 of the sample rate.
+    """
+    rate = series.sample_rate
+    cutoff = min(cutoff, HIGHEST_CUTOFF * rate)
+    pots = {channel(corner, "velocity"): channel(corner, "displacement") for corner in corners}
+    pots = {velocity: pot for velocity, pot in pots.items() if pot in series}
+    if not pots:
+        return MathChannels({})
+    velocities = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
+    low = 100.0 * (1.0 - float(np.sinc(2.0 * 20.0 / rate)))
+    names = ", ".join(velocities)
+    step = f"{names} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
+    return MathChannels(velocities, (step,))
+
+
+def _modes_of(series: TimeSeries, geometry: Geometry) -> MathChannels:
+    """Compute the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, if the record has the channels for them.
+
+    Args:
+        series: Rig record of a car with four aeroloaders.
+        geometry: Positions of the aeroloaders and of the points where ride heights are defined [m].
+    """
+    steps: list[str] = []
+    channels: dict[str, Array] = {}
+    heights, loads, roads = (_corners(series, quantity) for quantity in ("aero_position", "aero", "road"))
+    if heights is not None:
+        modes = displacement_modes(geometry) @ heights
+        channels |= {f"aero.{mode}": row for mode, row in zip(MODES, modes, strict=True)}
+        steps.append("aeroloaders' heave, pitch, roll and warp from their positions (Eq 6.1)")
+        if roads is not None:
+            nose, spoiler = ride_heights(modes[0], modes[1], roads, geometry)
+            channels |= {"front.ride_height": nose, "rear.ride_height": spoiler}
+            steps.append("ride heights from heave, pitch and the wheelloaders' plane (6.1.2)")
+    if loads is not None:
+        channels |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
+        steps.append("aeroloaders' modal forces from their load cells, positive upward (Eq 6.2)")
+    return MathChannels(channels, tuple(steps))
+
+
+#: Channels 49 to 52.
+_MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")
+
+
+def _corners(series: TimeSeries, quantity: str) -> Array | None:
+    """Return a quantity at lf, rf, lr, rr (4, N); None if a corner lacks it."""
+    names = [f"{corner}.{quantity}" for corner in CORNERS]
+    return np.stack([series[name] for name in names]) if all(name in series for name in names) else None
+
+
+# ==== Preparation ====================================================================================================
 
 # ---- Prepared records, with descriptions of their preparation -------------------------------------------------------
 
@@ -305,3 +478,87 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
     names, findings = [single.name for single in singles], [single.findings for single in singles]
     notes += [f"{listed(places)}: {finding}" for finding, places in _places(names, findings)]
     return tuple(notes)
+
+
+# ==== Files with settings ============================================================================================
+
+_KEYS = ("rate", "pot_cutoff", "settling", "same_start", "mass", "delays", "geometry")
+#: Value of `pot_cutoff` that keeps the records' own velocities.
+_OWN = "own"
+
+
+def read_preparation(path: str | Path) -> Preparation:
+    """Read the settings of a preparation from a TOML file; missing keys take the defaults of `Preparation`.
+
+    Every number needs a unit::
+
+        rate = "125 Hz"
+        pot_cutoff = "50 Hz"        # or "own": keep the records' velocities
+        settling = "2 s"
+        same_start = "lf.road"
+        mass = "1400 kg"
+
+        [delays]
+        "lf.force" = "4.2 ms"
+
+        [geometry]                  # complete, or omit the table
+        front_axle = "60 in"
+
+    Raises:
+        FileFormatError: The file does not exist or is not TOML.
+        ParameterError: A key or a value is invalid.
+    """
+    path = Path(path)
+    content = toml_content(path)
+    _check_keys(path, content, _KEYS, "")
+    given: dict[str, Any] = {}
+    rate = _si(path, "rate", content["rate"], "Hz") if "rate" in content else None
+    if "pot_cutoff" in content:
+        own = content["pot_cutoff"] == _OWN
+        given["pot_cutoff"] = None if own else _si(path, "pot_cutoff", content["pot_cutoff"], "Hz")
+    if "settling" in content:
+        given["settling"] = _si(path, "settling", content["settling"], "s")
+    if "mass" in content:
+        given["mass"] = _si(path, "mass", content["mass"], "kg")
+    if "same_start" in content:
+        given["same_start"] = str(content["same_start"])
+    delays = _table(path, content, "delays")
+    given["delays"] = {name: _si(path, f"delays.{name}", value, "s") for name, value in delays.items()}
+    if "geometry" in content:
+        given["geometry"] = _geometry(path, _table(path, content, "geometry"))
+    try:
+        if rate is not None:
+            given["decimation"] = Decimation(rate)
+        return Preparation(**given)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
+
+
+def _geometry(path: Path, table: Mapping[str, Any]) -> Geometry:
+    names = tuple(declared.name for declared in fields(Geometry))
+    _check_keys(path, table, names, "geometry.")
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise ParameterError(f"{path}: [geometry] lacks {', '.join(missing)}; add them, e.g. {missing[0]} = '60 in'")
+    return Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
+
+
+def _check_keys(path: Path, table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ParameterError(f"{path}: unknown key {where + key!r}; the known keys are {', '.join(known)}")
+
+
+def _table(path: Path, content: Mapping[str, Any], key: str) -> dict[str, Any]:
+    table = content.get(key, {})
+    if not isinstance(table, dict):
+        raise ParameterError(f"{path}: {key!r} must be a table, [{key}], not {table!r}")
+    return table
+
+
+def _si(path: Path, key: str, value: object, unit: str) -> float:
+    try:
+        number, given = quantity(str(value))
+        return float(convert(number, given, unit))
+    except InputError as error:
+        raise ParameterError(f"{path}: {key!r} is {value!r}; write a number with a unit of {unit}: {error}") from error

@@ -22,7 +22,7 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
 from eightpost.signals.raw_record import find_time, map_beside, mapped_series
-from eightpost.signals.recording import Recording
+from eightpost.signals.timeseries import Recording
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord

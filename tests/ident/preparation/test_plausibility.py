@@ -13,10 +13,9 @@ from scipy.stats import norm, t
 
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
-from eightpost.ident.preparation.plausibility import Finding, record_findings
-from eightpost.ident.preparation.plausibility.faults import findings_of
-from eightpost.ident.preparation.plausibility.laws import SIGNIFICANT, Comparison, Kind, few_blocks_factor
-from eightpost.ident.preparation.plausibility.rules import (
+from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, few_blocks_factor
+from eightpost.ident.preparation.plausibility import Finding, findings_of, record_findings
+from eightpost.ident.preparation.plausibility_rules import (
     CLIPPED,
     DISCONNECTED,
     SPIKES,
@@ -24,8 +23,9 @@ from eightpost.ident.preparation.plausibility.rules import (
     WRONG_DELAY,
     WRONG_SCALE,
     WRONG_SIGN,
+    clipped,
+    spikes,
 )
-from eightpost.ident.preparation.plausibility.samples import clipped, spikes
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigTest, flexible_truth, run_test, track_drive
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle

@@ -13,7 +13,7 @@ from eightpost.errors import FileFormatError, MissingUnitError
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import read_shock
 from eightpost.signals import read_record
-from eightpost.signals.column_headers import letters_of
+from eightpost.signals.table_text import letters_of
 
 #: Names of the columns of a curve, in lower case letters.
 _COLUMNS = {

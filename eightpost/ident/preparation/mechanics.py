@@ -1,22 +1,191 @@
-"""Laws of mechanics that relate the channels of a rig record, whatever the car, drive and setup.
-
-Each law yields comparisons: figures that are zero in a sound record of a usual car. A figure is the logarithm of a
-ratio or a time [s], computed from the coefficients c (..., P) of a regression.
-"""
+"""Laws of mechanics that relate the channels of a rig record, whatever the car, drive and setup."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from eightpost.array_types import Array
-from eightpost.corners import channel
-from eightpost.ident.preparation.plausibility.spectra import AXLES, DIRECTION, TWIST, Regression, Spectra, Spectrum
+from eightpost.corners import CORNERS, channel
+from eightpost.signals.timeseries import TimeSeries
+
+# ==== Short-time spectra of a record, and linear laws with real coefficients estimated from them =====================
+
+SEGMENT = 4.0  # length of a segment [s]; segments overlap by half
+FEWEST, MOST = 6, 60  # segments: shorter records are not checked; in longer ones they are spread over the record
+BAND = (0.7, 15.0)  # of all laws [Hz], ...
+HIGHEST = 0.08  # ... at most this share of the sample rate: above, central differences are 4 % low
+LEAK = 0.1  # share of what a law leaves unexplained that may depend on the inputs
+BLOCKS = 16  # largest number of blocks that the jackknife leaves out in turn; a short record has one per segment
+
+#: Directions of a shock's velocity, and of the difference of those left and right (with the left corner as prefix), on
+#: which friction along the shock and in an anti-roll bar depend; velocity of the transition between them [RMS].
+DIRECTION, TWIST, SLOW = "direction", "twist_direction", 0.1
+
+AXLES = (CORNERS[:2], CORNERS[2:])  # left and right corner
+
+Spectrum = NDArray[np.complex128]
+Term = tuple[str, int]  # a channel and the order of its derivative
+
+
+class Regression(NamedTuple):
+    """Coefficients of a linear law."""
+
+    values: Array  #: (P,)
+    samples: Array  #: (B, P), without each of B blocks of the record
+    biased: Array  #: (P, P), moved along each of P independent directions by what the law leaves unexplained
+    explained: float  #: share of the weighted variance [1]
+
+    def figure(self, of: Callable[[Array], Array]) -> tuple[float, float, float]:
+        """Return a figure computed from coefficients (..., P), its jackknife standard deviation, and its bias.
+
+        The bias is the standard deviation if what the law does not explain (friction, flexibility) is not noise but
+        depends on the inputs, as if the record had only 1 / `LEAK`^2 independent samples.
+        """
+        value, numbers = float(of(np.atleast_2d(self.values))[0]), of(self.samples)
+        share = (len(numbers) - 1) / len(numbers)
+        deviation = float(np.sqrt(share * np.sum((numbers - numbers.mean()) ** 2)))
+        return value, deviation, float(np.linalg.norm(of(self.biased) - value))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Spectra of the channels of a record; a search for faults corrects, exchanges and leaves out some of them."""
+
+    frequencies: NDArray[np.float64]  #: (F,) [Hz]
+    rows: Mapping[str, Spectrum]  #: (S, F) of S segments, by channel
+    left_out: frozenset[str] = frozenset()
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether a channel is known."""
+        return name in self.rows
+
+    def has(self, names: Iterable[str]) -> bool:
+        """Return whether all channels are known."""
+        return all(name in self.rows for name in names)
+
+    def size(self, name: str) -> float:
+        """Return the norm of a channel; 0 if it is not known."""
+        return float(np.linalg.norm(self.rows[name])) if name in self.rows else 0.0
+
+    def derivative(self, name: str, order: int = 0) -> Spectrum:
+        """Return the spectra (S, F) of a channel's derivative of a given order."""
+        return self.rows[name] if order == 0 else self.rows[name] * (2j * np.pi * self.frequencies) ** order
+
+    def corrected(self, names: Iterable[str], *, gain: float = 1.0, delay: float = 0.0) -> Spectra:
+        """Return the spectra with channels (and directions) divided by a gain and advanced by a delay [s]."""
+        names = [one for name in names for one in (name, _direction(name)) if one in self.rows]
+        turn = np.exp(2j * np.pi * self.frequencies * delay)
+        factors = {name: turn * np.sign(gain) if name.endswith(DIRECTION) else turn / gain for name in names}
+        return replace(self, rows={**self.rows, **{name: self.rows[name] * f for name, f in factors.items()}})
+
+    def exchanged(self, one: str, two: str) -> Spectra:
+        """Return the spectra with two channels exchanged; directions with velocities."""
+        rows = {**self.rows, one: self.rows[two], two: self.rows[one]}
+        if (first := _direction(one)) != one:
+            rows |= {first: self.rows[_direction(two)], _direction(two): self.rows[first]}
+        return replace(self, rows=rows)
+
+    def without(self, names: Iterable[str]) -> Spectra:
+        """Return the spectra without some channels."""
+        left_out = {one for name in names for one in (name, _direction(name))} | self.left_out
+        return replace(
+            self, rows={n: row for n, row in self.rows.items() if n not in left_out}, left_out=frozenset(left_out)
+        )
+
+    def fit(self, output: Term, inputs: Sequence[Term], high: float | None = None) -> Regression | None:
+        """Return the coefficients of a derivative of one channel on those of others up to a frequency [Hz].
+
+        Returns:
+            None if a channel is missing, the output is zero, or the inputs do not determine the coefficients.
+        """
+        if not self.has(name for name, _ in (output, *inputs)):
+            return None
+        return self.regress(self.derivative(*output), [self.derivative(*term) for term in inputs], high)
+
+    def regress(self, output: Spectrum, inputs: Sequence[Spectrum], high: float | None = None) -> Regression | None:
+        """Return the real c that minimise |w (y - sum_p c_p x_p)|^2, with 1 / w(f)^2 = S_y(f) + mean S_y.
+
+        Frequencies at which y is weak get little weight, because noise dominates there.
+        """
+        used = slice(None) if high is None else self.frequencies <= high
+        y = output[:, used]
+        power = np.mean(np.abs(y) ** 2, axis=0)
+        if not power.any():
+            return None
+        level = np.sqrt(power + power.mean())
+        rows = np.stack([x[:, used] / level for x in inputs])
+        scales = np.sqrt(np.mean(np.abs(rows) ** 2, axis=(1, 2)))
+        if not scales.all():
+            return None
+        starts = np.linspace(0, len(y), min(BLOCKS, len(y)), endpoint=False).astype(int)
+        x = (rows / scales[:, None, None]).transpose(1, 0, 2)
+        target = (y / level)[:, :, None]
+        grams = np.add.reduceat((x.conj() @ x.transpose(0, 2, 1)).real, starts)
+        rights = np.add.reduceat((x.conj() @ target).real, starts)
+        gram, right, energy = grams.sum(axis=0), rights.sum(axis=0), float(np.vdot(target, target).real)
+        if np.linalg.cond(gram) > 1e10:
+            return None
+        values = np.linalg.solve(gram, right)[:, 0]
+        try:
+            samples = np.linalg.solve(gram - grams, right - rights)[:, :, 0]
+        except np.linalg.LinAlgError:
+            return None
+        left = max(0.0, energy - float(values @ right[:, 0]))
+        biased = values + LEAK * np.sqrt(left) * np.linalg.inv(np.linalg.cholesky(gram))
+        return Regression(values / scales, samples / scales, biased / scales, 1.0 - left / energy)
+
+
+def spectra_of(series: TimeSeries) -> Spectra | None:
+    """Return the spectra of a record; None if it is too short."""
+    rate = series.sample_rate
+    size = round(SEGMENT * rate)
+    starts = np.arange(0, len(series) - size + 1, max(1, size // 2))
+    if starts.size < FEWEST:
+        return None
+    if starts.size > MOST:
+        starts = starts[np.linspace(0, starts.size - 1, MOST).astype(int)]
+    lines = np.fft.rfftfreq(size, 1.0 / rate)
+    used = (lines >= BAND[0]) & (lines <= min(BAND[1], HIGHEST * rate))
+    window = np.hanning(size)
+
+    def segments(values: Array) -> Array:
+        return np.stack([values[start : start + size] for start in starts])
+
+    def transformed(cut: Array) -> Spectrum:
+        return np.asarray(np.fft.rfft(window * cut, axis=1)[:, used])
+
+    rows = {}
+    for name, values in zip(series.names, series.values, strict=True):
+        cut = segments(values)
+        rows[name] = transformed(cut - cut.mean(axis=1, keepdims=True))
+    own = {name.removesuffix("velocity"): series[name] for name in series.names if _quantity(name) == "velocity"}
+    slopes = {f"{place}{DIRECTION}": velocity for place, velocity in own.items()}
+    for left, right in AXLES:
+        if f"{left}." in own and f"{right}." in own:
+            slopes[channel(left, TWIST)] = own[f"{left}."] - own[f"{right}."]
+    rows |= {name: transformed(np.tanh(segments(v) / (SLOW * v.std() or 1.0))) for name, v in slopes.items()}
+    return Spectra(np.asarray(lines[used], dtype=np.float64), rows)
+
+
+def _direction(name: str) -> str:
+    return f"{name.removesuffix('velocity')}{DIRECTION}" if name.endswith("velocity") else name
+
+
+def _quantity(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+# ==== The laws =======================================================================================================
+# Each law yields comparisons: figures that are zero in a sound record of a usual car. A figure is the logarithm of a
+# ratio or a time [s], computed from the coefficients c (..., P) of a regression.
 
 SIGNIFICANT = 4.0  # standard deviations above which a comparison is violated
 SMALLEST = 0.01  # ratio that is distinguished from zero or a wrong sign

@@ -1,16 +1,118 @@
-"""Faults of single channels that their samples show: spikes, dropouts, clipping."""
+"""Findings about the channels of a rig record: their rules, their text, and faults that single channels show."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.preparation.lags import longest_hold, others_move
-from eightpost.ident.preparation.plausibility.rules import CLIPPED, SPIKES, Finding, found
 from eightpost.signals.timeseries import TimeSeries
+from eightpost.units import convert
+from eightpost.verdict import Grade, Reason, Rule, Rules
+
+# ==== Findings, the rules of the verdict that they break, and their text =============================================
+
+ABOUT = "rig record"
+
+RULES = Rules()
+
+WRONG_SCALE = RULES.add("a channel has the wrong scale", ABOUT, Grade.NOT_USABLE,
+    condition="the gain of one channel, or of one quantity at all corners, explains why laws of mechanics are violated "
+    "by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
+    why="responses with this channel are wrong by the same factor, and shock forces that do not match the tire forces "
+    "become false stiffness and damping",
+    remedy="check its calibration and its unit",
+)  # fmt: skip
+WRONG_SIGN = RULES.add("a channel has the wrong sign", ABOUT, Grade.NOT_USABLE,
+    condition="a ratio of a law of mechanics is negative, and reversing this channel removes most violations of its "
+    "laws (docs/how_to/rig_data.md)",
+    why="responses with this channel have a false phase of 180 degrees",
+    remedy="set gain = -1 in the channel map, or pass --flip with the channel",
+)  # fmt: skip
+WRONG_DELAY = RULES.add("a channel is out of step", ABOUT, Grade.NOT_USABLE,
+    condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are "
+    "violated by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
+    why="a delay of 5 ms is a phase of 27 degrees at 15 Hz",
+    remedy="correct it with delays (docs/how_to/rig_data.md)",
+)  # fmt: skip
+SWAPPED = RULES.add("channels of two corners are swapped", ABOUT, Grade.NOT_USABLE,
+    condition="the laws of two corners explain their channels with an exchange of one quantity, and not without",
+    why="the ports of the vehicle would be at the wrong corners",
+    remedy="exchange the columns in the channel map",
+)  # fmt: skip
+DISCONNECTED = RULES.add("a channel is disconnected", ABOUT, Grade.NOT_USABLE,
+    condition="the other channels explain less than 30 % of a channel's power from 0.7 to 15 Hz, and they explain most "
+    "channels well",
+    why="noise in an input hides the response to it; noise in an output has no response",
+    remedy="check its cable and connector, or remove it from the channel map",
+)  # fmt: skip
+CLIPPED = RULES.add("a channel is clipped", ABOUT, Grade.NOT_USABLE,
+    condition="at least 0.35 % of the samples of a broadband record, in four separate peaks or more, are within 0.04 "
+    "standard deviations of the highest or lowest value",
+    why="clipped peaks are a nonlinearity that no vehicle has",
+    remedy="record again with a larger range, or with a smaller drive",
+)  # fmt: skip
+SPIKES = RULES.add("a channel has spikes or dropouts", ABOUT, Grade.UNKNOWN,
+    condition="samples deviate from their neighbours by 12 times the usual deviation and by half the channel's "
+    "standard deviation (accelerations: three), or repeat one value for 20 ms, while no other channel does",
+    why="a few spikes of 8 standard deviations add as much power as 1 % of noise; bumps are seen by several channels",
+    remedy="check its connector, and cut out this part of the record",
+)  # fmt: skip
+CONTRADICTION = RULES.add("channels contradict each other", ABOUT, Grade.UNKNOWN,
+    condition="a law of mechanics is violated, but no single channel explains it",
+    why="one of the channels of the law is wrong, or the car has a part that the law does not describe",
+    remedy="check the calibration and the units of these channels",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault that the laws of mechanics show: what is wrong with some channels, and what to do."""
+
+    rule: Rule
+    channels: tuple[str, ...]
+    text: str  #: a clause: channel, figure and limit
+    remedy: str
+
+    def reason(self, origin: str) -> Reason:
+        """Return the finding as a reason of a verdict; `origin` is the name of the record."""
+        return self.rule.reason(self.rule.name, figure=self.text, origin=origin, remedy=self.remedy)
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.remedy}"
+
+
+def found(rule: Rule, channels: tuple[str, ...], text: str, remedy: str = "") -> Finding:
+    """Return a finding; the rule's remedy is the default one."""
+    return Finding(rule, channels, text, remedy or rule.remedy)
+
+
+#: Units (of a column, in which it is read) that a gain betrays within a tolerance, by kind of quantity.
+UNIT_TOLERANCE = 0.08
+_UNITS = {
+    "force": [("N", "lbf"), ("lbf", "N"), ("N", "kN"), ("kN", "N")],
+    "acceleration": [("m/s2", "g_0"), ("g_0", "m/s2")],
+    "length": [("mm", "in"), ("in", "mm"), ("mm", "m"), ("m", "mm")],
+    "velocity": [("mm/s", "in/s"), ("in/s", "mm/s"), ("mm/s", "m/s"), ("m/s", "mm/s")],
+}
+_FORCES = ("tire_force", "force", "aero", "aero_force", "heave_force")
+
+
+def unit_remedy(channel: str, gain: float) -> str:
+    """Return advice on a channel with a wrong gain: its unit, if the gain is the ratio of two."""
+    quantity = channel.rpartition(".")[2].removesuffix("_command")
+    kind = "force" if quantity in _FORCES else "acceleration" if quantity.endswith("acceleration") else "length"
+    for own, read in _UNITS["velocity" if quantity == "velocity" else kind]:
+        if abs(gain / convert(1.0, read, own) - 1.0) < UNIT_TOLERANCE:
+            return f"its unit is probably {own}, but it is read as {read}; give unit = '{own}' in the channel map"
+    return WRONG_SCALE.remedy
+
+
+# ==== Faults that the samples of one channel show: spikes, dropouts, clipping ========================================
 
 FACTOR = 12.0  # deviation of a spike from its neighbours, of the usual one, ...
 SHARE, SHARE_OF_ACCELERATION = 0.5, 3.0  # ... and of the standard deviation; friction makes steps of accelerations
