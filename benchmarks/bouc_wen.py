@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from eightpost.ident.shock.record import Prepared, prepare
+from eightpost.ident.shock.runs import Prepared, prepare
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 

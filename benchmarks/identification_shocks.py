@@ -11,7 +11,7 @@ from platformdirs import user_cache_path
 
 from eightpost import __version__
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.options import LawName
+from eightpost.ident.shock.law_fit import LawName
 from eightpost.rig import (
     BUILDS,
     Actuator,

@@ -28,7 +28,7 @@ from benchmarks.shock_records import Case, Segment, measured_runs
 from benchmarks.shock_rows import FitErrors, attempt
 from benchmarks.shock_tables import grid
 from benchmarks.table import number
-from eightpost.ident.shock.options import DEFAULT_LAW
+from eightpost.ident.shock.law_fit import DEFAULT_LAW
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig import DynoTest
 from eightpost.shock import LAWS, law_title

@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.bouc_wen import fit_bouc_wen, predict
 from benchmarks.shock_records import BOUC_WEN, Case, configurations, measured
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.options import RecipeName
-from eightpost.ident.shock.record import prepare
+from eightpost.ident.shock.law_fit import RecipeName
+from eightpost.ident.shock.runs import prepare
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 
 Row = dict[str, Any]

@@ -23,8 +23,7 @@ from eightpost.ident.dyno_report.entry import entry_of_shock
 from eightpost.ident.dyno_report.verdict import report_verdict
 from eightpost.ident.exports.export import export
 from eightpost.ident.exports.shock_table import shock_table
-from eightpost.ident.validation.shock_verdict import shock_verdict
-from eightpost.ident.validation.shocks import ShockValidation
+from eightpost.ident.validation.shocks import ShockValidation, shock_verdict
 from eightpost.judged import digest_of, edits_in
 from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters

@@ -18,7 +18,7 @@ from benchmarks.printed_shocks import CONFIGURATIONS, TABLE_3_4
 from benchmarks.shock_records import BOUC_WEN, Case
 from benchmarks.shock_rows import FIGURES, Bench, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
-from eightpost.ident.shock.record import prepare
+from eightpost.ident.shock.runs import prepare
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries
 

@@ -33,8 +33,7 @@ from benchmarks.verdicts.final_kinds import FINAL
 from benchmarks.verdicts.kinds import CHECK, TUNE
 from benchmarks.verdicts.measured import LAST_THIRD, measured, part, whole
 from eightpost.ident import ShockFit, evaluate, fit_shock
-from eightpost.ident.shock.record import prepare
-from eightpost.ident.shock.stroke_range import StrokeRange, strokes
+from eightpost.ident.shock.runs import StrokeRange, prepare, strokes
 from eightpost.rig import DynoTest
 from eightpost.verdict import ORDER
 

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from eightpost.ident.dyno_report.builds import dyno_report
+from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries, read_limits
 from eightpost.ident.dyno_report.page import write_report
-from eightpost.ident.dyno_report.reading import Reading, read_entries, read_limits
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eightpost.ident import fit_shock
-from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.records import dyno_record
 from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
 from eightpost.signals import Drivefile, TimeSeries

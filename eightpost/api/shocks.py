@@ -12,8 +12,8 @@ from eightpost.errors import InputError, check_number
 if TYPE_CHECKING:
     from builder.build import Built
     from eightpost.ident import ShockFit
-    from eightpost.ident.shock.gas import GasTreatment
-    from eightpost.ident.shock.options import LawName, RecipeName
+    from eightpost.ident.shock.force import GasTreatment
+    from eightpost.ident.shock.law_fit import LawName, RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.ident.vehicle import VehicleFit
     from eightpost.progress import Progress

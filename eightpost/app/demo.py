@@ -25,7 +25,7 @@ from eightpost.workers.process import usable_processors
 if TYPE_CHECKING:
     import cosim
     from eightpost.ident import ShockFit
-    from eightpost.ident.shock.options import LawName
+    from eightpost.ident.shock.law_fit import LawName
     from eightpost.rig import DynoTest
 
 _SYNTHETIC = "(synthetic data)"

@@ -18,8 +18,8 @@ from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
-    from eightpost.ident.shock.gas import GasTreatment
-    from eightpost.ident.shock.options import RecipeName
+    from eightpost.ident.shock.force import GasTreatment
+    from eightpost.ident.shock.law_fit import RecipeName
     from eightpost.ident.shock.robust import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.signals import ChannelMap
@@ -108,8 +108,7 @@ def fit(  # one parameter per option
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
     from eightpost.ident import fit_shock
-    from eightpost.ident.shock.peak_velocity import tables_in
-    from eightpost.ident.shock.peak_velocity_builds import builds_in
+    from eightpost.ident.shock.peak_velocity import builds_in, tables_in
     from eightpost.rig import DynoConditions
     from eightpost.rig.columns import with_channels
     from eightpost.shock import write_shock
@@ -212,7 +211,7 @@ def _fit_builds(
 ) -> Verdict:
     """Fit the mean of the peak-velocity tables of several builds, and print the spread between them."""
     from eightpost.app.show import show_verdict
-    from eightpost.ident.shock.peak_velocity_builds import fit_builds
+    from eightpost.ident.shock.peak_velocity import fit_builds
     from eightpost.shock import write_shock
 
     shock, spread = fit_builds(tables, name=name, gas=gas)

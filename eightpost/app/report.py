@@ -16,9 +16,8 @@ from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
     from eightpost.array_types import Array
-    from eightpost.ident.dyno_report.builds import CarCorner
+    from eightpost.ident.dyno_report.builds import CarCorner, Reading
     from eightpost.ident.dyno_report.entry import Entry
-    from eightpost.ident.dyno_report.reading import Reading
     from eightpost.signals import ChannelMap
 
 
@@ -113,9 +112,8 @@ def report(  # one parameter per option
       eightpost report day.csv --split --build day.csv='front 3' --speed '5 in/s' --speed '10 in/s'
     """
     from eightpost.app.show import show_verdict
-    from eightpost.ident.dyno_report.builds import dyno_report
+    from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
     from eightpost.ident.dyno_report.page import write_report
-    from eightpost.ident.dyno_report.reading import Reading, read_limits
     from eightpost.ident.dyno_report.verdict import report_verdict
     from eightpost.rig.columns import with_channels
 
@@ -174,7 +172,7 @@ def _tolerances(texts: Sequence[str], limits: Path | None) -> list[tuple[float, 
 
 def _tracks(words: Sequence[str]) -> dict[str, Array]:
     """Return the velocities of the shaft [m/s] of track files, by name."""
-    from eightpost.ident.dyno_report.reading import read_track
+    from eightpost.ident.dyno_report.builds import read_track
 
     found = {}
     for word in words:
@@ -199,7 +197,7 @@ def _corners(
 
 def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:
     from eightpost.app.progress import bar
-    from eightpost.ident.dyno_report.reading import read_entries
+    from eightpost.ident.dyno_report.builds import read_entries
 
     with bar(console, "reading", len(files)) as advance:
         return read_entries(files, reading, advance=advance)

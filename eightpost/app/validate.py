@@ -26,7 +26,7 @@ from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
-    from eightpost.ident.validation.record import Record
+    from eightpost.ident.validation.records import Record
     from eightpost.report.tables import ResultTable
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
@@ -106,7 +106,7 @@ def validate(  # one parameter per option
       eightpost validate vehicle.json rig/*.parquet --report car.html
       eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json --report car.html
     """
-    from eightpost.ident.validation.record import is_vehicle, models_and_records
+    from eightpost.ident.validation.records import is_vehicle, models_and_records
 
     console = Console()
     models, records = models_and_records(paths)
@@ -194,11 +194,9 @@ def _validate_shocks(
     segment: tuple[float, float] | None,
 ) -> Verdict:
     """Validate shocks, print the tables, write the report, and return the verdict."""
-    from eightpost.ident.validation.dyno_record import dyno_record
-    from eightpost.ident.validation.record import KINDS
+    from eightpost.ident.validation.records import KINDS, dyno_record
     from eightpost.ident.validation.shock_tables import terminal_tables
-    from eightpost.ident.validation.shock_verdict import keep_verdicts, notes_on, shock_verdict
-    from eightpost.ident.validation.shocks import validate_shocks
+    from eightpost.ident.validation.shocks import keep_verdicts, notes_on, shock_verdict, validate_shocks
     from eightpost.rig import read_dyno_test
     from eightpost.shock import read_shock
 
@@ -227,10 +225,9 @@ def _validate_vehicle(
     settling: float,
 ) -> Verdict:  # fmt: skip
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
-    from eightpost.ident.validation.rig_record import rig_record
+    from eightpost.ident.validation.records import rig_record
     from eightpost.ident.validation.vehicle_tables import terminal_tables
-    from eightpost.ident.validation.vehicle_verdict import Limits, keep_verdict, vehicle_verdict
-    from eightpost.ident.validation.vehicles import validate_vehicle
+    from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict
     from eightpost.ident.vehicle import read_fit
     from eightpost.ident.vehicle.fit_tables import friction_table, measure_table, trust_table
     from eightpost.rig.post import read_rig_test

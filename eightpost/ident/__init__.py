@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost.ident.shock.fit import fit_shock
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
-from eightpost.ident.shock.result import ShockFit
+from eightpost.ident.shock.result import ShockFit, fit_table, parameter_table
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.tables import fit_table, parameter_table
 from eightpost.ident.validation.evaluation import Validation, evaluate
 
 if TYPE_CHECKING:

@@ -8,10 +8,15 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.ident import evaluate
-from eightpost.ident.validation.bump import BumpValidation, validate_bump
-from eightpost.ident.validation.dyno_record import dyno_record
-from eightpost.ident.validation.sine import SineValidation, validate_sine
-from eightpost.ident.validation.static import StaticValidation, validate_static
+from eightpost.ident.validation.records import dyno_record
+from eightpost.ident.validation.shock_tests import (
+    BumpValidation,
+    SineValidation,
+    StaticValidation,
+    validate_bump,
+    validate_sine,
+    validate_static,
+)
 from eightpost.report.charts import Axis, Figure
 from eightpost.reproduce.chapter_3_tests import FORCE, VELOCITY
 from eightpost.reproduce.checks import shown

@@ -8,8 +8,7 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.curve import _curve_coefficients, fitted_curve
-from eightpost.ident.shock.result import interval_of
-from eightpost.ident.shock.tables import parameter_table
+from eightpost.ident.shock.result import interval_of, parameter_table
 from eightpost.ident.shock.verdict import Parameter
 from eightpost.shock import Lpf1
 

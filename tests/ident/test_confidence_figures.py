@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from eightpost.ident.shock.uncertainty import blocks_of, covariance, covariances, curve_band, quantile, standard_error
+from eightpost.ident.shock.problem import blocks_of, covariance, covariances, curve_band, quantile, standard_error
 from eightpost.ident.vehicle.common_poles.deviations import (
     correlation_length,
     response_deviation,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock, simulate
-from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.curve import KnotBasis, curve_forces
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Lpnl2, Port, law_name, own_parameters

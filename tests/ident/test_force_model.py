@@ -7,9 +7,7 @@ import pytest
 
 from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import knot_basis
-from eightpost.ident.shock.force import ForceModel, linear_solution
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for, linear_solution
 from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.stepped import SteppedLaw

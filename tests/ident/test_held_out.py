@@ -18,8 +18,7 @@ from eightpost.ident.shock.cross_validation import (
     _left_out_runs,
     left_out_blocks,
 )
-from eightpost.ident.shock.record import prepare
-from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.runs import Runs, prepare
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1
 from eightpost.signals import TimeSeries

@@ -10,13 +10,11 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.curve import curve_forces
+from eightpost.ident.shock.curve import KnotBasis, curve_forces
+from eightpost.ident.shock.force import limits_for
+from eightpost.ident.shock.hysteresis import LaggedVelocity, Projection, non_negative
 from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
-from eightpost.ident.shock.hysteresis_model import LaggedVelocity
-from eightpost.ident.shock.hysteresis_search import Projection, non_negative
-from eightpost.ident.shock.knots import KnotBasis
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.law_fit import Choices
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_test import DynoTest

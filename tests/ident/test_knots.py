@@ -10,8 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from eightpost.ident import fit_shock
 from eightpost.ident.exports.shock_table import table_points
-from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.knots import KnotBasis
+from eightpost.ident.shock.curve import KnotBasis, curve_forces
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Lpf1
 

@@ -11,8 +11,8 @@ import pytest
 from builder.documents.reference import Disclosure
 from builder.documents.validity import validity_member
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve_uncertainty import _by_speed
-from eightpost.ident.shock.uncertainty import blocks_of
+from eightpost.ident.shock.problem import blocks_of
+from eightpost.ident.shock.result import _by_speed
 from eightpost.left_out_blocks import FittedParameter, correlation_of, left_out_of
 from eightpost.shock import Lpf1
 from eightpost.shock.fit_uncertainty import shock_uncertainty

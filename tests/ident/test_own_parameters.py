@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.limits import Limits
+from eightpost.ident.shock.force import Limits
 from eightpost.ident.shock.stepped import SteppedLaw, _OwnParameters
 from eightpost.shock import FitParameter, Lpnl2, Port, fit_parameters
 

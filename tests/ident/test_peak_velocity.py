@@ -13,8 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from eightpost.errors import DataError, InputError
 from eightpost.ident import fit_peak_velocity
-from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.monotone_points import curve_through
+from eightpost.ident.shock.curve import curve_forces, curve_through
 from eightpost.ident.shock.peak_velocity import fit_tables
 from eightpost.rig import PeakVelocityTable
 from eightpost.rig.truth_damper import demo_damper

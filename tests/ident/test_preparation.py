@@ -8,8 +8,8 @@ import pytest
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock import boggs
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.record import prepare, single_frequency
+from eightpost.ident.shock.force import limits_for
+from eightpost.ident.shock.runs import prepare, single_frequency
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1
 from eightpost.signals import TimeSeries

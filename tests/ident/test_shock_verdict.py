@@ -11,8 +11,7 @@ import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
-from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.stroke_range import StrokeRange, strokes
+from eightpost.ident.shock.runs import StrokeRange, prepare_runs, strokes
 from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.plausibility_rules import LATE

@@ -8,10 +8,8 @@ import pytest
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.closed import FadingLag, dynamics_for
 from eightpost.ident.shock.curve import knot_basis
-from eightpost.ident.shock.force import ForceModel
-from eightpost.ident.shock.gas import gas_columns
+from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
 from eightpost.ident.shock.law_fit import _sketched
-from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.response import H1, LocalPolynomial
-from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.estimators import input_noise
 from eightpost.ident.response.records import Record, Records
 from eightpost.vehicle import Channel
 

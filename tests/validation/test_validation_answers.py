@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
-from eightpost.ident.validation.bump import validate_bump
-from eightpost.ident.validation.dyno_record import dyno_record
 from eightpost.ident.validation.evaluation import evaluate, residual_of, validate_random
-from eightpost.ident.validation.sine import loop_of, validate_sine
-from eightpost.ident.validation.static import validate_static
+from eightpost.ident.validation.records import dyno_record
+from eightpost.ident.validation.shock_tests import loop_of, validate_bump, validate_sine, validate_static
 from eightpost.rig.dyno_test import DynoTest
 
 from .conftest import INCH, TABLE_3_3, bump_path, dragged, record, shock_of, sine_path, static_path

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eightpost.ident.validation.dyno_record import dyno_record, recognise_motion
+from eightpost.ident.validation.records import dyno_record, recognise_motion
 from eightpost.rig.dyno_test import DynoTest
 
 from .conftest import TABLE_3_3, record, sine_path

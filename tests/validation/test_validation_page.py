@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eightpost.ident.validation.dyno_record import dyno_record
+from eightpost.ident.validation.records import dyno_record
 from eightpost.ident.validation.shock_page import _over_frequency, _overlay, _static_figure, write_shock_page
+from eightpost.ident.validation.shock_tests import Hold
 from eightpost.ident.validation.shocks import validate_shocks
-from eightpost.ident.validation.static import Hold
 from eightpost.signals import TimeSeries
 
 from .conftest import INCH, shock_of

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import Cycles
-from eightpost.ident.dyno_report.found import Found, Unknown
+from eightpost.ident.dyno_report.cycles import Cycles, Found, Unknown
 from eightpost.rig.motion import SMALLEST, path_of, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw

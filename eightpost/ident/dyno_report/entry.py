@@ -24,9 +24,17 @@ from eightpost.ident.dyno_report.curve import (
     force_at_zero,
     stroke_figures,
 )
-from eightpost.ident.dyno_report.cycles import Cycles, cycles_of, energy_over_time, force_at_rest
-from eightpost.ident.dyno_report.found import Found, Unknown
-from eightpost.ident.dyno_report.slow import SLOW, SlowFigures, slow_figures
+from eightpost.ident.dyno_report.cycles import (
+    SLOW,
+    Cycles,
+    Found,
+    SlowFigures,
+    Unknown,
+    cycles_of,
+    energy_over_time,
+    force_at_rest,
+    slow_figures,
+)
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
 from eightpost.rig.peak_velocity import PeakVelocityTable

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.dyno_report.builds import DynoReport
 from eightpost.ident.dyno_report.curve import STROKES, VelocityCurve
-from eightpost.ident.dyno_report.cycles import Cycles, crossings_of
+from eightpost.ident.dyno_report.cycles import Cycles, Unknown, crossings_of
 from eightpost.ident.dyno_report.entry import Band, Entry
-from eightpost.ident.dyno_report.found import Unknown
 from eightpost.report.charts import COLORS, Axis, Figure, Panel, grid_figure
 from eightpost.signals import TimeSeries
 

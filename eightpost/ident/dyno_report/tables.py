@@ -18,9 +18,8 @@ from eightpost.ident.dyno_report.builds import (
     repeated_runs,
 )
 from eightpost.ident.dyno_report.curve import STROKES, Branches, Stroke, ratio_at
-from eightpost.ident.dyno_report.cycles import Cycles
+from eightpost.ident.dyno_report.cycles import Cycles, Found, Unknown, mean_of
 from eightpost.ident.dyno_report.entry import Entry
-from eightpost.ident.dyno_report.found import Found, Unknown, mean_of
 from eightpost.report.numbers import plain
 from eightpost.report.page import Block, digest
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html

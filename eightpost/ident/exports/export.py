@@ -12,8 +12,7 @@ import numpy as np
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import document_kind
 from eightpost.ident.exports.model_formats import write_response_mat, write_response_uff, write_vehicle_mat
-from eightpost.ident.exports.shock_formats import table_format, write_shock_table
-from eightpost.ident.exports.shock_table import shock_table
+from eightpost.ident.exports.shock_table import shock_table, table_format, write_shock_table
 from eightpost.ident.response import FrequencyResponse, read_response, response_of
 from eightpost.validity import judged
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle

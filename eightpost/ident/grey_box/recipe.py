@@ -23,7 +23,7 @@ from eightpost.ident.grey_box.output_error import (
 from eightpost.ident.grey_box.simulation import GreyBoxCar
 from eightpost.ident.grey_box.start import start_values
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimate_response
-from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.estimators import input_noise
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.common_poles.deviations import relative_deviations
 from eightpost.ident.vehicle.experiment import Experiment

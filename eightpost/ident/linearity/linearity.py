@@ -13,7 +13,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.linearity.excitations import Excitation, by_input, excitations
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.response.local_polynomial import LocalPolynomial
+from eightpost.ident.response.estimators import LocalPolynomial
 from eightpost.ident.response.records import Record, Records
 from eightpost.vehicle.statespace import Channel
 

@@ -1,6 +1,5 @@
 """Estimation of frequency responses from records, and their preconditioning before a model is fitted."""
 
-from eightpost.ident.response.averaged import H1, Recipe, SameDrive, estimate_response
 from eightpost.ident.response.conditioning import (
     HighResidual,
     LowResidual,
@@ -9,6 +8,7 @@ from eightpost.ident.response.conditioning import (
     condition,
     feedback_paths,
 )
+from eightpost.ident.response.estimators import H1, LocalPolynomial, Recipe, SameDrive, estimate_response
 from eightpost.ident.response.frequency_response import (
     FrequencyResponse,
     contribution_error,
@@ -16,7 +16,6 @@ from eightpost.ident.response.frequency_response import (
     response_of,
     write_response,
 )
-from eightpost.ident.response.local_polynomial import LocalPolynomial
 from eightpost.ident.response.records import Blocks, gather
 
 __all__ = [

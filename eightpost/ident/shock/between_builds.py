@@ -17,9 +17,8 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
-from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.problem import Solution, standard_error
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.uncertainty import standard_error
 from eightpost.ident.shock.verdict import parameters_of
 
 #: Number of velocities at which the spread is stated.

@@ -14,13 +14,9 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, dynamics_for
 from eightpost.ident.shock.curve import CurveBasis, working_basis
-from eightpost.ident.shock.force import ForceModel, linear_solution
-from eightpost.ident.shock.gas import GasTreatment, gas_columns
-from eightpost.ident.shock.limits import FORCE, limits_for
-from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.record import slower_peak
-from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.uncertainty import block_changes, covariances
+from eightpost.ident.shock.force import FORCE, ForceModel, GasTreatment, gas_columns, limits_for, linear_solution
+from eightpost.ident.shock.problem import Solution, block_changes, covariances
+from eightpost.ident.shock.runs import Runs, slower_peak
 from eightpost.shock import LAWS
 from eightpost.units import convert
 

@@ -8,9 +8,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import Dynamics, ForceModel, linear_solution
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits, linear_solution
 from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.ident.shock.limits import Limits
 from eightpost.ident.shock.simulation import array_form
 from eightpost.shock import ShockLaw, fit_form, fit_parameters, law_module
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.fitted_law import FittedLaw
+from eightpost.ident.shock.law_fit import FittedLaw
 from eightpost.ident.shock.runs import Runs
 from eightpost.progress import beats
 

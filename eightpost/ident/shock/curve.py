@@ -1,4 +1,4 @@
-"""Static curve of a fit: basis functions, the fitted curve."""
+"""Static curve of a fit: its basis functions, the fitted curve, and a curve through given points."""
 
 from __future__ import annotations
 
@@ -7,12 +7,130 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.optimize import isotonic_regression
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.knots import CELLS, KnotBasis
 from eightpost.shock import StaticCurve
-from eightpost.shock.curve import INNER_ORDER, OUTER_ORDER
+from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER
+
+# ==== Basis of a rising curve through knots: the force is quadratic between them (I-splines) =========================
+
+#: Number of cells on each side; `StaticCurve` has 12, into which these are subdivided without a change of the curve.
+#: With 12 the held-out errors are 1.4 % smaller, but a narrow cell at zero velocity and the gas force have almost the
+#: same effect, and the preload of a shock that LPNL2 does not describe exactly is wrong by 80 N
+#: (docs/explanation/static_curve.md).
+CELLS = 6
+
+#: Exponent of the knots' spacing: knots at V (j / cells)^1.8 are dense at low speed, where the curve bends most.
+_SPACING = 1.8
+
+#: Penalties on slope times V, as shares of the RMS force error: on its size, on its changes from knot to knot, and on
+#: the change of its bend at the beginning of the last cell of each side, which has few samples and determines the slope
+#: beyond. The first two determine cells without data and have almost no effect on others. Without the third, the error
+#: of LPNL2 from a slow run to a fast one is 68 % instead of 33 % (docs/explanation/static_curve.md).
+RIDGE, CHANGE, END_BEND = 1e-4, 3e-4, 3e-2
+
+
+@dataclass(frozen=True, slots=True)
+class KnotBasis:
+    """Functions of a curve whose coefficients are its slopes at the knots, 0 at zero velocity.
+
+    The curve rises everywhere if no slope is negative. Beyond the knots it continues as a straight line.
+    """
+
+    knots: tuple[float, ...]  #: Velocities of the knots (K,) [m/s], ascending; the middle one is 0.
+
+    @classmethod
+    def of(cls, velocity: Array, *, cells: int = CELLS) -> KnotBasis:
+        """Return the basis for the range of velocities (N,) [m/s] of both signs, with `cells` cells on each side."""
+        shares = (np.arange(1, cells + 1) / cells) ** _SPACING
+        rebound, compression = float(velocity.min()) * shares[::-1], float(velocity.max()) * shares
+        return cls((*rebound.tolist(), 0.0, *compression.tolist()))
+
+    @property
+    def count(self) -> int:
+        """Number K of knots."""
+        return len(self.knots)
+
+    @property
+    def speed(self) -> float:
+        """Highest speed of the knots [m/s]."""
+        return max(-self.knots[0], self.knots[-1])
+
+    def design(self, velocity: Array) -> Array:
+        """Return the matrix (N, K) whose product with the slopes (K,) [N.s/m] is F_s (N,) [N].
+
+        Args:
+            velocity: Damper velocity (N,) [m/s].
+
+        Returns:
+            Matrix with contiguous columns.
+        """
+        knots, samples = np.array(self.knots), np.arange(velocity.size)
+        inside = np.clip(velocity, knots[0], knots[-1])
+        cell = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, knots.size - 2)
+        along = inside - knots[cell]
+        second = along**2 / (2.0 * np.diff(knots)[cell])
+        columns = self._forces_of_slopes().T[:, cell]
+        columns[cell, samples] += along - second
+        columns[cell + 1, samples] += second
+        columns[0] += np.minimum(velocity - knots[0], 0.0)
+        columns[-1] += np.maximum(velocity - knots[-1], 0.0)
+        return np.asarray(columns.T)
+
+    def _forces_of_slopes(self) -> Array:
+        """Return the matrix (K, K) from slopes to forces at the knots: each cell rises by its mean slope."""
+        count, widths = self.count, np.diff(self.knots)
+        rises = np.zeros((count, count))
+        rises[np.arange(1, count), np.arange(count - 1)] = rises[np.arange(1, count), np.arange(1, count)] = (
+            0.5 * widths
+        )
+        forces = np.cumsum(rises, axis=0)
+        return np.asarray(forces - forces[count // 2])
+
+    def penalty(self) -> Array:
+        """Return the rows (2 K + 1, K) whose product with the slopes is added to the force error [N], over its size.
+
+        The last two rows are 0 if the slope changes at the same rate in the last two cells of each side.
+        """
+        unit = self.speed * np.eye(self.count)
+        changes = np.diff(unit, axis=0)
+        return np.vstack([RIDGE * unit, CHANGE * changes, END_BEND * self._end_bends(changes)])
+
+    def _end_bends(self, changes: Array) -> Array:
+        """Return the rows (2, K): changes in the last cells, less those at the rates of the cells next to them."""
+        widths = np.diff(self.knots)
+        last, before = [0, -1], [1, -2]
+        return np.asarray(changes[last] - changes[before] * (widths[last] / widths[before])[:, None])
+
+    def subdivided(self, slopes: Array) -> tuple[Array, Array, Array]:
+        """Return velocities [m/s], forces [N] and slopes [N.s/m] (25,) of the same curve on the knots of `StaticCurve`.
+
+        Cells are halved, the widest first; a quadratic is the same on both halves.
+        """
+        middle = self.count // 2
+        sides = (_halved(self.knots[: middle + 1]), _halved(self.knots[middle:])[1:])
+        velocity = np.concatenate(sides)
+        fine = np.interp(velocity, self.knots, np.maximum(slopes, 0.0))
+        return velocity, KnotBasis(tuple(velocity.tolist()))._forces_of_slopes() @ fine, fine
+
+    def static_curve(self, slopes: Array) -> StaticCurve:
+        """Return the curve of slopes (K,) [N.s/m]; beyond the knots it continues with the slopes of their ends."""
+        velocity, force, slope = self.subdivided(slopes)
+        return StaticCurve.through_knots(tuple(velocity.tolist()), tuple(force.tolist()), tuple(slope.tolist()))
+
+
+def _halved(knots: tuple[float, ...]) -> Array:
+    """Return the knots of one side with their widest cells halved until there are as many as `StaticCurve` has."""
+    found = np.array(knots)
+    while found.size <= KNOTS // 2:
+        widest = int(np.argmax(np.diff(found)))
+        found = np.insert(found, widest + 1, 0.5 * (found[widest] + found[widest + 1]))
+    return found
+
+
+# ==== The fitted curve ===============================================================================================
 
 # ---- The static curve as a matrix -----------------------------------------------------------------------------------
 
@@ -243,3 +361,111 @@ def _turns(basis: CurveBasis, coefficients: Array, lowest: float, highest: float
     notable = [run for run in runs if force[run[0]] - force[run[-1] + 1] > 0.1 * _NOTABLE_FALL * np.ptp(force)]
     places = ", ".join(f"{velocity[run[0]]:.3g} to {velocity[run[-1] + 1]:.3g} m/s" for run in notable)
     return [f"the fitted curve is not monotone: the force falls from {places}, by up to {drop.max():.3g} N"]
+
+
+# ==== A curve through given points: Fritsch and Carlson's monotone interpolant (PCHIP) ===============================
+
+#: Number of points on each side that a static curve can pass through.
+MOST_POINTS = KNOTS // 2
+
+#: Number of velocities in each cell between points at which a candidate cell is compared with the interpolant.
+_PLACES = 8
+
+#: Maximum number of points on a side among which the best are searched; of more, evenly spread ones are candidates.
+_MOST_CANDIDATES = 120
+
+
+def curve_through(velocity: Array, force: Array) -> tuple[StaticCurve, PchipInterpolator]:
+    """Return the curve through points, and the monotone interpolant of all points that it represents.
+
+    With up to 12 points on each side the curve is the interpolant. With more, it passes through the 12 points between
+    which cubics with the interpolant's slopes follow it best.
+
+    Args:
+        velocity: Velocities (M,) [m/s], ascending, with 0 and points on both sides of it.
+        force: Forces (M,) [N] that nowhere fall, 0 at zero velocity; `held` makes them so.
+    """
+    joined = PchipInterpolator(velocity, force)
+    zero = int(np.searchsorted(velocity, 0.0))
+    rebound = _kept(joined, -velocity[zero::-1], -1.0)
+    compression = _kept(joined, velocity[zero:], 1.0)
+    knots = np.concatenate([_filled(-rebound[::-1]), _filled(compression)[1:]])
+    chosen = np.concatenate([-rebound[:0:-1], compression])
+    slopes = np.maximum(joined(chosen, 1), 0.0)
+    spline = CubicHermiteSpline(chosen, joined(chosen), slopes)
+    forces = spline(knots)
+    forces[KNOTS // 2] = 0.0
+    rising = np.maximum(spline(knots, 1), 0.0)
+    return StaticCurve.through_knots(*(tuple(values.tolist()) for values in (knots, forces, rising))), joined
+
+
+def held(velocity: Array, force: Array) -> Array:
+    """Return the forces (M,) [N] that nowhere fall and are closest to given ones by least squares; 0 at zero velocity.
+
+    Means over neighbours that fall (pool adjacent violators), and none with the wrong sign for its stroke. They are
+    rounded to 1e-9 N, because harmonic means of smaller differences overflow in the interpolant.
+    """
+    sides = velocity < 0.0, velocity > 0.0
+    found = np.zeros_like(force)
+    for side, low, high in zip(sides, (-np.inf, 0.0), (0.0, np.inf), strict=True):
+        found[side] = np.clip(isotonic_regression(force[side]).x, low, high)
+    return np.round(found, 9)
+
+
+def _filled(knots: Array) -> Array:
+    """Return the knots of a side (13,): its widest cells are halved, where the same cubic continues."""
+    while knots.size <= MOST_POINTS:
+        widest = int(np.argmax(np.diff(knots)))
+        knots = np.insert(knots, widest + 1, 0.5 * (knots[widest] + knots[widest + 1]))
+    return knots
+
+
+def _kept(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
+    """Return zero and the speeds of a side (at most 13,) that become knots.
+
+    Args:
+        joined: Interpolant of all points.
+        speeds: Zero and the speeds of the side's points, ascending [m/s].
+        side: Sign of the velocities, 1 or -1.
+    """
+    if speeds.size <= MOST_POINTS + 1:
+        return speeds
+    if speeds.size > _MOST_CANDIDATES:
+        speeds = speeds[np.unique(np.linspace(0, speeds.size - 1, _MOST_CANDIDATES).astype(int))]
+    return speeds[_shortest_path(_cell_costs(joined, speeds, side), MOST_POINTS)]
+
+
+def _cell_costs(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
+    """Return the error (K, K) of a cubic from each speed to each higher one: integral of its square [N2.m/s].
+
+    A cubic that falls costs more than any other.
+    """
+    count = speeds.size
+    force, slope = side * joined(side * speeds), np.maximum(joined(side * speeds, 1), 0.0)
+    share = (np.arange(_PLACES) + 0.5) / _PLACES
+    places = (speeds[:-1, None] + np.diff(speeds)[:, None] * share).ravel()
+    weight = np.repeat(np.diff(speeds) / _PLACES, _PLACES)
+    target = side * joined(side * places)
+    costs = np.full((count, count), np.inf)
+    for i in range(count - 1):
+        for j in range(i + 1, count):
+            here = slice(i * _PLACES, j * _PLACES)
+            cubic = CubicHermiteSpline(speeds[[i, j]], force[[i, j]], slope[[i, j]])(places[here])
+            costs[i, j] = float(np.sum(weight[here] * (cubic - target[here]) ** 2))
+            if np.diff(cubic, prepend=force[i], append=force[j]).min() < 0.0:
+                costs[i, j] += float(np.ptp(force) ** 2 * speeds[-1])
+    return costs
+
+
+def _shortest_path(costs: Array, cells: int) -> NDArray[np.intp]:
+    """Return the indices (cells + 1,) from the first to the last point with the lowest sum of costs (K, K)."""
+    count = costs.shape[0]
+    total, before = costs[0].copy(), []
+    for _ in range(cells - 1):
+        sums = total[:, None] + costs
+        before.append(np.argmin(sums, axis=0))
+        total = sums[before[-1], np.arange(count)]
+    path = [count - 1]
+    for origin in reversed(before):
+        path.append(int(origin[path[-1]]))
+    return np.array([0, *reversed(path)], dtype=np.intp)

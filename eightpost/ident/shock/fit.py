@@ -12,9 +12,8 @@ from threadpoolctl import threadpool_limits
 from eightpost.ident.shock.between_builds import BuildSpread, build_spread
 from eightpost.ident.shock.boggs import fit_boggs
 from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
-from eightpost.ident.shock.gas import GasTreatment
-from eightpost.ident.shock.law_fit import fit_law
-from eightpost.ident.shock.options import Choices, LawName, RecipeName, has_own_recipe
+from eightpost.ident.shock.force import GasTreatment
+from eightpost.ident.shock.law_fit import Choices, LawName, RecipeName, fit_law, has_own_recipe
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.robust import Robust, screened_runs

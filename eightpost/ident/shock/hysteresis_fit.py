@@ -10,17 +10,12 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.ident.shock.cross_validation import WORTHWHILE, CrossValidation
 from eightpost.ident.shock.curve import knot_basis
-from eightpost.ident.shock.fitted_law import FittedLaw
-from eightpost.ident.shock.force import ForceModel
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity
-from eightpost.ident.shock.hysteresis_search import Found, Projected, Projection, minimum_from
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.options import Choices
-from eightpost.ident.shock.problem import Solution
+from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
+from eightpost.ident.shock.hysteresis import NODES, Found, LaggedVelocity, Projected, Projection, minimum_from
+from eightpost.ident.shock.law_fit import Choices, FittedLaw
+from eightpost.ident.shock.problem import Solution, block_changes, covariances
 from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.uncertainty import block_changes, covariances
 from eightpost.shock import LAWS
 from eightpost.shock.curve import KNOTS
 

@@ -1,29 +1,131 @@
-"""One law fitted to prepared runs: all parameters together, with outliers down-weighted.
-
-The curve rises through knots. LPNL2 is never worse than LPF1 (the full lag), which it includes as a special case. A law
-is first fitted to a sketch, a part of the samples if they are costly; outliers are weighted there too. The result is
-then optimised on the whole record.
-"""
+"""One law fitted to prepared runs, with the options of a fit and what the comparison of laws uses."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.errors import ParameterError
 from eightpost.ident.shock.closed import FadingLag, FullLag, NoLag, best_lag, dynamics_for, projected
 from eightpost.ident.shock.curve import knot_basis
-from eightpost.ident.shock.fitted_law import FittedLaw
-from eightpost.ident.shock.force import ForceModel
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.options import Choices
+from eightpost.ident.shock.force import ForceModel, GasTreatment, gas_columns, limits_for
 from eightpost.ident.shock.problem import TOLERANCE, Minimum, Problem, Solution
-from eightpost.ident.shock.robust import nearly_equal, weights_for
+from eightpost.ident.shock.robust import Robust, downweighted_rows, nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
-from eightpost.shock import LAWS
+from eightpost.shock import LAWS, fit_form
+
+# ---- Options of a fit -----------------------------------------------------------------------------------------------
+
+#: A name in `LAWS`.
+LawName = str
+RecipeName = Literal["joint", "boggs"]
+
+#: The law of a fit if none is named, by recipe.
+DEFAULT_LAW = {"joint": "hysteresis", "boggs": "lpnl2"}
+
+#: Form of a law that has a recipe of its own (hysteresis_fit.py).
+_LAGGED_VELOCITY = "lagged velocity"
+
+_NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hysteresis is fitted"
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """Options of a fit."""
+
+    #: `joint` (all parameters together, a curve through knots) or `boggs` (one after the other, a curve of polynomials,
+    #: as in 3.3).
+    recipe: RecipeName = "joint"
+    #: Treatment of the gas force F_0 + K (x - x_ref), x_ref the mean displacement: `estimate` fits it and makes it part
+    #: of the shock; `included` fits it and leaves it out of the shock, because the car's static load includes it;
+    #: `subtracted`: the dynamometer has already subtracted it.
+    gas: GasTreatment = "estimate"
+    robust: Robust = "auto"  #: Treatment of outliers: `auto`, `none`, `huber`, `tukey` (boggs: always none).
+
+    def law(self, name: str | None) -> str:
+        """Return the law to fit, if all options are known.
+
+        Args:
+            name: Name of the law; None for the default.
+
+        Raises:
+            ParameterError: An option or the law is unknown.
+        """
+        options = (
+            ("recipe", self.recipe, get_args(RecipeName)),
+            ("gas treatment", self.gas, get_args(GasTreatment)),
+            ("robust", self.robust, get_args(Robust)),
+            ("law", DEFAULT_LAW.get(self.recipe) if name is None else name, tuple(LAWS)),
+        )
+        for what, value, known in options:
+            if what == "law" and value == "auto":
+                raise ParameterError(_NO_CHOICE)
+            if value not in known:
+                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(known)}")
+        return str(options[-1][1])
+
+    @property
+    def is_screened(self) -> bool:
+        """Whether spikes are replaced before the fit."""
+        return self.recipe != "boggs" and self.robust != "none"
+
+
+def has_own_recipe(law: str) -> bool:
+    """Return whether a law is fitted by a recipe of its own (hysteresis_fit.py)."""
+    return fit_form(LAWS[law]) == _LAGGED_VELOCITY
+
+
+# ---- A fitted law, as the comparison of laws uses it ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedLaw(ABC):
+    """A law fitted to runs, from which it can be fitted again with other weights."""
+
+    law: str  #: Name of the law.
+    notes: tuple[str, ...]  #: Notes on the choices that differ from the dissertation's, without those of the recipe.
+
+    @property
+    @abstractmethod
+    def runs(self) -> Runs:
+        """The runs with the weights of the fit."""
+
+    @property
+    @abstractmethod
+    def error(self) -> Array:
+        """The force error at the rows (R,) [N], without weights."""
+
+    @property
+    @abstractmethod
+    def has_converged(self) -> bool:
+        """Whether the search ended at a minimum."""
+
+    @abstractmethod
+    def solution(self) -> Solution:
+        """Return the solution with its covariance."""
+
+    @abstractmethod
+    def refitted_rows(self, weights: Array) -> Array:
+        """Return the force (R,) [N] of a free simulation, fitted again with weights (R,) from this minimum."""
+
+    def downweighted(self) -> tuple[int, list[str]]:
+        """Return the number of samples that were down-weighted as outliers, and a note if there are any."""
+        down, rows = downweighted_rows(self.runs.weights), self.runs.weights.size
+        samples = round(down * self.runs.measured.size / rows)
+        if not samples:
+            return 0, []
+        return samples, [f"{samples} samples ({100.0 * down / rows:.2g} %) were down-weighted as outliers"]
+
+
+# ---- All parameters together, with outliers down-weighted -----------------------------------------------------------
+# The curve rises through knots. LPNL2 is never worse than LPF1 (the full lag), which it includes as a special case. A
+# law is first fitted to a sketch, a part of the samples if they are costly; outliers are weighted there too. The result
+# is then optimised on the whole record.
 
 #: Maximum number of reweightings.
 _WEIGHINGS = 4

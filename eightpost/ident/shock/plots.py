@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.uncertainty import CurveBand
+from eightpost.ident.shock.problem import CurveBand
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import Shock, StaticCurve, law_title

@@ -1,10 +1,11 @@
-"""Result of a fit: shock, misfit, description."""
+"""Result of a fit: shock, misfit, description, stated uncertainty, console tables."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,18 +17,18 @@ from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
-from eightpost.ident.shock.curve_uncertainty import curve_band_of, factor_half_widths, left_out_blocks
-from eightpost.ident.shock.gas import GasColumns
-from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.record import Prepared
-from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.force import GasColumns
+from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
+from eightpost.ident.shock.runs import Prepared, Runs
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.uncertainty import LEVEL, CurveBand
-from eightpost.ident.shock.verdict import Parameter, findings, parameters_of, shock_validity
+from eightpost.ident.shock.verdict import Parameter, findings, in_field_units, parameters_of, shock_validity
 from eightpost.labelled import data_frame, dataset
+from eightpost.left_out_blocks import LeftOutBlocks
+from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Polylinear, Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.units import convert
 from eightpost.validity import judged
 from eightpost.verdict import Verdict
 
@@ -36,6 +37,69 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from eightpost.report.pictures import Picture
+
+
+# ==== Uncertainty of the static curve and of the other parameters, as the shock file states it =======================
+
+#: Number of velocities at which the curve's band is stated.
+_BAND = 61
+
+#: Parameters of the FMU that are the factors on the force in compression and in rebound.
+_FACTORS = ("compression_scale", "rebound_scale")
+
+
+def curve_band_of(solution: Solution, error: float) -> CurveBand:
+    """Return the band of a solution's static curve over the velocities of its records.
+
+    Args:
+        solution: Solution of a fit.
+        error: RMS error of the fit on left-out parts [N], which the band contains besides that of the jackknife.
+    """
+    model = solution.model
+    n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
+    velocity = np.linspace(inside.min(), inside.max(), _BAND)
+    covariance, reach = np.nan_to_num(solution.covariance[:, :n, :n]), quantile(model.runs)
+    columns, samples = model.basis.at(velocity), _samples(solution)
+    band = curve_band(columns, samples, solution.parameters[:n], covariance, velocity, reach)
+    return replace(band, half_width=np.hypot(band.half_width, error))
+
+
+def factor_half_widths(band: CurveBand) -> dict[str, float]:
+    """Return the half-width of the factor on each side that has samples, by the name of the parameter."""
+    return {name: half for name, half in zip(_FACTORS, band.factors.tolist(), strict=True) if np.isfinite(half)}
+
+
+def left_out_blocks(solution: Solution) -> LeftOutBlocks:
+    """Return the changes of the law's parameters and of the factors on both sides when each block is left out.
+
+    Runs are taken in the order of their RMS velocity, the fastest first: the order of the tests does not matter.
+    """
+    model, changes = solution.model, solution.left_out
+    n, m, (_, _, theta) = model.curve_count, model.linear_count, model.split(solution.parameters)
+    factors = changes[:, :n] @ factor_rows(_samples(solution), solution.parameters[:n]).T
+    own = changes[:, m:] @ model.dynamics.values_jacobian(theta).T
+    names, columns = (*_FACTORS, *model.dynamics.names), np.hstack([factors, own])
+    order = _by_speed(model.runs)
+    squares = [np.mean(model.runs.row_velocity[block] ** 2) for block in blocks_of(model.runs)]
+    return LeftOutBlocks.of(np.sqrt(squares)[order], dict(zip(names, columns[order].T, strict=True)))
+
+
+def _samples(solution: Solution) -> Array:
+    """Return the columns of the curve at the rows that count."""
+    model = solution.model
+    return model.basis.at(model.runs.row_velocity[model.runs.weights > 0.0])
+
+
+def _by_speed(runs: Runs) -> list[int]:
+    """Return the blocks (B,) in the order of the RMS velocity of their runs, the fastest run first."""
+    ends = np.cumsum([f.rows.size for f in runs.filters])
+    squares = np.array([np.mean(part**2) for part in np.split(runs.row_velocity, ends[:-1])])
+    numbers = np.searchsorted(ends, [block.start for block in blocks_of(runs)], side="right")
+    order: list[int] = np.argsort(-squares[numbers], kind="stable").tolist()
+    return order
+
+
+# ==== The result =====================================================================================================
 
 # ---- The sections of a shock file that describe its measurement and its fit -----------------------------------------
 
@@ -363,3 +427,63 @@ def _joined(series: list[TimeSeries]) -> TimeSeries:
         time.append(s.time - s.time[0] + start)
         start = float(time[-1][-1]) + s.duration / (len(s) - 1)
     return TimeSeries(np.concatenate(time), np.hstack([s.values for s in series]), series[0].names, series[0].units)
+
+
+# ==== Console tables: misfit by law, parameters ======================================================================
+
+
+def fit_table(fits: Sequence[ShockFit]) -> Table:
+    """Return a table of fits like Table 3.4; the reduction is relative to Polylinear of the same shock, if fitted."""
+    static = {fit.shock.name: fit.rms for fit in fits if fit.shock.law_name == "polylinear"}
+    columns = right("RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s")
+    rows = [
+        (
+            fit.shock.name,
+            law_title(fit.shock.law_name),
+            *(f"{rms:.2f}" for rms in (convert(fit.rms, "N", "lbf"), fit.rms, fit.percent)),
+            _reduction(fit, static.get(fit.shock.name)),
+            f"{fit.seconds:.2f}",
+        )
+        for fit in fits
+    ]
+    return console_table(["shock", *unbroken("law"), *columns], rows, title="Fits")
+
+
+def parameter_table(fit: ShockFit) -> Table:
+    """Return the parameters of a fit: value, 95 % interval and bounds in SI and in field units."""
+    columns = [*unbroken("parameter"), *right("value", "95 % interval", "SI", "bounds"), "at bound"]
+    title = f"{fit.shock.name}, {law_title(fit.shock.law_name)}: parameters"
+    return console_table(columns, map(_parameter_row, fit.parameters), title=title)
+
+
+def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
+    value, unit = in_field_units(parameter.value, parameter.unit)
+    si = f"{parameter.value:.4g} {parameter.unit}"
+    return (
+        parameter.name,
+        f"{value:.4g} {unit}",
+        _interval(parameter),
+        si,
+        _bounds(parameter),
+        parameter.at_bound or "-",
+    )
+
+
+def _reduction(fit: ShockFit, static: float | None) -> str:
+    if static is None or fit.shock.law_name == "polylinear":
+        return "-"
+    return f"{100.0 * (1.0 - fit.rms / static):.1f}"
+
+
+def _interval(parameter: Parameter) -> str:
+    if (interval := interval_of(parameter)) is None:
+        return "-" if parameter.at_bound else "not determined"
+    (low, _), (high, unit) = (in_field_units(end, parameter.unit) for end in interval)
+    return f"{low:.4g} to {high:.4g} {unit}"
+
+
+def _bounds(parameter: Parameter) -> str:
+    if parameter.bounds is None:
+        return "-"
+    (low, unit), (high, _) = (in_field_units(bound, parameter.unit) for bound in parameter.bounds)
+    return f"{low:.4g} to {high:.4g} {unit}" if isfinite(high) else f"{low:.4g} or more"

@@ -13,11 +13,8 @@ from scipy.ndimage import median_filter
 from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FullLag, best_lag
 from eightpost.ident.shock.curve import knot_basis
-from eightpost.ident.shock.force import ForceModel
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.limits import limits_for
-from eightpost.ident.shock.record import Prepared
-from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
+from eightpost.ident.shock.runs import Prepared, Runs
 from eightpost.rig.dyno_test import DynoTest
 
 # ---- A first force model that is accurate enough to find outlying samples -------------------------------------------

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import Dynamics, ForceModel
-from eightpost.ident.shock.knots import KnotBasis
-from eightpost.ident.shock.limits import Limits
+from eightpost.ident.shock.curve import KnotBasis
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_parameters
 from eightpost.shock.compiled import stepped_force
 

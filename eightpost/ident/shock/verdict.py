@@ -12,10 +12,8 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.closed import FadingLag
 from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import Solution
-from eightpost.ident.shock.runs import Runs
-from eightpost.ident.shock.stroke_range import ONE_FREQUENCY, StrokeRange
-from eightpost.ident.shock.uncertainty import quantile, standard_error
+from eightpost.ident.shock.problem import Solution, quantile, standard_error
+from eightpost.ident.shock.runs import ONE_FREQUENCY, Runs, StrokeRange
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
 from eightpost.rig.plausibility_rules import LATE

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.validation import shock_tables as tables
-from eightpost.ident.validation.bump import BumpEvent, BumpValidation
-from eightpost.ident.validation.dyno_record import DynoRecord
 from eightpost.ident.validation.evaluation import RandomValidation
-from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
-from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
-from eightpost.ident.validation.sine import Loop
-from eightpost.ident.validation.static import Hold, StaticValidation
+from eightpost.ident.validation.records import DynoRecord
+from eightpost.ident.validation.shock_tests import BumpEvent, BumpValidation, Hold, Loop, StaticValidation
+from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of, notes_on, shock_verdict
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
 from eightpost.report.tables import NONE, ResultTable

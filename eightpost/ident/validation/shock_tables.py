@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TypeVar
 
-from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
+from eightpost.ident.validation.shock_tests import BumpValidation, StaticValidation
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
-from eightpost.ident.validation.static import StaticValidation
 from eightpost.report.tables import ResultTable
 
 _Outcome = TypeVar("_Outcome", RandomValidation, StaticValidation, BumpValidation)

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.ident.validation import vehicle_tables as tables
-from eightpost.ident.validation.comparison import Comparison, SineOutput, Trend
-from eightpost.ident.validation.responses import Response
-from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
-from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
+from eightpost.ident.validation.comparison import Comparison, Response, SineOutput, Trend
+from eightpost.ident.validation.vehicles import Limits, VehicleCase, VehicleValidation, vehicle_verdict
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.trust import Orders
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure

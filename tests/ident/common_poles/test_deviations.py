@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.response.averaged import powered
+from eightpost.ident.response.estimators import powered
 from eightpost.ident.vehicle import Experiment
 from eightpost.ident.vehicle.common_poles import CommonPoleFit
 from eightpost.ident.vehicle.common_poles.deviations import Excitation, _relative, output_trust

@@ -15,18 +15,18 @@ from eightpost.files import sha256_of
 from eightpost.ident.dyno_report.builds import (
     SPEEDS,
     CarCorner,
+    Reading,
     corners_of_car,
     deviation_of,
     dyno_report,
     heat_effect,
+    read_entries,
     repeated_runs,
     short_names,
 )
 from eightpost.ident.dyno_report.curve import STROKES
-from eightpost.ident.dyno_report.cycles import Cycles
+from eightpost.ident.dyno_report.cycles import Cycles, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.found import Unknown
-from eightpost.ident.dyno_report.reading import Reading, read_entries
 from eightpost.ident.dyno_report.tables import difference_table, loop_table, peak_table, repeat_table
 from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
 from eightpost.rig import PeakVelocityTable, read_dyno_test

@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
 from eightpost.ident.dyno_report.curve import STROKES
+from eightpost.ident.dyno_report.cycles import Unknown
 from eightpost.ident.dyno_report.entry import Setting, entry_of_test
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.page import sections_of
 from eightpost.ident.dyno_report.tables import branch_table, damping_tables, force_table, peak_table
 from eightpost.report.tables import Amount

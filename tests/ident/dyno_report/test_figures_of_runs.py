@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
 from eightpost.ident.dyno_report.curve import BEND, STROKES, forces_at, ratio_at
-from eightpost.ident.dyno_report.cycles import crossings_of, cycles_of, force_at_rest
+from eightpost.ident.dyno_report.cycles import Unknown, crossings_of, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
-from eightpost.ident.dyno_report.found import Unknown
-from eightpost.ident.dyno_report.slow import slow_figures
 from eightpost.rig.excitations import random_multisine
 from eightpost.signals import TimeSeries
 

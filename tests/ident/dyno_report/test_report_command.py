@@ -15,12 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.ident.dyno_report.builds import dyno_report
-from eightpost.ident.dyno_report.cycles import crossings_of
+from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries
+from eightpost.ident.dyno_report.cycles import Unknown, crossings_of
 from eightpost.ident.dyno_report.entry import entry_of_test
-from eightpost.ident.dyno_report.found import Unknown
 from eightpost.ident.dyno_report.page import sections_of
-from eightpost.ident.dyno_report.reading import Reading, read_entries
 from eightpost.ident.dyno_report.tables import explained
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries

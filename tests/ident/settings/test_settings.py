@@ -16,15 +16,19 @@ from hypothesis import strategies as st
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.shock.closed import dynamics_for
-from eightpost.ident.shock.gas import gas_columns
-from eightpost.ident.shock.limits import limits_for
+from eightpost.ident.shock.force import gas_columns, limits_for
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings.clicks import best_clicks
-from eightpost.ident.shock.settings.joint_fit import _joint_model
-from eightpost.ident.shock.settings.result import _counting, _prediction, _preload, fit_settings, held_out_percent
+from eightpost.ident.shock.settings.clicks import TargetCurve, best_clicks, read_target
+from eightpost.ident.shock.settings.joint import _joint_model
+from eightpost.ident.shock.settings.result import (
+    _counting,
+    _prediction,
+    _preload,
+    effects_of,
+    fit_settings,
+    held_out_percent,
+)
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
-from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
-from eightpost.ident.shock.settings.terms import effects_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.evaluation import evaluate
 from eightpost.rig.dyno_test import DynoTest

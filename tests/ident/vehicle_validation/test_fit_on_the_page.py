@@ -11,8 +11,7 @@ import pytest
 from eightpost.errors import FileFormatError
 from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
-from eightpost.ident.validation.vehicle_verdict import vehicle_verdict
-from eightpost.ident.validation.vehicles import validate_vehicle
+from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust

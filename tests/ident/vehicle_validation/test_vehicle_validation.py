@@ -10,8 +10,7 @@ import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
-from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
-from eightpost.ident.validation.vehicles import validate_vehicle
+from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.simulation import closed_at_ports, port_by_port
 from eightpost.rig.post import RigTest

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
+from eightpost.ident.shock.hysteresis import Found, Projected, Projection, minimum_from, non_negative
 from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
-from eightpost.ident.shock.hysteresis_search import Found, Projected, Projection, minimum_from, non_negative
+from eightpost.ident.shock.problem import covariances
 from eightpost.ident.shock.robust import Robust, nearly_equal, weights_for
 from eightpost.ident.shock.settings.joint import JointFit, JointModel
-from eightpost.ident.shock.uncertainty import covariances
 from eightpost.shock.curve import KNOTS
 
 #: Tolerance and maximum number of evaluations of a search, and maximum number of reweightings.

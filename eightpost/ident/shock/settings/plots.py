@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.settings.clicks import ClickAnswer
+from eightpost.ident.shock.settings.clicks import ClickAnswer, TargetCurve
 from eightpost.ident.shock.settings.result import SettingsFit
-from eightpost.ident.shock.settings.target_curve import TargetCurve
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.shock import Axis, Shock

@@ -12,9 +12,8 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
-from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
-from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.estimators import input_noise, input_power
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment

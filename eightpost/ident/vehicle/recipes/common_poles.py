@@ -9,7 +9,7 @@ from time import process_time
 from typing import NamedTuple
 
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response, gather
-from eightpost.ident.response.input_noise import input_noise
+from eightpost.ident.response.estimators import input_noise
 from eightpost.ident.response.records import Records
 from eightpost.ident.vehicle.band import CoherentBand, SupportedBand
 from eightpost.ident.vehicle.common_poles import (

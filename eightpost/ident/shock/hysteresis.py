@@ -1,13 +1,8 @@
-"""Search for the parameters of the law `hysteresis` by variable projection.
-
-Given the parameters of the states (ln tau, and yield travel and time constant of the stop), the force is linear in
-everything else: slopes of f0 and f1, stop force, gas force. These follow from non-negative least squares, so the search
-has three or five dimensions.
-"""
+"""The law `hysteresis` in a fit: its states, its force model, and the search for its parameters."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol, TypeVar
 
@@ -17,13 +12,218 @@ from scipy.linalg import block_diag, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import ForceModel
-from eightpost.ident.shock.hysteresis_model import NODES, LaggedVelocity, knots_of
-from eightpost.ident.shock.knots import RIDGE
-from eightpost.ident.shock.lagged_states import States
+from eightpost.ident.shock.curve import RIDGE, KnotBasis
+from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
 from eightpost.ident.shock.runs import Runs
+from eightpost.ident.shock.simulation import Pieces
 from eightpost.progress import beats
+from eightpost.shock import Hysteresis, Port, ShockLaw, StaticCurve, Valve
+from eightpost.shock.compiled import stepped_states
 from eightpost.shock.curve import KNOTS
+
+# ==== States over whole records: the lagged velocity and the travel of the stop ======================================
+
+#: Number of time constants.
+_TAUS = 3
+
+#: Change of a logarithm for derivatives by differences.
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States over all N samples of runs, as a function of their parameters."""
+
+    runs: Runs  #: Records.
+    basis: KnotBasis  #: Basis of the curve, whose range determines the nodes of ln tau.
+    parameters: Array  #: ln tau at the nodes (3,), then ln of yield travel and time constant if there is a stop.
+    is_fine: bool = True  #: Whether intervals with a large change of velocity are divided, as in the law.
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Lagged velocity u (N,) [m/s]."""
+        return self._followed[0]
+
+    def columns(self) -> Array:
+        """Return the columns (N, K) of f1, and that of the stop if there is one: their weights are forces [N]."""
+        found = self.basis.design(self.velocity) / self.basis.speed
+        return np.column_stack([found, self._followed[1]]) if self.parameters.size > _TAUS else found
+
+    def derivatives(self, slopes: Array, stop: Array) -> Array:
+        """Return the derivatives of the force (N, s) [N] by the parameters.
+
+        Args:
+            slopes: Slopes (K,) of f1 times the highest speed of the basis [N].
+            stop: Force of the stop at its yield travel (1,) [N]; (0,) without a stop.
+        """
+        slope = np.interp(self.velocity, self.basis.knots, slopes / self.basis.speed)
+        found = []
+        for number, step in enumerate(_STEP * np.eye(self.parameters.size)):
+            velocity, travel = self._states_of(self.parameters + step)
+            found.append(slope * (velocity - self.velocity) if number < _TAUS else stop * (travel - self._followed[1]))
+        return np.array(found).T / _STEP
+
+    @cached_property
+    def _followed(self) -> tuple[Array, Array]:
+        return self._states_of(self.parameters)
+
+    def _states_of(self, parameters: Array) -> tuple[Array, Array]:
+        """Return u (N,) [m/s] and the travel of the stop over its yield travel (N,) [1]."""
+        stop = np.exp(parameters[_TAUS:]).tolist() or (1.0, 1.0)
+        own = (*np.zeros(KNOTS).tolist(), *np.exp(parameters[:_TAUS]).tolist(), 1.0, *stop)
+        zero = (0.0,) * KNOTS
+        valve = Valve(StaticCurve.through_knots(self.basis.knots, zero, zero).numbers(), 1.0, 1.0)
+        pairs = zip(self.runs.prepared, self.runs.parts, strict=True)
+        found = [self._run(valve, own, self.runs.velocity[part], p.step) for p, part in pairs]
+        velocity, travel = np.concatenate(found).T
+        return velocity, travel / stop[0]
+
+    def _run(self, valve: Valve, own: tuple[float, ...], velocity: Array, step: float) -> Array:
+        """Return the states (M, 2) over one run."""
+        steps = np.full(velocity.size - 1, step)
+        if not self.is_fine:
+            return stepped_states(Hysteresis, valve, own, velocity, steps)
+        pieces = Pieces.of(velocity, steps, 1.0)
+        return pieces.at_samples(stepped_states(Hysteresis, valve, own, pieces.velocity, pieces.step))
+
+
+# ==== Force model: the law's own parameters, their bounds and coordinates ============================================
+
+#: Bounds of tau [s], and of the stop's yield travel [m] and time constant [s].
+TIME_CONSTANT, STOP_YIELD, STOP_TIME = (3e-4, 0.2), (1e-5, 8e-3), (3e-4, 1.0)
+
+#: Lower bound of tau as a share of the sampling interval.
+_SHORTEST_SHARE = 0.1
+
+#: Least slope beyond the fitted speeds, as a share of the mean slope of the side: a slow run that ends flat does not
+#: show that the force stays there at higher speeds (docs/explanation/shock_law.md).
+LEAST_END = 0.2
+
+#: Number of nodes of ln tau over the lagged velocity.
+NODES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class LaggedVelocity(Dynamics):
+    """F = f0(v) + f1(u) + ks e beside the static curve f = f0 + f1; theta = (slopes of f1, ln tau[, stop]).
+
+    The slopes (25,) of f1 at the knots of the curve are multiplied by the highest speed of the knots [N]. The stop is
+    given by its force at its yield travel [N] and the logarithms of yield travel and time constant.
+    """
+
+    limits: Limits  #: Bounds for the record; only the sampling interval matters.
+    kind: type[ShockLaw]  #: The law's class.
+    shortest: float = TIME_CONSTANT[0]  #: Lower bound of tau [s].
+    has_stop: bool = False  #: Whether the stop is fitted.
+
+    @classmethod
+    def of(cls, kind: type[ShockLaw], limits: Limits, rate: float) -> LaggedVelocity:
+        """Return the dynamics without stop for records of a sampling rate [Hz]."""
+        return cls(limits, kind, max(TIME_CONSTANT[0], _SHORTEST_SHARE / rate))
+
+    def with_stop(self) -> LaggedVelocity:
+        """Return the same dynamics with a stop."""
+        return replace(self, has_stop=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the scalar parameters; the slopes of f1 belong to the curve."""
+        taus = tuple(f"time_constant[{node}]" for node in range(1, NODES + 1))
+        return (*taus, "stop_stiffness", "stop_yield", "stop_time") if self.has_stop else taus
+
+    @property
+    def units(self) -> tuple[str, ...]:  # type: ignore[override]
+        """SI units of the scalar parameters."""
+        return ("s", "s", "s", "N/m", "m", "s") if self.has_stop else ("s", "s", "s")
+
+    def values(self, theta: Array) -> Array:
+        """Return the scalar parameters: tau (3,) [s], stop stiffness [N/m], yield travel [m] and time constant [s]."""
+        tau = np.exp(theta[KNOTS : KNOTS + NODES])
+        if not self.has_stop:
+            return np.asarray(tau)
+        force, travel, time = theta[-3], np.exp(theta[-2]), np.exp(theta[-1])
+        return np.array([*tau, force / travel, travel, time])
+
+    def values_jacobian(self, theta: Array) -> Array:
+        """Return dvalues/dtheta."""
+        values = self.values(theta)
+        found = np.zeros((values.size, theta.size))
+        found[:NODES, KNOTS : KNOTS + NODES] = np.diag(values[:NODES])
+        if self.has_stop:
+            found[-3, -3:-1] = 1.0 / values[-2], -values[-3]
+            found[-2, -2], found[-1, -1] = values[-2], values[-1]
+        return found
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of the scalar parameters."""
+        taus = ((self.shortest, TIME_CONSTANT[1]),) * NODES
+        return (*taus, (0.0, np.inf), STOP_YIELD, STOP_TIME) if self.has_stop else taus
+
+    def state_bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest parameters of the states: ln tau (3,), then those of the stop (2,)."""
+        pairs = [(self.shortest, TIME_CONSTANT[1])] * NODES + [STOP_YIELD, STOP_TIME] * self.has_stop
+        low, high = np.log(np.array(pairs)).T
+        return low, high
+
+    def states(self, theta: Array) -> Array:
+        """Return the parameters of the states in theta: ln tau (3,), then ln of yield travel and time constant."""
+        return np.concatenate([theta[KNOTS : KNOTS + NODES], theta[-2:] if self.has_stop else []])
+
+    def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F = f0(v) + f1(u) + ks e."""
+        slopes, stop = self.forces(theta)
+        states = States(model.runs, knots_of(model), self.states(theta))
+        return model.static(b - slopes) + states.columns() @ np.append(slopes, stop)
+
+    def rows(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        """Return F at the rows."""
+        return model.runs.rows(self.force(model, b, theta))
+
+    def rows_jacobian(self, model: ForceModel, b: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the derivatives of F at the rows by the curve (R, 25) and by theta (R, k)."""
+        states, static = States(model.runs, knots_of(model), self.states(theta)), model.curve_rows()
+        columns = model.runs.rows(states.columns().T).T
+        by_states = model.runs.rows(states.derivatives(*self.forces(theta)).T).T
+        own = (columns[:, :KNOTS] - static, by_states[:, :NODES], columns[:, KNOTS:], by_states[:, NODES:])
+        return static, np.hstack(own)
+
+    def forces(self, theta: Array) -> tuple[Array, Array]:
+        """Return the parameters in theta that the force is linear in: slopes of f1 (25,) and stop (0,) or (1,) [N]."""
+        return theta[:KNOTS], theta[-3:-2] if self.has_stop else np.empty(0)
+
+    def law(self, curve: StaticCurve, port: Port, theta: Array) -> ShockLaw:
+        """Return the law with its curve and port."""
+        speed = max(-curve.knot_velocity[0], curve.knot_velocity[-1])
+        values = self.values(theta).tolist()
+        # Where f0 has no slope, rounding must not make that of f1 the larger one.
+        slopes = np.minimum(np.maximum(theta[:KNOTS], 0.0) / speed, curve.knot_slope)
+        stop = values[NODES:] if self.has_stop else []
+        low, middle, high = values[:NODES]
+        return Hysteresis(_rising_beyond(curve), tuple(slopes.tolist()), (low, middle, high), *stop, port=port)
+
+
+def _rising_beyond(curve: StaticCurve) -> StaticCurve:
+    """Return a curve that rises beyond each end by a share of the mean slope of the side or more."""
+    compression, rebound = (
+        max(slope, LEAST_END * force / velocity)
+        for slope, force, velocity in (
+            (curve.compression_slope, curve.knot_force[-1], curve.knot_velocity[-1]),
+            (curve.rebound_slope, curve.knot_force[0], curve.knot_velocity[0]),
+        )
+    )
+    return replace(curve, compression_slope=compression, rebound_slope=rebound)
+
+
+def knots_of(model: ForceModel) -> KnotBasis:
+    """Return the basis of a model's curve through knots."""
+    assert isinstance(model.basis.curve, KnotBasis), "the law hysteresis needs a curve through knots"
+    return model.basis.curve
+
+
+# ==== Search for the parameters by variable projection ===============================================================
+# Given the parameters of the states (ln tau, and yield travel and time constant of the stop), the force is linear in
+# everything else: slopes of f0 and f1, stop force, gas force. These follow from non-negative least squares, so the
+# search has three or five dimensions.
 
 #: Lowest rate of a thinned record [Hz].
 _THIN_RATE = 400.0
