@@ -225,7 +225,7 @@ def _validate_vehicle(
     settling: float,
 ) -> Verdict:  # fmt: skip
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
-    from eightpost.ident.validation.records import rig_record
+    from eightpost.ident.validation.rig_record import rig_record
     from eightpost.ident.validation.vehicle_tables import terminal_tables
     from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict
     from eightpost.ident.vehicle import read_fit

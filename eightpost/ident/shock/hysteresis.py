@@ -18,7 +18,6 @@ from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import Pieces
 from eightpost.progress import beats
 from eightpost.shock import Hysteresis, Port, ShockLaw, StaticCurve, Valve
-from eightpost.shock.compiled import stepped_states
 from eightpost.shock.curve import KNOTS
 
 # ==== States over whole records: the lagged velocity and the travel of the stop ======================================
@@ -80,6 +79,8 @@ class States:
 
     def _run(self, valve: Valve, own: tuple[float, ...], velocity: Array, step: float) -> Array:
         """Return the states (M, 2) over one run."""
+        from eightpost.shock.compiled import stepped_states  # noqa: PLC0415 - the compiler takes a second to load
+
         steps = np.full(velocity.size - 1, step)
         if not self.is_fine:
             return stepped_states(Hysteresis, valve, own, velocity, steps)

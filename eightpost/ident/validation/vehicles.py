@@ -28,7 +28,7 @@ from eightpost.ident.validation.comparison import (
     with_total,
 )
 from eightpost.ident.validation.evaluation import ErrorSpectrum
-from eightpost.ident.validation.records import RigRecord
+from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.settings.lagged import JointProjection
+from eightpost.ident.shock.settings.joint import JointProjection
 from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.simulation import simulate

@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import TooShortError
 from eightpost.ident.validation.comparison import Comparison, Judging, Trend, modes_of, sine_output, static_outputs
-from eightpost.ident.validation.records import recognise_drive
+from eightpost.ident.validation.rig_record import recognise_drive
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
